@@ -1,0 +1,117 @@
+"""Design, simulate, process and prove FMCW radars, on simulated and recorded echoes alike.
+
+    import dechirp as dc
+
+    radar = dc.design(max_range_m=200, range_resolution_m=1, max_velocity_m_per_s=100).radar
+    scene = dc.Scene(targets=[dc.Target(position_m=(50, 0, 0), rcs_m2=10)])
+    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+
+Each name is loaded when it is first used, so that importing the package costs nothing.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from dechirp.core.errors import (
+        DechirpError,
+        InvalidFile,
+        InvalidSetting,
+        NotEnoughMemory,
+        RecordingError,
+    )
+    from dechirp.core.findings import Finding, PhysicsWarning
+    from dechirp.echoes.echo import simulate
+    from dechirp.echoes.impairments.thermal_noise import ThermalNoise
+    from dechirp.echoes.impairments.white_noise import WhiteNoise
+    from dechirp.experiment.run import Result, run
+    from dechirp.experiment.scenario import Scenario, Source, load, reference
+    from dechirp.formats.recording import Recording, open
+    from dechirp.process.cfar.base import Cells, Cfar
+    from dechirp.process.cfar.cell_averaging import CellAveraging
+    from dechirp.process.chain import Chain, detect, power_map, threshold_map
+    from dechirp.radar.array import Array
+    from dechirp.radar.chirp import Chirp
+    from dechirp.radar.design import Design, design
+    from dechirp.radar.frame import Frame
+    from dechirp.radar.hardware import Hardware
+    from dechirp.radar.radar import Radar
+    from dechirp.radar.requirements import Requirements
+    from dechirp.scene.scene import Ego, Scene, truth
+    from dechirp.scene.target import Target
+
+_WHERE = {
+    "core.errors": "DechirpError InvalidFile InvalidSetting NotEnoughMemory RecordingError",
+    "core.findings": "Finding PhysicsWarning",
+    "echoes.echo": "simulate",
+    "echoes.impairments.thermal_noise": "ThermalNoise",
+    "echoes.impairments.white_noise": "WhiteNoise",
+    "experiment.run": "Result run",
+    "experiment.scenario": "Scenario Source load reference",
+    "formats.recording": "Recording open",
+    "process.cfar.base": "Cells Cfar",
+    "process.cfar.cell_averaging": "CellAveraging",
+    "process.chain": "Chain detect power_map threshold_map",
+    "radar.array": "Array",
+    "radar.chirp": "Chirp",
+    "radar.design": "Design design",
+    "radar.frame": "Frame",
+    "radar.hardware": "Hardware",
+    "radar.radar": "Radar",
+    "radar.requirements": "Requirements",
+    "scene.scene": "Ego Scene truth",
+    "scene.target": "Target",
+}
+_MODULE = {name: module for module, names in _WHERE.items() for name in names.split()}
+
+__all__ = [
+    "Array",
+    "CellAveraging",
+    "Cells",
+    "Cfar",
+    "Chain",
+    "Chirp",
+    "DechirpError",
+    "Design",
+    "Ego",
+    "Finding",
+    "Frame",
+    "Hardware",
+    "InvalidFile",
+    "InvalidSetting",
+    "NotEnoughMemory",
+    "PhysicsWarning",
+    "Radar",
+    "Recording",
+    "RecordingError",
+    "Requirements",
+    "Result",
+    "Scenario",
+    "Scene",
+    "Source",
+    "Target",
+    "ThermalNoise",
+    "WhiteNoise",
+    "design",
+    "detect",
+    "load",
+    "open",
+    "power_map",
+    "reference",
+    "run",
+    "simulate",
+    "threshold_map",
+    "truth",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULE:
+        raise AttributeError(f"module 'dechirp' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"dechirp.{_MODULE[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

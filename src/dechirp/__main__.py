@@ -1,0 +1,5 @@
+"""Run as `python -m dechirp`."""
+
+from dechirp.cli.main import main
+
+main()

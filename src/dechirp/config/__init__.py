@@ -1,0 +1,1 @@
+"""Settings files: the only place where text becomes values."""

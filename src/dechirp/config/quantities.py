@@ -1,0 +1,161 @@
+"""Numbers with units as text, to SI and back: `77 GHz`, `20 MHz/us`, `12 dBm`, `6 dB`."""
+
+import math
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+
+from dechirp.config.nearest import nearest
+from dechirp.config.shown import shown
+from dechirp.core.errors import InvalidSetting
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the fields of one unit suffix hold, and how it is written."""
+
+    words: str
+    """With an example, to follow `must be`."""
+    base: str = ""
+    """The SI unit of the suffix; empty where there is none."""
+    scales: tuple[str, ...] = ()
+    """Powers of ten of it to write numbers in, falling: the first that is not above them."""
+    others: tuple[str, ...] = ()
+    """Read as well, and offered in messages."""
+    levels: tuple[tuple[str, float], ...] = ()
+    """Units in dB, and the level of their zero over the SI unit."""
+
+    @property
+    def good(self) -> tuple[str, ...]:
+        """Units to offer."""
+        return (*(name for name, _ in self.levels), *self.scales, *self.others)
+
+
+KINDS = {
+    "hz": Kind("a frequency, as 77 GHz", "Hz", ("GHz", "MHz", "kHz", "Hz"), ("MS/s", "kS/s")),
+    "hz_per_s": Kind(
+        "a slope, as 20 MHz/us", "Hz/s", ("MHz/us", "kHz/us", "Hz/s"), ("GHz/ms", "GHz/s")
+    ),
+    "s": Kind("a time, as 35 us", "s", ("s", "ms", "us", "ns"), ("min", "h")),
+    "m": Kind("a length, as 50 m", "m", ("m", "mm", "um"), ("km", "cm")),
+    "m_per_s": Kind("a velocity, as 10 m/s", "m/s", ("m/s",), ("km/h", "mph", "mm/s")),
+    "m2": Kind("a radar cross section, as 10 dBsm", "m^2", ("m^2",), (), (("dBsm", 0),)),
+    "w": Kind("a power, as 12 dBm", "W", ("W", "mW", "uW", "nW"), (), (("dBm", -30), ("dBW", 0))),
+    "rad": Kind("an angle, as 30 deg", "rad", ("rad",), ("deg", "mrad")),
+    "bits_per_s": Kind("a data rate, as 1 Gbit/s", "bit/s", ("Gbit/s", "Mbit/s", "bit/s")),
+    "bytes": Kind("a size, as 4 MiB", "B", ("B",), ("KiB", "MiB", "GiB", "kB", "MB", "GB")),
+    "probability": Kind("a bare number, as 1e-6"),
+    None: Kind("a ratio, as 4 or 6 dB", levels=(("dB", 0), ("dBi", 0))),
+}
+"""By the suffix of the field's name; None: a ratio."""
+
+_GRAMMAR = re.compile(
+    r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>[A-Za-z]\S*)?", re.ASCII
+)
+_SPELLINGS = str.maketrans({"µ": "u", "μ": "u", "²": "2", "°": "deg"})
+_LONGEST = 100  # characters; no number needs them, and none then takes long
+
+
+def quantity(text: str, unit: str | None, *, setting: str = "quantity") -> float:
+    """Read `number [unit]` as SI.
+
+    Parameters
+    ----------
+    text : str
+        Such as `77 GHz`. 0 needs no unit; a ratio is bare or in dB; a probability is bare.
+    unit : str, optional
+        Suffix of the field's name: `hz`, `hz_per_s`, `s`, `m`, `m_per_s`, `m2`, `w`, `rad`,
+        `bits_per_s`, `bytes`, or `probability`; None: a ratio.
+    setting : str
+        What a mistake calls it.
+
+    Raises
+    ------
+    InvalidSetting
+        If the text is anything else, or too large for a float.
+    """
+    kind = KINDS[unit]
+    match = None
+    if len(text) <= _LONGEST:
+        match = _GRAMMAR.fullmatch(text.strip().translate(_SPELLINGS))
+    if match is None:
+        raise InvalidSetting(setting, got=shown(text), need=kind.words, fix=_fix(text, "", kind))
+    symbol = (match["unit"] or "").replace("^", "")
+    number = _number(match["number"], symbol, kind)
+    if number is None:
+        fix = _fix(text, match["unit"] or "", kind)
+        raise InvalidSetting(setting, got=shown(text), need=kind.words, fix=fix)
+    if math.isinf(number):
+        raise InvalidSetting(
+            setting, got=shown(text), need="a number below 1e308", fix="Check the exponent."
+        )
+    return number
+
+
+def text_of(number: float, unit: str | None) -> str:
+    """Text for people, which `quantity` reads back to the last bit.
+
+    In dB where the unit has them and six digits are enough, else in the nearest scale below.
+    """
+    kind = KINDS[unit]
+    number = float(number)
+    for text in _rounded(number, unit, kind):
+        if quantity(text, unit) == number:
+            return text
+    digits = Decimal(repr(number))
+    if not kind.scales:
+        return repr(number)
+    # Moving the decimal point of the shortest digits is exact.
+    sizes = {name: Decimal(repr(quantity(f"1 {name}", unit))) for name in kind.scales}
+    fitting = [name for name, size in sizes.items() if size <= abs(digits)]
+    symbol = fitting[0] if fitting else kind.scales[-1] if number else kind.base
+    scaled = (digits / sizes[symbol]).normalize()
+    plain = -7 <= scaled.adjusted() <= 15
+    return f"{scaled:f} {symbol}" if plain else f"{scaled:e} {symbol}"
+
+
+def _number(digits: str, symbol: str, kind: Kind) -> float | None:
+    """SI value; None where the unit does not fit, infinite where no float is so large."""
+    number = float(digits)
+    if not symbol:
+        return number if number == 0 or not kind.base else None
+    for level, zero_db in kind.levels:
+        if symbol == level:
+            return _power(number, zero_db)
+    if not kind.base:
+        return None
+    from dechirp.config.units import convert  # pint takes 0.3 s; dB and bare numbers need none
+
+    # The exponents of Decimal would go on where those of float end.
+    exact = Decimal(digits) if math.isfinite(number) and number else Decimal(0)
+    made = convert(exact, symbol, kind.base.replace("^", ""))
+    if made is None:
+        return None
+    return float(made) if math.isfinite(number) else number
+
+
+def _power(level_db: float, zero_db: float) -> float:
+    try:
+        return float(10 ** ((level_db + zero_db) / 10))
+    except OverflowError:
+        return math.inf
+
+
+def _rounded(number: float, unit: str | None, kind: Kind) -> list[str]:
+    """Short texts that may be the number, or only near it."""
+    if kind.levels and 1e-300 < number < 1e300:  # rounded up, the largest would be infinite
+        symbol, zero_db = kind.levels[0]
+        return [f"{10 * math.log10(number) - zero_db:.6g} {symbol}"]
+    if unit == "rad" and abs(number) < 1e3:
+        return [f"{math.degrees(number):.12g} deg"]
+    return []
+
+
+def _fix(text: str, symbol: str, kind: Kind) -> str:
+    if not kind.good:
+        return "Leave the unit out." if symbol else "Write it without a unit."
+    units = f"Units that fit: {', '.join(kind.good)}."
+    if "," in text:
+        return f"Write the decimal point as a point. {units}"
+    meant = nearest(symbol, kind.good) if symbol else None
+    return f"Did you mean {meant}? {units}" if meant else units

@@ -1,0 +1,62 @@
+"""Values as the text of a settings file, and as plain numbers."""
+
+import io
+from dataclasses import fields, is_dataclass
+from typing import Any, cast
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from dechirp.config.fields import settings
+from dechirp.config.quantities import text_of
+from dechirp.core.families import Family
+
+
+def dump(value: Any) -> str:
+    """YAML with units that `files.parse` reads back to an equal value.
+
+    Fields that are None are left out where None is what holds without them.
+    """
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None  # braces and brackets around what fits on a line
+    yaml.representer.sort_base_mapping_type_on_output = False
+    yaml.width = 1000  # lines that it breaks end in a space
+    stream = io.StringIO()
+    yaml.dump(_written(value, None), stream)
+    return stream.getvalue()
+
+
+def plain(value: Any) -> dict[str, Any]:
+    """Nested plain numbers under the names of the fields, SI units and all, for JSON."""
+    made: dict[str, Any] = _plain(value)
+    return made
+
+
+def _written(value: Any, unit: str | None) -> Any:
+    if is_dataclass(value):
+        written = _kind(value)
+        for key, setting in settings(cast(type, type(value))).items():
+            member = getattr(value, setting.field)
+            if member is not None or setting.required or setting.default is not None:
+                written[key] = _written(member, setting.slot.unit)
+        return written
+    if isinstance(value, tuple | list):
+        return [_written(member, unit) for member in value]
+    number = value.item() if isinstance(value, np.generic) else value
+    if isinstance(number, bool | str | None) or (isinstance(number, int) and unit is None):
+        return number
+    text = text_of(number, unit)
+    return text if " " in text else float(text)
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        members = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        return {**_kind(value), **members}
+    if isinstance(value, tuple | list):
+        return [_plain(member) for member in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _kind(value: Any) -> dict[str, Any]:
+    return {"kind": value.kind()} if isinstance(value, Family) else {}

@@ -1,0 +1,82 @@
+"""Checks that values make of their fields when they are made."""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+
+Vector = tuple[float, float, float]
+
+
+def positive(owner: object, *names: str) -> None:
+    """Raise `InvalidSetting` unless the named numbers are finite and above zero."""
+    for name in names:
+        number = getattr(owner, name)
+        if not (_is_number(number) and math.isfinite(number) and number > 0):
+            raise InvalidSetting(
+                f"{type(owner).__name__}.{name}",
+                got=number,
+                need="a finite number above 0",
+                fix="Give a positive value.",
+            )
+
+
+def not_negative(owner: object, *names: str) -> None:
+    """Raise `InvalidSetting` unless the named numbers are finite and at least zero."""
+    for name in names:
+        number = getattr(owner, name)
+        if not (_is_number(number) and math.isfinite(number) and number >= 0):
+            raise InvalidSetting(
+                f"{type(owner).__name__}.{name}",
+                got=number,
+                need="a finite number, 0 or more",
+                fix="Give 0 or a positive value.",
+            )
+
+
+def count(owner: object, *names: str, at_least: int = 1, at_most: int = 2**31 - 1) -> None:
+    """Raise `InvalidSetting` unless the named numbers are whole and within bounds."""
+    for name in names:
+        number = getattr(owner, name)
+        whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+        if not (whole and at_least <= number <= at_most):
+            raise InvalidSetting(
+                f"{type(owner).__name__}.{name}",
+                got=number,
+                need=f"a whole number from {at_least} to {at_most}",
+                fix="Give a count.",
+            )
+
+
+def vector(owner: object, name: str) -> None:
+    """Keep the named field as three finite floats, or raise `InvalidSetting`."""
+    object.__setattr__(owner, name, _vector(f"{type(owner).__name__}.{name}", getattr(owner, name)))
+
+
+def vectors(owner: object, name: str) -> None:
+    """Keep the named field as a tuple of at least one vector, or raise `InvalidSetting`."""
+    where = f"{type(owner).__name__}.{name}"
+    rows = getattr(owner, name)
+    made = tuple(_vector(where, row) for row in rows) if isinstance(rows, Iterable) else ()
+    if not made:
+        raise InvalidSetting(
+            where, got=rows, need="at least one position (x, y, z)", fix="Give one, as [[x, y, z]]."
+        )
+    object.__setattr__(owner, name, made)
+
+
+def _vector(where: str, row: Any) -> Vector:
+    numbers = tuple(row) if isinstance(row, Iterable) and not isinstance(row, str) else ()
+    if len(numbers) != 3 or not all(_is_number(n) and math.isfinite(n) for n in numbers):
+        raise InvalidSetting(
+            where, got=row, need="three finite numbers (x, y, z)", fix="Give all three."
+        )
+    x, y, z = (float(n) for n in numbers)
+    return (x, y, z)
+
+
+def _is_number(thing: object) -> bool:
+    return isinstance(thing, int | float | np.number) and not isinstance(thing, bool)

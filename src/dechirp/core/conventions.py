@@ -1,0 +1,29 @@
+"""Names, units and signs that every labelled array keeps.
+
+Fast time runs along `sample`, slow time along `chirp`. A transform renames the axis it
+consumes: sample -> range, chirp -> velocity.
+
+Range and velocity grow away from the radar: a receding target has positive velocity. The
+beat signal is Tx x conj(Rx), so an up-chirp gives positive beat frequencies. x points
+forward (boresight), y left, z up; azimuth grows to the left, elevation up.
+"""
+
+import numpy as np
+import xarray as xr
+
+AXES = {
+    "frame": ("s", "start of the frame"),
+    "chirp": ("s", "slow time: start of the chirp, since the start of its frame"),
+    "rx": ("1", "receiver"),
+    "sample": ("s", "fast time since the start of the ramp"),
+    "range": ("m", "distance from the radar"),
+    "velocity": ("m/s", "rate of change of range, receding positive"),
+}
+
+CUBE_AXES = ("frame", "chirp", "rx", "sample")
+
+
+def axis(name: str, values: np.ndarray) -> xr.Variable:
+    """Coordinate of a labelled array, with the units and words of the table."""
+    units, long_name = AXES[name]
+    return xr.Variable(name, values, {"units": units, "long_name": long_name})

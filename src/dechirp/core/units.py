@@ -1,0 +1,18 @@
+"""Physical constants, and the one pair of functions that speaks decibels."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+SPEED_OF_LIGHT = 299_792_458.0  # m/s
+BOLTZMANN = 1.380_649e-23  # J/K
+REFERENCE_TEMPERATURE = 290.0  # K, at which noise figures are defined
+
+
+def decibels(power_ratio: ArrayLike) -> np.ndarray:
+    """Power ratio in dB. Amplitudes are squared by the caller, not by a flag."""
+    return 10.0 * np.log10(power_ratio)
+
+
+def from_decibels(level_db: ArrayLike) -> np.ndarray:
+    """Power ratio of a level in dB."""
+    return 10.0 ** (np.asarray(level_db, dtype=float) / 10.0)

@@ -1,0 +1,1 @@
+"""What hardware does to the echoes: a family."""

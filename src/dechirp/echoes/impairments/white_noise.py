@@ -1,0 +1,55 @@
+"""White noise at a stated signal-to-noise ratio, whatever the link budget says."""
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.checks import positive
+from dechirp.core.values import value
+from dechirp.echoes.impairments.base import Impairment
+from dechirp.radar.budget import received_power_w
+from dechirp.radar.radar import Radar
+from dechirp.scene.scene import Scene
+
+
+@value
+class WhiteNoise(Impairment):
+    """Noise so strong that one target's echo has the given ratio in every sample."""
+
+    snr: float
+    """Echo power over noise power in one sample, a ratio (dB in files), before any
+    integration; complex samples: power of both parts together."""
+    target: str | None = None
+    """Name of the target whose echo is meant; none: the only one there is."""
+
+    def __post_init__(self) -> None:
+        positive(self, "snr")
+
+    def apply(
+        self, cube: xr.DataArray, *, scene: Scene, radar: Radar, rng: np.random.Generator
+    ) -> None:
+        """Add the noise to every sample."""
+        add_white_noise(cube.values, self.noise_power_w(scene, radar), rng)
+
+    def noise_power_w(self, scene: Scene, radar: Radar) -> float:
+        """Echo power of the target at the middle of the first frame, over the ratio."""
+        target = scene.target(self.target)
+        mid_s = radar.frame.mid_frame_s
+        position_m = target.position_at_m(mid_s) - mid_s * np.asarray(scene.ego.velocity_m_per_s)
+        echo_w = received_power_w(radar, range_m=np.linalg.norm(position_m), rcs_m2=target.rcs_m2)
+        return float(echo_w) / self.snr
+
+
+def add_white_noise(samples: np.ndarray, power_w: float, rng: np.random.Generator) -> None:
+    """Add circular Gaussian noise of so much power to each sample, in place.
+
+    `samples` is contiguous, of any shape. Drawn in pieces of 2^18 numbers (1 MiB), which stay
+    in the cache and hold no second cube.
+    """
+    real = np.empty(0, samples.dtype).real.dtype.type
+    std = real(np.sqrt(power_w / 2 if np.iscomplexobj(samples) else power_w))
+    parts = samples.reshape(-1, copy=False).view(real)
+    for start in range(0, parts.size, 2**18):
+        piece = parts[start : start + 2**18]
+        noise = rng.standard_normal(piece.size, dtype=real)
+        noise *= std
+        piece += noise

@@ -1,0 +1,1 @@
+"""Experiments: the only place where the scene and the processing meet."""

@@ -1,0 +1,94 @@
+"""The link budget of a scenario: from the transmitter to the margin over the threshold."""
+
+import numpy as np
+
+from dechirp.core.units import decibels
+from dechirp.experiment.scenario import Scenario
+from dechirp.radar.budget import BudgetLine, received_power_w
+from dechirp.radar.radar import Radar
+from dechirp.scene.scene import truth
+from dechirp.theory.detection import required_snr
+
+DETECTION_PROBABILITY = 0.9
+
+
+def added_noise_w(scenario: Scenario, radar: Radar) -> float:
+    """Power of the noise that the impairments add to each sample, W."""
+    assert scenario.scene is not None
+    return sum(noise.noise_power_w(scenario.scene, radar) for noise in scenario.impairments)
+
+
+def link_budget(scenario: Scenario, radar: Radar) -> tuple[BudgetLine, ...] | None:
+    """Powers and gains of the first target's echo, at the middle of the first frame.
+
+    Ends at the margin over what a steady target needs in known noise for a detection
+    probability of 0.9. None without a target.
+    """
+    if scenario.scene is None or not scenario.scene.targets:
+        return None
+    target, hardware = scenario.scene.targets[0], radar.known_hardware()
+    known = truth(scenario.scene, radar).isel(frame=0, target=0)
+    range_m, velocity_m_per_s = float(known.range), float(known.velocity)
+    echo_w = float(received_power_w(radar, range_m=range_m, rcs_m2=target.rcs_m2))
+    spreading = radar.frame.chirp.wavelength_m**2 / ((4 * np.pi) ** 3 * range_m**4)
+    lines = (
+        _level("transmit power", hardware.transmit_power_w * 1e3, "dBm", "Pt"),
+        _step("transmit antenna", hardware.antenna_gain, "G"),
+        _step(f"there and back, {range_m:.4g} m", spreading, "lambda^2 / (4 pi)^3 R^4"),
+        _step("radar cross section", target.rcs_m2, "sigma"),
+        _step("receive antenna", hardware.antenna_gain, "G"),
+        _step("losses", 1 / hardware.loss, "1 / L"),
+        _level("echo in one receiver", echo_w * 1e3, "dBm", "Pr"),
+    )
+    noise_w = added_noise_w(scenario, radar)
+    if not noise_w:
+        return lines
+    noise = (
+        _level("noise in one sample", noise_w * 1e3, "dBm", "all noise that is added"),
+        _level("SNR in one sample", echo_w / noise_w, "dB", "Pr / noise"),
+    )
+    return lines + noise + _processing(scenario, radar, echo_w / noise_w, range_m, velocity_m_per_s)
+
+
+def _processing(
+    scenario: Scenario, radar: Radar, snr: float, range_m: float, velocity_m_per_s: float
+) -> tuple[BudgetLine, ...]:
+    """Gains and losses from one sample to the decision."""
+    chirp, frame, chain = radar.frame.chirp, radar.frame, scenario.chain
+    over_range, over_velocity = chain.over_range(chirp), chain.over_velocity(frame)
+    windows = over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
+    beat_range_m = range_m + chirp.range_doppler_coupling_m(velocity_m_per_s)
+    straddle = over_range.straddle(
+        chirp.beat_frequency_hz(beat_range_m) / chirp.sample_rate_hz
+    ) * over_velocity.straddle(2 * velocity_m_per_s / chirp.wavelength_m * frame.interval_s)
+    in_map = snr * radar.integration_gain / windows * straddle
+    half = "" if chirp.sampling == "complex" else " / 2"
+    lines = (
+        _step("integration", radar.integration_gain, f"samples x chirps x receivers{half}"),
+        _level("SNR after integration", snr * radar.integration_gain, "dB", "sets the errors"),
+        _step("windows", 1 / windows, "1 / noise bandwidths in bins"),
+        _step("between bins", straddle, "response at the nearest cell"),
+        _level("SNR in the map", in_map, "dB", "decides on detection"),
+    )
+    pfa = chain.cfar.false_alarm_probability
+    if pfa is None:
+        return lines
+    need = required_snr(DETECTION_PROBABILITY, pfa)
+    why = f"Pd {DETECTION_PROBABILITY:g} at Pfa {pfa:g}, steady target"
+    return (*lines, _level("SNR needed", need, "dB", why), _step("margin", in_map / need, ""))
+
+
+def _level(name: str, ratio: float, unit: str, formula: str) -> BudgetLine:
+    return BudgetLine(
+        name=name,
+        kind="level",
+        level_db=float(decibels(ratio)),
+        unit="dBm" if unit == "dBm" else "dB",
+        formula=formula,
+    )
+
+
+def _step(name: str, ratio: float, formula: str) -> BudgetLine:
+    return BudgetLine(
+        name=name, kind="step", level_db=float(decibels(ratio)), unit="dB", formula=formula
+    )

@@ -1,0 +1,169 @@
+"""One experiment from start to end: the page on which simulation and processing meet."""
+
+import warnings
+from collections.abc import Callable, Iterator
+from itertools import islice
+from time import perf_counter
+
+import xarray as xr
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.values import value
+from dechirp.echoes.echo import simulate
+from dechirp.experiment.link import added_noise_w, link_budget
+from dechirp.experiment.scenario import Scenario
+from dechirp.formats.recording import Recording
+from dechirp.formats.recording import open as open_recording
+from dechirp.process.chain import detect, power_map, remarks, threshold_map
+from dechirp.radar.budget import BudgetLine
+from dechirp.radar.radar import Radar
+from dechirp.scene.scene import surprises, truth
+
+
+@value
+class Result:
+    """What came out of one experiment."""
+
+    scenario: Scenario
+    radar: Radar
+    source: xr.DataArray | Recording
+    """The simulated cube, or the recording."""
+    power: xr.DataArray
+    """Range-Doppler map of the first frame, (velocity, range)."""
+    threshold: xr.DataArray
+    """Threshold of each of its cells."""
+    detections: xr.Dataset
+    clusters: None = None
+    tracks: None = None
+    truth: xr.Dataset | None
+    """None for a recording."""
+    budget: tuple[BudgetLine, ...] | None
+    """Of the first target; None for a recording."""
+    findings: tuple[Finding, ...]
+    timing_s: dict[str, float]
+
+    @property
+    def cube(self) -> xr.DataArray:
+        """All samples, (frame, chirp, rx, sample); those of a recording are decoded now."""
+        if isinstance(self.source, Recording):
+            return xr.concat(list(self.frames()), "frame")
+        return self.source
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames that were processed."""
+        return len(_chosen(self.source, self.scenario))
+
+    def frames(self) -> Iterator[xr.DataArray]:
+        """Cubes of one frame each, those of a recording decoded when asked for."""
+        return _one_by_one(self.source, _chosen(self.source, self.scenario))
+
+
+def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = None) -> Result:
+    """Simulate the scene, or open the recording, and process every frame.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        As read by `load`, or made in Python.
+    progress : callable, optional
+        Called with the number of frames done and of all frames.
+
+    Raises
+    ------
+    DechirpError
+        If a setting cannot work, the recording cannot be read, or memory would not hold it.
+    """
+    started = perf_counter()
+    source, radar, findings = _source(scenario)
+    opened = perf_counter()
+    chain = scenario.chain
+    chosen = _chosen(source, scenario)
+    found, power, threshold = [], None, None
+    for done, cube in enumerate(_one_by_one(source, chosen)):
+        if power is None:
+            power = power_map(cube.isel(frame=0), radar, chain)
+            threshold = threshold_map(power, radar, chain)
+        columns = detect(cube, radar, chain)
+        found.append(columns.assign(frame=columns.frame + done))
+        if progress is not None:
+            progress(done + 1, len(chosen))
+    assert power is not None
+    assert threshold is not None
+    finished = perf_counter()
+    return Result(
+        scenario=scenario,
+        radar=radar,
+        source=source,
+        power=power,
+        threshold=threshold,
+        detections=xr.concat(found, "detection"),
+        truth=None if scenario.scene is None else _truth(scenario, radar),
+        budget=None if scenario.scene is None else link_budget(scenario, radar),
+        findings=(*findings, *remarks(radar, chain)),
+        timing_s={
+            "simulate" if scenario.scene is not None else "open": opened - started,
+            "process": finished - opened,
+        },
+    )
+
+
+def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[Finding, ...]]:
+    """The simulated cube or the recording, its radar, and what is to be said about it."""
+    if scenario.scene is not None:
+        assert scenario.radar is not None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PhysicsWarning)  # they are the findings
+            cube = simulate(
+                scenario.scene,
+                scenario.radar,
+                impairments=scenario.impairments,
+                n_frames=scenario.n_frames,
+                seed=scenario.seed,
+            )
+        return cube, scenario.radar, tuple(surprises(scenario.scene, scenario.radar))
+    assert scenario.recording is not None
+    told = scenario.recording
+    recording = open_recording(
+        told.path,
+        radar=scenario.radar or told.settings_path,
+        format=told.format,
+        axes=told.axes,
+        encoding=told.encoding,
+        iq=told.iq,
+    )
+    return recording, recording.radar, recording.findings
+
+
+def _chosen(source: xr.DataArray | Recording, scenario: Scenario) -> range:
+    """Numbers of the frames that are processed."""
+    if not isinstance(source, Recording):
+        return range(source.sizes["frame"])
+    assert scenario.recording is not None
+    if scenario.recording.frames is None:
+        return range(source.n_frames)
+    first, stop = scenario.recording.frames
+    if stop > source.n_frames:
+        raise RecordingError(
+            scenario.recording.path,
+            got=f"{source.n_frames} frames",
+            need=f"at least {stop}, up to which frames were asked for",
+            fix="Ask for fewer.",
+        )
+    return range(first, stop)
+
+
+def _one_by_one(source: xr.DataArray | Recording, chosen: range) -> Iterator[xr.DataArray]:
+    if isinstance(source, Recording):
+        yield from islice(source.frames(), chosen.start, chosen.stop)
+    else:
+        for index in chosen:
+            yield source.isel(frame=slice(index, index + 1))
+
+
+def _truth(scenario: Scenario, radar: Radar) -> xr.Dataset:
+    """Truth about the scene, its signal-to-noise ratio against the noise that was added."""
+    assert scenario.scene is not None
+    noise_w = added_noise_w(scenario, radar)
+    return truth(scenario.scene, radar, n_frames=scenario.n_frames, noise_power_w=noise_w)

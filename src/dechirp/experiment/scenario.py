@@ -1,0 +1,105 @@
+"""A scenario: everything that makes one experiment, as a settings file holds it."""
+
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+from dechirp.config import files
+from dechirp.core.checks import count
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import value
+from dechirp.echoes.impairments.base import Impairment
+from dechirp.echoes.impairments.thermal_noise import ThermalNoise
+from dechirp.formats.settings.read import read_radar
+from dechirp.process.chain import Chain
+from dechirp.radar.radar import Radar
+from dechirp.scene.scene import Scene
+
+
+@value
+class Source:
+    """A recording, and what its file does not say about itself."""
+
+    path: str
+    format: str | None = None
+    """Its kind in the family of formats; none: recognised by its content."""
+    axes: tuple[str, ...] | None = None
+    """Names of its axes in order: frame, chirp, rx, sample, iq."""
+    encoding: str | None = None
+    """How its numbers are meant, such as uint16-wrapped."""
+    iq: Literal["iq", "qi"] | None = None
+    """Whether the in-phase part comes first."""
+    settings_path: str | None = None
+    """File that says what the radar sent: YAML, or the vendor's own; none: the recording
+    itself, or a file beside it."""
+    frames: tuple[int, int] | None = None
+    """First frame, and the one after the last; none: all."""
+
+    def __post_init__(self) -> None:
+        if self.frames is not None and not 0 <= self.frames[0] < self.frames[1]:
+            raise InvalidSetting(
+                "Source.frames",
+                got=f"{self.frames[0]} to {self.frames[1]}",
+                need="the first frame, counted from 0, and a later one to stop before",
+                fix="Give 0 and 10 for the first ten frames.",
+            )
+
+
+@value
+class Scenario:
+    """One experiment on a simulated scene, or on a recording."""
+
+    name: str = "scenario"
+    seed: int = 0
+    n_frames: int = 1
+    """Frames to simulate."""
+    radar: Radar | None = None
+    """In files also the name of a settings file. May be left out where the recording, or a
+    file beside it, has it."""
+    scene: Scene | None = None
+    recording: Source | None = None
+    """Instead of a scene."""
+    impairments: tuple[Impairment, ...] = (ThermalNoise(),)
+    """What hardware does to simulated echoes, in this order."""
+    chain: Chain = Chain()
+    tracker: None = None
+    """Tracker: none is available yet."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "impairments", tuple(self.impairments))
+        count(self, "seed", at_least=0, at_most=2**63 - 1)
+        count(self, "n_frames", at_most=1_000_000)
+        if (self.scene is None) == (self.recording is None):
+            raise InvalidSetting(
+                "Scenario.scene",
+                got="absent, and no recording either"
+                if self.scene is None
+                else "beside a recording",
+                need="a scene to simulate, or a recording: one of the two",
+                fix="Take one out, or give one.",
+            )
+        if self.scene is not None and self.radar is None:
+            raise InvalidSetting(
+                "Scenario.radar",
+                got="absent",
+                need="given, to simulate a scene",
+                fix="Describe it, or name a file that does.",
+            )
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """Scenario from a YAML file, with settings replaced by `PATH=VALUE` texts.
+
+    Raises
+    ------
+    InvalidFile
+        With every mistake of the file at once, each with its line and column.
+    """
+    return files.read(Path(path), Scenario, overrides=overrides, readers={Radar: read_radar})
+
+
+def reference(overrides: Sequence[str] = ()) -> Scenario:
+    """The reference scenario: a car at 50 m, receding at 10 m/s, in front of 77 GHz."""
+    with resources.as_file(resources.files("dechirp.experiment") / "reference.yaml") as path:
+        return load(path, overrides)

@@ -1,0 +1,1 @@
+"""Recordings: a family of formats, and the settings files that come with them."""

@@ -1,0 +1,35 @@
+"""How numbers stand for samples: each encoding, turned into full scale 1."""
+
+import numpy as np
+
+# Of each encoding: the smallest and largest number that can occur.
+LIMITS = {
+    "int16": (-32768, 32767),
+    "uint16-wrapped": (0, 65535),
+    "offset-binary": (0, 65535),
+    "full-scale": (-np.finfo(np.float32).max, np.finfo(np.float32).max),
+}
+
+
+def to_full_scale(numbers: np.ndarray, encoding: str) -> np.ndarray:
+    """Real numbers of an encoding as float32, within -1 to 1 but for `full-scale`.
+
+    int16: two's complement. uint16-wrapped: the same, whose negative numbers went through
+    an unsigned type and came out 65536 too large. offset-binary: 32768 stands for zero.
+    full-scale: already scaled, taken as it is.
+
+    Raises
+    ------
+    ValueError
+        If a number cannot occur in the encoding; the message names the extremes.
+    """
+    least, most = LIMITS[encoding]
+    low, high = numbers.min(), numbers.max()
+    if low < least or high > most:
+        raise ValueError(f"numbers from {low:.6g} to {high:.6g}")
+    if encoding == "uint16-wrapped":
+        numbers = numbers.astype(np.int64).astype(np.int16)
+    elif encoding == "offset-binary":
+        numbers = numbers.astype(np.float32) - 32768
+    scaled = numbers.astype(np.float32)
+    return scaled if encoding == "full-scale" else scaled / np.float32(32768)

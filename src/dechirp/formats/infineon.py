@@ -1,0 +1,96 @@
+"""Infineon recordings (ifxdaq, Radar Fusion GUI): a folder with `radar.npy` and `config.json`.
+
+Codes of a 12-bit converter, (frame, rx, chirp, sample), of the real beat signal. They hold
+the converter's offset, about 0.4 of full scale, which stays: it is part of what was sampled.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.values import value
+from dechirp.formats.base import Contents, Format, Match, Told
+from dechirp.formats.npy import mapped
+from dechirp.formats.settings.read import read_settings
+from dechirp.formats.settings.receivers import with_receivers
+
+_LARGEST_CODE = 4095
+_SAMPLES, _CONFIG = "radar.npy", "config.json"
+
+
+@value
+class Infineon(Format):
+    """The folder itself, the folder that holds it alone, or its `radar.npy`."""
+
+    def recognise(self, path: Path) -> Match:
+        """Tell by the files of the folder."""
+        return Match.OWN if _folders(path) else Match.NO
+
+    def read(self, path: Path, told: Told) -> Contents:
+        """See `Format.read`."""
+        folders = _folders(path)
+        if len(folders) != 1:
+            names = ", ".join(folder.name for folder in folders) or "none"
+            raise RecordingError(
+                path,
+                got=f"a folder with {len(folders)} recordings ({names})",
+                need="one recording",
+                fix="Name the folder of one of them.",
+            )
+        settings = told.settings or read_settings(folders[0] / _CONFIG)
+        file = folders[0] / _SAMPLES
+        codes = mapped(file)
+        frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
+        n_rx_told = codes.shape[1] if codes.ndim == 4 and n_rx == 1 else n_rx
+        need = (n_rx_told, frame.n_chirps, frame.chirp.n_samples)
+        if codes.dtype.kind not in "iu" or codes.shape[1:] != need:
+            raise RecordingError(
+                file,
+                got=f"an array of {codes.dtype} of shape {codes.shape}",
+                need=f"of integers of shape (frames, {', '.join(str(size) for size in need)}):"
+                " rx, chirp and sample as the settings say",
+                fix="Give the settings it was recorded with.",
+            )
+        if frame.chirp.sampling != "real":
+            raise RecordingError(
+                file,
+                got="a recording of real samples",
+                need="one whose radar.frame.chirp.sampling is real",
+                fix="Set sampling: real.",
+            )
+        radar, findings = with_receivers(settings.radar, codes.shape[1], file=file)
+
+        def decoded(index: int) -> np.ndarray:
+            return _full_scale(file, codes[index], index)
+
+        return Contents(
+            radar=radar,
+            n_frames=len(codes),
+            frame=decoded,
+            findings=settings.findings + findings,
+        )
+
+
+def _folders(path: Path) -> list[Path]:
+    """Folders of recordings that a path can mean."""
+    if path.is_file():
+        both = path.name == _SAMPLES and (path.parent / _CONFIG).is_file()
+        return [path.parent] if both else []
+    if (path / _SAMPLES).is_file():
+        return [path]
+    return sorted(file.parent for file in path.glob(f"*/{_SAMPLES}"))
+
+
+def _full_scale(file: Path, codes: np.ndarray, index: int) -> np.ndarray:
+    """Make samples (chirp, rx, sample) within -1 to 1 of codes (rx, chirp, sample)."""
+    low, high = int(codes.min()), int(codes.max())
+    if low < 0 or high > _LARGEST_CODE:
+        raise RecordingError(
+            file,
+            got=f"codes from {low} to {high} in frame {index}",
+            need=f"codes from 0 to {_LARGEST_CODE}, of a 12-bit converter",
+            fix="Copy the recording again from its source.",
+        )
+    scaled = codes.astype(np.float32) * np.float32(2 / _LARGEST_CODE) - np.float32(1)
+    return np.swapaxes(scaled, 0, 1)

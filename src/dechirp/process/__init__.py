@@ -1,0 +1,1 @@
+"""From samples to detections; knows neither the scene nor the simulator."""

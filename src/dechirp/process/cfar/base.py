@@ -1,0 +1,188 @@
+"""Constant-false-alarm-rate thresholds: what all noise estimators share."""
+
+from abc import abstractmethod
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+
+from dechirp.core.checks import count, positive
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.families import Family
+from dechirp.core.values import value
+from dechirp.process.spectrum import Transform
+from dechirp.theory.cfar import Box
+
+
+@value
+class Cells:
+    """Numbers of cells on each side of the cell under test."""
+
+    range: int
+    velocity: int
+
+    def __post_init__(self) -> None:
+        count(self, "range", "velocity", at_least=0)
+
+
+@value
+class Noise:
+    """What white noise looks like in a map: the transforms it went through, channels summed."""
+
+    over_range: Transform
+    over_velocity: Transform
+    n_channels: int = 1
+
+
+@value
+class Ring:
+    """The training cells about a cell under test: a box less the guard cells.
+
+    Velocity wraps round, so the ring is whole at both ends of that axis. Range ends: there
+    the box stays within the map and the cell under test moves out of its middle, so that
+    the training cells are the nearest that exist.
+    """
+
+    n_training: Cells
+    n_guard: Cells
+
+    @property
+    def half_range(self) -> int:
+        """Rows from the cell under test to the edge of the box."""
+        return self.n_training.range + self.n_guard.range
+
+    @property
+    def half_velocity(self) -> int:
+        """Columns from the cell under test to the edge of the box."""
+        return self.n_training.velocity + self.n_guard.velocity
+
+    def guard_rows(self, place: int) -> slice:
+        """Rows of the box that the guard takes, for the cell under test in row `place`."""
+        return slice(max(place - self.n_guard.range, 0), place + self.n_guard.range + 1)
+
+    def box(self, noise: Noise, place: int) -> Box:
+        """Covariance of the noise in the box, for the cell under test in row `place`."""
+        guard = self.guard_rows(place)
+        n_rows = 2 * self.half_range + 1
+        return Box(
+            range_covariance=noise.over_range.covariance(n_rows),
+            velocity_covariance=noise.over_velocity.covariance(2 * self.half_velocity + 1),
+            guard_range=slice(guard.start, min(guard.stop, n_rows)),
+            guard_velocity=slice(
+                self.n_training.velocity, self.n_training.velocity + 2 * self.n_guard.velocity + 1
+            ),
+            under_test=(place, self.half_velocity),
+        )
+
+    def places(self, n_range: int) -> np.ndarray:
+        """Row of the box in which each of n_range rows of a map is tested, (n_range,)."""
+        rows = np.arange(n_range)
+        start = np.clip(rows - self.half_range, 0, n_range - 1 - 2 * self.half_range)
+        return np.asarray(rows - start)
+
+    def fits(self, n_velocity: int, n_range: int) -> None:
+        """Raise `InvalidSetting` unless the box is within a map of that size."""
+        sizes = (
+            ("range", self.half_range, n_range),
+            ("velocity", self.half_velocity, n_velocity),
+        )
+        for name, half, n_cells in sizes:
+            if 2 * half + 1 > n_cells:
+                raise InvalidSetting(
+                    "Cfar.n_training",
+                    got=f"{2 * half + 1} {name} cells with the guard",
+                    need=f"at most {n_cells}, the {name} cells of the map",
+                    fix=f"Lower n_training.{name} or n_guard.{name}.",
+                )
+
+
+class NoiseEstimator(Family):
+    """What sets one CFAR apart from the next: how the noise is estimated, and its law."""
+
+    group: ClassVar[str] = "dechirp.cfar"
+
+    @abstractmethod
+    def level(self, power: np.ndarray, ring: Ring) -> np.ndarray:
+        """Noise power about each cell of a map, (velocity, range) to the same."""
+
+    @abstractmethod
+    def factor(self, false_alarm_probability: float, box: Box, *, n_channels: int) -> float:
+        """Threshold over level that gives the probability in noise with that covariance."""
+
+
+@value
+class Cfar:
+    """A threshold for every cell of a map, from the cells around it.
+
+    Give the false-alarm probability for each cell, or an offset over the noise, not both.
+    """
+
+    estimator: NoiseEstimator
+    n_training: Cells = Cells(range=10, velocity=8)
+    n_guard: Cells = Cells(range=4, velocity=4)
+    false_alarm_probability: float | None = None
+    offset: float | None = None
+    """Threshold over the estimated noise power, a ratio (dB of power in files)."""
+
+    def __post_init__(self) -> None:
+        if (self.false_alarm_probability is None) == (self.offset is None):
+            raise InvalidSetting(
+                "Cfar.false_alarm_probability",
+                got="neither it nor an offset" if self.offset is None else "beside an offset",
+                need="given, or else offset given: one of the two",
+                fix="Set the other to null.",
+            )
+        if self.offset is not None:
+            positive(self, "offset")
+        elif not 0 < (self.false_alarm_probability or 0.0) < 1:
+            raise InvalidSetting(
+                "Cfar.false_alarm_probability",
+                got=self.false_alarm_probability,
+                need="between 0 and 1, both excluded",
+                fix="Give the probability for each cell, such as 1e-6.",
+            )
+        if self.n_training.range + self.n_training.velocity < 1:
+            raise InvalidSetting(
+                "Cfar.n_training",
+                got="0 cells on both axes",
+                need="training cells along range or velocity",
+                fix="Give at least one.",
+            )
+
+    @property
+    def ring(self) -> Ring:
+        """The training cells about a cell under test."""
+        return Ring(n_training=self.n_training, n_guard=self.n_guard)
+
+    def threshold(self, power: np.ndarray, noise: Noise) -> np.ndarray:
+        """Threshold for each cell of a map, (velocity, range), every cell included.
+
+        Raises
+        ------
+        InvalidSetting
+            If the training cells with the guard do not fit into the map, or the guard is
+            too small for the window and the zero padding.
+        """
+        self.ring.fits(*power.shape)
+        level = self.estimator.level(power, self.ring)
+        level *= self._factors(noise)[self.ring.places(power.shape[1])]
+        return level
+
+    def _factors(self, noise: Noise) -> np.ndarray:
+        """Factor for each place of the cell under test in the box, (2 half_range + 1,)."""
+        if self.offset is not None:
+            return np.full(2 * self.ring.half_range + 1, self.offset, np.float32)
+        return _factors(self, noise)
+
+
+@lru_cache(maxsize=64)
+def _factors(cfar: Cfar, noise: Noise) -> np.ndarray:
+    assert cfar.false_alarm_probability is not None
+    # Mirrored places have mirrored covariances, and the same law.
+    half = [
+        cfar.estimator.factor(
+            cfar.false_alarm_probability, cfar.ring.box(noise, place), n_channels=noise.n_channels
+        )
+        for place in range(cfar.ring.half_range + 1)
+    ]
+    return np.array(half + half[-2::-1], np.float32)

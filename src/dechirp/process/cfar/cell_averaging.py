@@ -1,0 +1,144 @@
+"""Cell averaging: the most sensitive choice in homogeneous noise (Finn & Johnson 1968)."""
+
+import numba
+import numpy as np
+
+from dechirp.core.values import value
+from dechirp.process.cfar.base import NoiseEstimator, Ring
+from dechirp.theory.cfar import Box, correlated_factor, independent_factor
+
+
+@value
+class CellAveraging(NoiseEstimator):
+    """Mean of the training cells."""
+
+    def level(self, power: np.ndarray, ring: Ring) -> np.ndarray:
+        """Mean power of the ring about each cell, (velocity, range)."""
+        return _ring_means(
+            power,
+            ring.n_training.range,
+            ring.n_training.velocity,
+            ring.n_guard.range,
+            ring.n_guard.velocity,
+        )
+
+    def factor(self, false_alarm_probability: float, box: Box, *, n_channels: int) -> float:
+        """Exact factor: closed form for independent cells, quadratic form for others."""
+        if _is_identity(box.range_covariance) and _is_identity(box.velocity_covariance):
+            return independent_factor(
+                false_alarm_probability, n_training=box.n_training, n_channels=n_channels
+            )
+        return correlated_factor(false_alarm_probability, box, n_channels=n_channels)
+
+
+def _is_identity(covariance: np.ndarray) -> bool:
+    return np.array_equal(covariance, np.eye(len(covariance)))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _ring_means(
+    power: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
+) -> np.ndarray:
+    """Mean over the ring of each cell, velocity wrapping, range box kept within the map.
+
+    Two limits: 2 MB moved (0.1 ms) and some 25 additions a cell, eight at a time.
+    Columns slide in float64, where a target 140 dB over the noise leaves the noise whole to
+    0.1 %; in float32 it would leave an error of its own size. Rows are then added without
+    any subtraction: runs of cells by doubling, a pass over a row that stays in L1.
+    """
+    n_v, n_r = power.shape
+    half_v, half_r = train_v + guard_v, train_r + guard_r
+    width = 2 * half_r + 1
+    out = np.empty((n_v, n_r), np.float32)
+
+    # Sums for the row before the first, from which the loop slides on.
+    slide_in = np.zeros(n_r)  # rows of the guard and the cell under test
+    slide_out = np.zeros(n_r)  # training rows above and below
+    for dv in range(-half_v, half_v + 1):
+        row = power[(dv - 1) % n_v]
+        if abs(dv) <= guard_v:
+            for j in range(n_r):
+                slide_in[j] += row[j]
+        else:
+            for j in range(n_r):
+                slide_out[j] += row[j]
+
+    inner = np.empty(n_r, np.float32)
+    outer = np.empty(n_r, np.float32)
+    both = np.empty(n_r, np.float32)
+    sides = np.zeros(n_r + 1, np.float32)
+    middle = np.zeros(n_r + 1, np.float32)
+    work = np.empty((32, n_r), np.float32)
+    n_middle = n_r - 2 * half_r
+    n_corner = 2 * train_v * width
+    share = np.float32(1.0 / (n_corner + 2 * train_r * (2 * guard_v + 1)))
+    for v in range(n_v):
+        enters, leaves = power[(v + half_v) % n_v], power[(v - 1 - half_v) % n_v]
+        to_guard, from_guard = power[(v + guard_v) % n_v], power[(v - 1 - guard_v) % n_v]
+        for j in range(n_r):
+            change = np.float64(to_guard[j]) - np.float64(from_guard[j])
+            now_in = slide_in[j] + change
+            now_out = slide_out[j] + (np.float64(enters[j]) - np.float64(leaves[j]) - change)
+            slide_in[j] = now_in
+            slide_out[j] = now_out
+            inner[j] = now_in
+            outer[j] = now_out
+            both[j] = now_in + now_out
+        _runs(both, train_r, sides, work)
+        _runs(outer, 2 * guard_r + 1, middle, work)
+        left, right = sides[:n_middle], sides[half_r + guard_r + 1 :]
+        centre, line = middle[train_r:], out[v, half_r:]
+        for j in range(n_middle):
+            line[j] = (left[j] + right[j] + centre[j]) * share
+        for e in range(half_r):
+            out[v, e] = _end(inner[:width], outer[:width], e, guard_r, guard_v, n_corner)
+            out[v, n_r - 1 - e] = _end(
+                inner[-width:], outer[-width:], width - 1 - e, guard_r, guard_v, n_corner
+            )
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _end(
+    inner: np.ndarray, outer: np.ndarray, place: int, guard_r: int, guard_v: int, n_corner: int
+) -> np.float32:
+    """Mean of the ring where the box stops at the end of the map."""
+    total = np.float32(0.0)
+    for i in range(inner.size):
+        total += outer[i]
+    low, high = max(place - guard_r, 0), min(place + guard_r + 1, inner.size)
+    for i in range(low):
+        total += inner[i]
+    for i in range(high, inner.size):
+        total += inner[i]
+    n_sides = low + inner.size - high
+    return np.float32(total / (n_corner + n_sides * (2 * guard_v + 1)))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _runs(row: np.ndarray, length: int, out: np.ndarray, work: np.ndarray) -> None:
+    """out[i] = row[i] + ... + row[i + length - 1], by doubling; the last ones are unused."""
+    n = row.size
+    if length == 0:
+        out[:] = 0
+        return
+    now, run, level = row, 1, 0
+    while not length & run:  # runs of 2, 4, 8 ... up to the lowest bit of the length
+        longer, ahead = work[level], now[run:]
+        for i in range(n - run):
+            longer[i] = now[i] + ahead[i]
+        now, run, level = longer, 2 * run, level + 1
+    total, done = now, run
+    while done < length:
+        longer, ahead = work[level], now[run:]
+        for i in range(n - run):
+            longer[i] = now[i] + ahead[i]
+        now, run, level = longer, 2 * run, level + 1
+        if length & run:
+            ahead = now[done:]
+            for i in range(n - done):
+                out[i] = total[i] + ahead[i]
+            total, done = out, done + run
+    if done == (done & -done):  # a power of two: the runs themselves
+        for i in range(n):
+            out[i] = total[i]

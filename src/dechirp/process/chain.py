@@ -1,0 +1,356 @@
+"""The processing chain, from the samples of a frame to its detections."""
+
+import numpy as np
+import xarray as xr
+from scipy.special import gammaincinv
+
+from dechirp.core.conventions import CUBE_AXES, axis
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.findings import Finding
+from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.core.values import value
+from dechirp.process.cfar.base import Cfar, Noise, Ring
+from dechirp.process.cfar.cell_averaging import CellAveraging
+from dechirp.process.peaks import peaks
+from dechirp.process.refine import Tones, refine
+from dechirp.process.spectrum import (
+    Transform,
+    independent_rows,
+    mean_power,
+    noise_gain,
+    range_bins_m,
+    range_doppler,
+    velocity_bins_m_per_s,
+)
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
+from dechirp.theory.bounds import frequency_variance
+from dechirp.theory.windows import Window
+
+
+@value
+class Chain:
+    """Settings of the chain, in the order in which they act."""
+
+    range_window: Window = "hann"
+    n_range_bins: int | None = None
+    """Points of the range transform, zero-padded above n_samples; none: n_samples. Real
+    sampling keeps the half of them that is not a mirror image."""
+    doppler_window: Window = "hann"
+    n_velocity_bins: int | None = None
+    """Points of the Doppler transform, zero-padded above n_chirps; none: n_chirps."""
+    cfar: Cfar = Cfar(estimator=CellAveraging(), false_alarm_probability=1e-6)
+    angle: None = None
+    """Direction estimator: none is available yet."""
+    cluster: None = None
+    """Clustering: none is available yet."""
+
+    def over_range(self, chirp: Chirp) -> Transform:
+        """The range transform for a chirp."""
+        n_bins = self.n_range_bins or chirp.n_samples
+        return Transform(window=self.range_window, n_points=chirp.n_samples, n_bins=n_bins)
+
+    def over_velocity(self, frame: Frame) -> Transform:
+        """The Doppler transform for a frame."""
+        n_bins = self.n_velocity_bins or frame.n_chirps
+        return Transform(window=self.doppler_window, n_points=frame.n_chirps, n_bins=n_bins)
+
+    def noise(self, radar: Radar) -> Noise:
+        """What white noise looks like in the map of a radar."""
+        return Noise(
+            over_range=self.over_range(radar.frame.chirp),
+            over_velocity=self.over_velocity(radar.frame),
+            n_channels=radar.array.n_rx,
+        )
+
+
+def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
+    """Range-Doppler map of one frame, (chirp, rx, sample), to (velocity, range).
+
+    Mean power over the receivers; a tone on a bin keeps its power.
+    """
+    noise = chain.noise(radar)
+    units = "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
+    return xr.DataArray(
+        _power(cube.transpose("chirp", "rx", "sample").values, radar, noise),
+        dims=("velocity", "range"),
+        coords={
+            "velocity": axis(
+                "velocity", velocity_bins_m_per_s(radar.frame, noise.over_velocity.n_bins)
+            ),
+            "range": axis("range", range_bins_m(radar.frame.chirp, noise.over_range.n_bins)),
+        },
+        attrs={"units": units, "long_name": "power"},
+    )
+
+
+def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
+    """Threshold of each cell of a map; infinite in rows where no false-alarm law holds.
+
+    Those are the rows about DC and about half the sample rate of real sampling, see
+    `process.spectrum.independent_rows`; they are not training cells either.
+    """
+    labelled = power.transpose("velocity", "range")
+    threshold = _threshold(labelled.values, radar, chain)
+    return labelled.copy(data=threshold).assign_attrs(long_name="threshold")
+
+
+def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.Dataset:
+    """Detections in each frame of a cube, simulated or recorded.
+
+    Parameters
+    ----------
+    cube : DataArray (frame, chirp, rx, sample)
+        complex64 for complex sampling, float32 for real; any order of axes.
+    radar : Radar
+        The waveform and the receivers that the cube was taken with.
+    chain : Chain, optional
+        Windows, bins and detector; Hann windows and a 2-D cell-averaging CFAR at 1e-6
+        without it.
+
+    Returns
+    -------
+    Dataset over `detection`
+        frame
+            Index of the frame in the cube.
+        time : s
+            Mid-frame, mid-window: the instant to which the estimates refer.
+        range : m, velocity : m/s
+            Receding positive; refined on unwindowed samples, range-Doppler coupling removed.
+        snr : ratio
+            After integration over all samples, chirps and receivers, without the window's
+            loss: what the standard errors rest on. Noise from the corners of the training
+            ring, which the sidelobes of the target do not reach.
+        range_std : m, velocity_std : m/s
+            Standard errors, from the Cramer-Rao bound at that ratio.
+
+    Raises
+    ------
+    InvalidSetting
+        If the cube is not that radar's, holds samples that are not finite, or the training
+        cells do not fit into the map.
+    """
+    chain = chain or Chain()
+    _must_fit(cube, radar)
+    starts_s = (
+        cube.coords["frame"].values
+        if "frame" in cube.coords
+        else [radar.frame.start_s(index) for index in range(cube.sizes["frame"])]
+    )
+    samples = cube.transpose(*CUBE_AXES).values
+    columns = [
+        _detect_frame(np.ascontiguousarray(samples[index]), radar, chain, index, float(start_s))
+        for index, start_s in enumerate(starts_s)
+    ]
+    merged = {name: np.concatenate([c[name] for c in columns]) for name in _UNITS}
+    return xr.Dataset(
+        {name: ("detection", merged[name], {"units": units}) for name, units in _UNITS.items()}
+    )
+
+
+_UNITS = {
+    "frame": "1",
+    "time": "s",
+    "range": "m",
+    "velocity": "m/s",
+    "snr": "1",
+    "range_std": "m",
+    "velocity_std": "m/s",
+}
+
+
+def _detect_frame(
+    samples: np.ndarray, radar: Radar, chain: Chain, index: int, start_s: float
+) -> dict[str, np.ndarray]:
+    """Columns of the detections in one frame, (chirp, rx, sample)."""
+    frame, noise = radar.frame, chain.noise(radar)
+    power = _power(samples, radar, noise)
+    _must_be_finite(power)
+    found = peaks(power, _threshold(power, radar, chain), noise)
+    slow, fast = _between_bins(power, found, noise)
+    tones = refine(samples, slow, fast)
+    cell_noise = _noise_about(power, found, chain.cfar.ring, noise.n_channels)
+    sample_noise = cell_noise / noise_gain(noise.over_range, noise.over_velocity, frame.chirp)
+    snr = np.maximum(tones.energy / sample_noise - noise.n_channels, 1e-3)
+    return {
+        "frame": np.full(len(found), index),
+        "time": np.full(len(found), start_s + frame.mid_frame_s),
+        **_estimates(tones, snr, frame),
+    }
+
+
+def _power(samples: np.ndarray, radar: Radar, noise: Noise) -> np.ndarray:
+    """Range-Doppler map of one frame, (chirp, rx, sample) to (velocity, range)."""
+    sampling = radar.frame.chirp.sampling
+    return mean_power(range_doppler(samples, sampling, noise.over_range, noise.over_velocity))
+
+
+def _threshold(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
+    """Threshold of each cell, infinite outside the rows that are searched."""
+    noise = chain.noise(radar)
+    rows = independent_rows(radar.frame.chirp, noise.over_range)
+    if rows == slice(0, power.shape[1]):
+        return chain.cfar.threshold(power, noise)
+    threshold = np.full_like(power, np.inf)
+    threshold[:, rows] = chain.cfar.threshold(np.ascontiguousarray(power[:, rows]), noise)
+    return threshold
+
+
+def _between_bins(
+    power: np.ndarray, found: np.ndarray, noise: Noise
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies of the peaks, rad per chirp and per sample, by a parabola through decibels.
+
+    Within 0.2 of a bin of the truth for any of the windows: enough to start from.
+    """
+    velocity, row = found[:, 0], found[:, 1]
+    n_velocity, n_rows = power.shape
+
+    def level(at_velocity: np.ndarray, at_row: np.ndarray) -> np.ndarray:
+        cells = power[at_velocity % n_velocity, np.clip(at_row, 0, n_rows - 1)]
+        return np.log(np.maximum(cells, np.finfo(np.float32).tiny))
+
+    def vertex(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        curve = 2 * level(velocity, row) - before - after
+        return np.clip((after - before) / np.where(curve > 0, 2 * curve, np.inf), -0.5, 0.5)
+
+    d_velocity = vertex(level(velocity - 1, row), level(velocity + 1, row))
+    d_row = vertex(level(velocity, row - 1), level(velocity, row + 1))
+    turn_velocity = 2 * np.pi / noise.over_velocity.n_bins
+    turn_range = 2 * np.pi / noise.over_range.n_bins
+    slow = (velocity - noise.over_velocity.n_bins // 2 + d_velocity) * turn_velocity
+    return slow, (row + d_row) * turn_range
+
+
+def _noise_about(power: np.ndarray, found: np.ndarray, ring: Ring, n_channels: int) -> np.ndarray:
+    """Mean noise power in the cells about each peak, (n,).
+
+    The median of the ring's corners, over that of the mean of n_channels exponentials: the
+    sidelobes of a separable window lie on the cross that the corners leave out, and other
+    targets move a median little. A ring along one axis has no corners and is taken whole.
+    """
+    n_velocity, n_rows = power.shape
+    median = gammaincinv(n_channels, 0.5) / n_channels
+    guard, half_v = ring.n_guard, ring.half_velocity
+    dv = np.arange(-half_v, half_v + 1)
+    outside_v = abs(dv) > guard.velocity
+    levels = np.empty(len(found))
+    places = ring.places(n_rows)
+    for i, (velocity, row) in enumerate(found):
+        rows = row - places[row] + np.arange(2 * ring.half_range + 1)
+        outside_r = abs(rows - row) > guard.range
+        if outside_v.any() and outside_r.any():
+            cells = power[np.ix_((velocity + dv[outside_v]) % n_velocity, rows[outside_r])]
+        elif outside_r.any():
+            cells = power[velocity, rows[outside_r]]
+        else:
+            cells = power[(velocity + dv[outside_v]) % n_velocity, row]
+        levels[i] = np.median(cells) / median
+    return levels
+
+
+def _estimates(tones: Tones, snr: np.ndarray, frame: Frame) -> dict[str, np.ndarray]:
+    """Range and velocity of tones, with standard errors.
+
+    With the delay tau at mid-window, the fast-time frequency is S tau + f_D and the
+    slow-time frequency f_D = 2 v (f - S tau) / c, f the frequency sent at mid-window. So
+    their difference is free of range-Doppler coupling and of the residual video phase.
+    """
+    chirp = frame.chirp
+    doppler_hz = ((tones.slow + np.pi) % (2 * np.pi) - np.pi) / (2 * np.pi * frame.interval_s)
+    beat_hz = tones.fast * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
+    sent_hz = chirp.start_frequency_hz + chirp.slope_hz_per_s * chirp.mid_window_s
+    half_wavelength_m = SPEED_OF_LIGHT / (2 * (sent_hz - beat_hz))
+    doppler_std_hz = np.sqrt(frequency_variance(snr=snr, n_points=frame.n_chirps)) / (
+        2 * np.pi * frame.interval_s
+    )
+    fast_std_hz = np.sqrt(frequency_variance(snr=snr, n_points=chirp.n_samples)) * (
+        chirp.sample_rate_hz / (2 * np.pi)
+    )
+    return {
+        "range": chirp.range_m(1.0) * beat_hz,
+        "velocity": doppler_hz * half_wavelength_m,
+        "snr": snr,
+        "range_std": chirp.range_m(1.0) * np.hypot(fast_std_hz, doppler_std_hz),
+        "velocity_std": doppler_std_hz * half_wavelength_m,
+    }
+
+
+def _must_fit(cube: xr.DataArray, radar: Radar) -> None:
+    """Raise `InvalidSetting` unless the cube could be that radar's."""
+    chirp = radar.frame.chirp
+    if set(cube.dims) != set(CUBE_AXES):
+        raise InvalidSetting(
+            "cube",
+            got=f"an array over {', '.join(map(str, cube.dims))}",
+            need=f"over {', '.join(CUBE_AXES)}",
+            fix="Name the axes so, and give missing ones length 1 with expand_dims.",
+        )
+    asked = {"chirp": radar.frame.n_chirps, "rx": radar.array.n_rx, "sample": chirp.n_samples}
+    for name, size in asked.items():
+        if cube.sizes[name] != size:
+            raise InvalidSetting(
+                "cube",
+                got=f"{cube.sizes[name]} along {name}",
+                need=f"{size}, as the radar has",
+                fix="Give the radar that the cube was taken with.",
+            )
+    if np.iscomplexobj(cube) != (chirp.sampling == "complex"):
+        raise InvalidSetting(
+            "cube",
+            got=f"samples of type {cube.dtype}",
+            need=f"{chirp.sampling} samples, as the chirp says",
+            fix="Set the chirp's sampling to what the converter takes.",
+        )
+
+
+def _must_be_finite(power: np.ndarray) -> None:
+    # One sample that is not finite reaches every cell, so one cell tells.
+    if not np.isfinite(power[0, 0]):
+        raise InvalidSetting(
+            "cube",
+            got="samples that are not finite (NaN or infinite)",
+            need="finite samples throughout",
+            fix="Find what wrote them, or replace them by zeros.",
+        )
+
+
+def remarks(radar: Radar, chain: Chain) -> list[Finding]:
+    """What a user should know about the maps this chain makes for a radar."""
+    noise, guard = chain.noise(radar), chain.cfar.n_guard
+    found = [
+        *_guard_remarks("range", guard.range, noise.over_range),
+        *_guard_remarks("velocity", guard.velocity, noise.over_velocity),
+    ]
+    chirp, n_rows = radar.frame.chirp, noise.over_range.n_bins // 2 + 1
+    if chirp.sampling == "real":
+        rows = independent_rows(chirp, noise.over_range)
+        found.append(
+            Finding(
+                level="note",
+                setting="radar.frame.chirp.sampling",
+                got=f"real samples: {rows.start} rows at range 0 and {n_rows - rows.stop} at"
+                f" {chirp.max_range_m:.4g} m are not searched",
+                need="noise that is independent of its mirror image, for false alarms as designed",
+                fix="Nothing is to be done; pad less to lose fewer metres.",
+            )
+        )
+    return found
+
+
+def _guard_remarks(axis: str, n_guard: int, transform: Transform) -> list[Finding]:
+    """A warning where a target would raise its own threshold."""
+    needed = int(np.ceil(transform.main_lobe_bins)) - 1
+    if n_guard >= needed:
+        return []
+    return [
+        Finding(
+            level="warning",
+            setting=f"chain.cfar.n_guard.{axis}",
+            got=f"{n_guard} guard cells inside a main lobe of {transform.main_lobe_bins:.3g} bins"
+            " on each side",
+            need=f"{needed} or more, or a target raises its own threshold",
+            fix="Widen the guard, or pad less.",
+        )
+    ]

@@ -1,0 +1,111 @@
+"""Peaks: cells over threshold that no neighbour exceeds and no sidelobe explains."""
+
+from functools import lru_cache
+
+import numba
+import numpy as np
+
+from dechirp.process.cfar.base import Noise
+from dechirp.process.spectrum import Transform
+
+# Beyond so many cells over threshold a map is no longer one of targets: at 1e-6 a map of
+# 281,600 cells of noise has 0.3. The strongest are kept.
+MOST_PEAKS = 2000
+
+
+def peaks(power: np.ndarray, threshold: np.ndarray, noise: Noise) -> np.ndarray:
+    """Indices (velocity, range) of the peaks of a map, (n, 2), strongest first.
+
+    A peak exceeds its threshold and its eight neighbours (velocity wraps round). A weaker
+    one must also stand out from the window's sidelobes of each stronger one, by as much as
+    from the noise: its amplitude less theirs exceeds the threshold's.
+    """
+    found = _local_maxima(power, threshold)
+    strength = power[found[:, 0], found[:, 1]]
+    order = np.argsort(-strength, kind="stable")[:MOST_PEAKS]
+    found, strength = found[order], strength[order]
+    if len(found) < 2:
+        return found
+    keep = _outside_sidelobes(
+        found,
+        np.sqrt(strength),
+        np.sqrt(threshold[found[:, 0], found[:, 1]]),
+        sidelobe_amplitude(noise.over_velocity),
+        sidelobe_amplitude(noise.over_range),
+    )
+    return np.asarray(found[keep])
+
+
+@lru_cache(maxsize=32)
+def sidelobe_amplitude(transform: Transform) -> np.ndarray:
+    """Highest amplitude so many bins or more from a peak, relative to the peak's cell.
+
+    (n_bins // 2 + 1,): for a tone anywhere within half a bin of its cell, which is up to
+    3.9 dB under the true peak; never rising, 1 up to the cell beside the peak.
+    """
+    fine = 8
+    weights, n_bins = transform.weights, transform.n_bins
+    response = abs(np.fft.rfft(weights, fine * n_bins)) / np.sum(weights)
+    offsets = np.arange(-fine // 2, fine // 2 + 1)
+    bins = np.arange(n_bins // 2 + 1)
+    at = abs(bins[:, None] * fine - offsets)
+    at = np.minimum(at, fine * n_bins - at)
+    highest = (response[at] / response[abs(offsets)]).max(axis=1)
+    return np.minimum(np.maximum.accumulate(highest[::-1])[::-1], 1.0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _local_maxima(power: np.ndarray, threshold: np.ndarray) -> np.ndarray:
+    n_v, n_r = power.shape
+    found = [(v, 0) for v in range(0)]  # empty, typed for the compiler
+    for v in range(n_v):
+        for j in range(n_r):
+            # Few cells pass this; the neighbours of the others are never looked at.
+            if power[v, j] > threshold[v, j] and _is_highest(power, v, j):
+                found.append((v, j))
+    indices = np.empty((len(found), 2), np.int64)
+    for i, cell in enumerate(found):
+        indices[i, 0], indices[i, 1] = cell
+    return indices
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _is_highest(power: np.ndarray, v: int, j: int) -> bool:
+    n_v, n_r = power.shape
+    for dv in range(-1, 2):
+        for dj in range(-1, 2):
+            if (dv == 0 and dj == 0) or not 0 <= j + dj < n_r:
+                continue
+            other = power[(v + dv) % n_v, j + dj]
+            # Of equal neighbours the first counts, so that a plateau is one peak.
+            first = dv < 0 or (dv == 0 and dj < 0)
+            if other > power[v, j] or (first and other == power[v, j]):
+                return False
+    return True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _outside_sidelobes(
+    found: np.ndarray,
+    amplitude: np.ndarray,
+    threshold: np.ndarray,
+    over_velocity: np.ndarray,
+    over_range: np.ndarray,
+) -> np.ndarray:
+    n = len(found)
+    keep = np.ones(n, np.bool_)
+    # Both axes of a transform wrap round: n_bins is even or odd, the envelope n_bins // 2 + 1.
+    last_v, last_r = len(over_velocity) - 1, len(over_range) - 1
+    for i in range(1, n):
+        for k in range(i):
+            if not keep[k]:
+                continue
+            dv = abs(found[i, 0] - found[k, 0])
+            dr = abs(found[i, 1] - found[k, 1])
+            dv = min(dv, abs(2 * last_v - dv), last_v)
+            dr = min(dr, abs(2 * last_r - dr), last_r)
+            lobe = amplitude[k] * over_velocity[dv] * over_range[dr]
+            if amplitude[i] < lobe + threshold[i]:
+                keep[i] = False
+                break
+    return keep

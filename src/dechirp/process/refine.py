@@ -1,0 +1,213 @@
+"""Between the bins: frequencies of each peak from the unwindowed samples, to the bound.
+
+A window broadens the main lobe: the peak of a Hann-windowed map has 1.5 times the standard
+deviation that the samples allow, on each axis. The maximum of the unwindowed periodogram is
+the maximum-likelihood estimate of a lone tone in white noise and reaches the Cramer-Rao
+bound (Rife & Boorstyn 1974); the sidelobes of other tones, which the window had kept away,
+are subtracted as estimated, tone by tone and in turn (Li & Stoica 1996, RELAX).
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+# Blocks that the samples of each axis are summed into, once demodulated at the peak: a tone
+# 0.3 bins off turns 7 degrees within a block and loses 0.05 % of its amplitude.
+BLOCKS = 16
+PASSES = 3
+
+
+@dataclass(frozen=True)
+class Tones:
+    """Frequencies and energies of tones, each array (n,)."""
+
+    slow: np.ndarray
+    """Radians per chirp."""
+    fast: np.ndarray
+    """Radians per sample."""
+    energy: np.ndarray
+    """Sum over receivers of |amplitude|^2 times the number of samples of one receiver."""
+
+
+def refine(samples: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> Tones:
+    """Maximum-likelihood frequencies of the tones near given ones.
+
+    Parameters
+    ----------
+    samples : array (chirp, rx, sample), complex64 or float32
+    slow, fast : arrays (n,), rad per chirp and rad per sample
+        Frequencies within half a bin of the truth, strongest tone first.
+
+    Notes
+    -----
+    One pass over the samples for each tone, then 16 x 16 sums; tones nearer than a bin and
+    a half on both axes are not parted from each other.
+    """
+    n_chirps, n_rx, n_samples = samples.shape
+    rows, columns = _edges(n_chirps), _edges(n_samples)
+    sums = np.empty((len(slow), n_rx, len(rows) - 1, len(columns) - 1), np.complex128)
+    for i in range(len(slow)):
+        _block_sums(samples, slow[i], fast[i], rows, columns, sums[i])
+    return Tones(*_maxima(sums, slow, fast, rows, columns))
+
+
+def _edges(n: int) -> np.ndarray:
+    return np.linspace(0, n, min(n, BLOCKS) + 1).round().astype(np.int64)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _block_sums(
+    samples: np.ndarray,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Sums over blocks of samples exp(-i (slow m + fast n)), out (rx, rows, columns)."""
+    _n_chirps, n_rx, n_samples = samples.shape
+    cosine = np.empty(n_samples, np.float32)
+    sine = np.empty(n_samples, np.float32)
+    for n in range(n_samples):
+        cosine[n], sine[n] = np.cos(fast * n), np.sin(fast * n)
+    out[:] = 0
+    # Real and imaginary parts apart: the inner loop then adds eight samples at a time.
+    for row in range(len(rows) - 1):
+        for m in range(rows[row], rows[row + 1]):
+            turn = np.exp(-1j * slow * m)
+            for k in range(n_rx):
+                line = samples[m, k]
+                for column in range(len(columns) - 1):
+                    total_re, total_im = np.float32(0.0), np.float32(0.0)
+                    for n in range(columns[column], columns[column + 1]):
+                        re, im = line[n].real, line[n].imag
+                        total_re += re * cosine[n] + im * sine[n]
+                        total_im += im * cosine[n] - re * sine[n]
+                    out[k, row, column] += turn * complex(total_re, total_im)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _maxima(
+    sums: np.ndarray, slow: np.ndarray, fast: np.ndarray, rows: np.ndarray, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies and energies of all tones, each with the others subtracted."""
+    n_tones, n_rx = sums.shape[:2]
+    n_samples = rows[-1] * columns[-1]
+    # Offsets from the frequencies that the sums were demodulated with.
+    d_slow, d_fast = np.zeros(n_tones), np.zeros(n_tones)
+    amplitude = np.zeros((n_tones, n_rx), np.complex128)
+    for turn in range(PASSES if n_tones > 1 else 1):
+        for i in range(n_tones):
+            own = sums[i].copy()
+            for k in range(n_tones):
+                # In the first pass, weaker tones are not known yet.
+                if k != i and (turn > 0 or k < i):
+                    apart_slow = slow[k] + d_slow[k] - slow[i]
+                    apart_fast = fast[k] + d_fast[k] - fast[i]
+                    _subtract(own, amplitude[k], apart_slow, apart_fast, rows, columns)
+            d_slow[i], d_fast[i] = _highest(own, rows, columns)
+            gain = _gain(d_slow[i], rows) * _gain(d_fast[i], columns)
+            moments = _moments(own, rows, columns, d_slow[i], d_fast[i])
+            amplitude[i] = moments[0] / gain
+    energy = np.empty(n_tones)
+    for i in range(n_tones):
+        energy[i] = np.sum(np.abs(amplitude[i]) ** 2) * n_samples
+    return slow + d_slow, fast + d_fast, energy
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _subtract(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    apart_slow: float,
+    apart_fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Take another tone out of block sums, in place, unless it lies too near to part."""
+    bins_slow = abs((apart_slow + np.pi) % (2 * np.pi) - np.pi) * rows[-1] / (2 * np.pi)
+    bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
+    if max(bins_slow, bins_fast) < 1.5:
+        return
+    over_rows, over_columns = _block_tone(apart_slow, rows), _block_tone(apart_fast, columns)
+    for k in range(amplitude.size):
+        for a in range(over_rows.size):
+            for b in range(over_columns.size):
+                sums[k, a, b] -= amplitude[k] * over_rows[a] * over_columns[b]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _block_tone(frequency: float, edges: np.ndarray) -> np.ndarray:
+    """Sum of exp(i frequency n) over each block, (blocks,)."""
+    if abs(np.sin(frequency / 2)) < 1e-9:
+        return np.diff(edges) + 0j
+    ends = np.exp(1j * frequency * edges)
+    return (ends[1:] - ends[:-1]) / (np.exp(1j * frequency) - 1)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _gain(frequency: float, edges: np.ndarray) -> float:
+    """What a unit tone adds up to when blocks turn as wholes: a little less than N."""
+    centres = (edges[1:] + edges[:-1] - 1) / 2
+    return np.sum(_block_tone(frequency, edges) * np.exp(-1j * frequency * centres)).real
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _moments(
+    sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
+) -> np.ndarray:
+    """Sums of p^i q^j y exp(-i (slow p + fast q)): orders 00 10 01 20 11 02, (6, rx).
+
+    p and q run from the middle of the aperture; a factor of unit modulus, the phase of the
+    middle, is put back, so that order 00 is the periodogram's own phase.
+    """
+    p = (rows[1:] + rows[:-1] - 1) / 2
+    q = (columns[1:] + columns[:-1] - 1) / 2
+    turn_p, turn_q = np.exp(-1j * slow * p), np.exp(-1j * fast * q)
+    p, q = p - (rows[-1] - 1) / 2, q - (columns[-1] - 1) / 2
+    out = np.zeros((6, sums.shape[0]), np.complex128)
+    for k in range(sums.shape[0]):
+        for a in range(p.size):
+            for b in range(q.size):
+                z = sums[k, a, b] * turn_p[a] * turn_q[b]
+                out[0, k] += z
+                out[1, k] += p[a] * z
+                out[2, k] += q[b] * z
+                out[3, k] += p[a] * p[a] * z
+                out[4, k] += p[a] * q[b] * z
+                out[5, k] += q[b] * q[b] * z
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _highest(sums: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
+    """Offset of the highest point of the summed periodogram, by Newton's method.
+
+    Kept within a bin of the start; where the curve is not a hill, in noise or beside a
+    tone too near to part, the start stands.
+    """
+    bin_slow, bin_fast = 2 * np.pi / rows[-1], 2 * np.pi / columns[-1]
+    slow, fast = 0.0, 0.0
+    for _ in range(12):
+        m = _moments(sums, rows, columns, slow, fast)
+        up_slow, up_fast, ss, sf, ff = 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(m.shape[1]):
+            conjugate = np.conj(m[0, k])
+            up_slow += (conjugate * m[1, k]).imag
+            up_fast += (conjugate * m[2, k]).imag
+            ss += abs(m[1, k]) ** 2 - (conjugate * m[3, k]).real
+            sf += (np.conj(m[1, k]) * m[2, k] - conjugate * m[4, k]).real
+            ff += abs(m[2, k]) ** 2 - (conjugate * m[5, k]).real
+        determinant = ss * ff - sf * sf
+        if not (ss < 0 and determinant > 0):
+            return 0.0, 0.0
+        step_slow = -(ff * up_slow - sf * up_fast) / determinant
+        step_fast = -(ss * up_fast - sf * up_slow) / determinant
+        slow += step_slow
+        fast += step_fast
+        if abs(slow) > bin_slow or abs(fast) > bin_fast:
+            return 0.0, 0.0
+        if abs(step_slow) < 1e-7 * bin_slow and abs(step_fast) < 1e-7 * bin_fast:
+            break
+    return slow, fast

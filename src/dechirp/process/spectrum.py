@@ -1,0 +1,189 @@
+"""From samples to range, from chirps to velocity: tapered Fourier transforms with axes."""
+
+from functools import cached_property
+
+import numba
+import numpy as np
+import scipy.fft
+import xarray as xr
+
+from dechirp.core.conventions import axis
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import value
+from dechirp.radar.chirp import Chirp, Sampling
+from dechirp.radar.frame import Frame
+from dechirp.theory.windows import (
+    Window,
+    bin_correlation,
+    main_lobe_bins,
+    noise_bandwidth_bins,
+    taper,
+)
+
+
+@value
+class Transform:
+    """One windowed discrete Fourier transform, zero-padded where bins outnumber points."""
+
+    window: Window
+    n_points: int
+    n_bins: int
+
+    def __post_init__(self) -> None:
+        taper(self.window, 1)
+        if self.n_bins < self.n_points:
+            raise InvalidSetting(
+                "Transform.n_bins",
+                got=self.n_bins,
+                need=f"at least {self.n_points}, the number of points",
+                fix="Leave the number of bins out, or pad to a larger one.",
+            )
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """The window, (n_points,)."""
+        return taper(self.window, self.n_points)
+
+    @property
+    def noise_bandwidth_bins(self) -> float:
+        """SNR that the window costs, as a ratio: 1.5 for Hann."""
+        return noise_bandwidth_bins(self.weights)
+
+    @property
+    def keeps_noise_white(self) -> bool:
+        """Whether noise in different bins stays independent."""
+        return self.window == "rectangular" and self.n_bins == self.n_points
+
+    @property
+    def main_lobe_bins(self) -> float:
+        """Half the width of the main lobe of a tone, in bins of the transform."""
+        return main_lobe_bins(self.window) * self.n_bins / self.n_points
+
+    def straddle(self, cycles_per_point: float) -> float:
+        """Power in the nearest bin to a tone, relative to a tone on a bin: at most 1."""
+        off = cycles_per_point * self.n_bins
+        off -= round(off)
+        turns = np.exp(2j * np.pi * off / self.n_bins * np.arange(self.n_points))
+        return float(abs(self.weights @ turns) ** 2 / self.weights.sum() ** 2)
+
+    def covariance(self, n: int) -> np.ndarray:
+        """Correlation of white noise among n neighbouring bins, (n, n), Hermitian."""
+        if self.keeps_noise_white and n <= self.n_bins:
+            return np.eye(n)
+        bins = np.arange(n)
+        return bin_correlation(self.weights, self.n_bins, bins[:, None] - bins)
+
+
+def range_bins_m(chirp: Chirp, n_bins: int) -> np.ndarray:
+    """Range of each bin of an n_bins transform: all bins complex, n_bins // 2 + 1 real."""
+    n_kept = n_bins if chirp.sampling == "complex" else n_bins // 2 + 1
+    return np.arange(n_kept) * chirp.range_m(chirp.sample_rate_hz) / n_bins
+
+
+def velocity_bins_m_per_s(frame: Frame, n_bins: int) -> np.ndarray:
+    """Velocity of each bin of an n_bins transform, ascending, zero among them, (n_bins,)."""
+    doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_bins, frame.interval_s))
+    return doppler_hz * frame.chirp.wavelength_m / 2
+
+
+def independent_rows(chirp: Chirp, transform: Transform) -> slice:
+    """Range rows whose noise is circular, so that the laws of false alarms hold there.
+
+    Complex samples: all. Real samples: noise in the rows about DC and about half the sample
+    rate correlates with its own conjugate (wholly in the rows 0 and N / 2, 1 / 6 in row 1
+    under a Hann window); rows above 0.1 are left out of detection.
+    """
+    if chirp.sampling == "complex":
+        return slice(0, transform.n_bins)
+    rows = np.arange(transform.n_bins // 2 + 1)
+    own_conjugate = abs(bin_correlation(transform.weights, transform.n_bins, 2 * rows))
+    circular = np.flatnonzero(own_conjugate <= 0.1)
+    if circular.size == 0:
+        return slice(0, 0)
+    middle = circular[np.argmin(abs(circular - transform.n_bins // 4))]
+    tied = np.flatnonzero(own_conjugate > 0.1)
+    first = tied[tied < middle].max(initial=-1) + 1
+    last = tied[tied > middle].min(initial=rows.size) - 1
+    return slice(int(first), int(last) + 1)
+
+
+def range_profiles(cube: xr.DataArray, chirp: Chirp, transform: Transform) -> xr.DataArray:
+    """Transform (..., sample) to (..., range), complex; a tone keeps its power.
+
+    |.|^2 of a tone on a bin is its mean power, for complex and for real samples.
+    """
+    weights = _amplitude_weights(transform, chirp.sampling)
+    array = cube.transpose(..., "sample")
+    tapered = array.values * weights
+    if chirp.sampling == "complex":
+        profiles = scipy.fft.fft(tapered, transform.n_bins, axis=-1)
+    else:
+        profiles = scipy.fft.rfft(tapered, transform.n_bins, axis=-1)
+    coords = {name: array.coords[name] for name in array.dims[:-1] if name in array.coords}
+    coords["range"] = axis("range", range_bins_m(chirp, transform.n_bins))
+    return xr.DataArray(
+        profiles, dims=(*array.dims[:-1], "range"), coords=coords, attrs=dict(cube.attrs)
+    )
+
+
+def range_doppler(
+    samples: np.ndarray, sampling: Sampling, over_range: Transform, over_velocity: Transform
+) -> np.ndarray:
+    """Transform one frame, (chirp, rx, sample), to (velocity, rx, range); a tone keeps its power.
+
+    Velocities ascend, receding positive. Needs one more cube of memory.
+    """
+    slow = over_velocity.weights / over_velocity.weights.sum()
+    # Zero velocity moves to the middle bin as a phase ramp on the window: +1, -1, +1 ... for
+    # an even number of bins. This saves a pass over the spectrum (0.2 ms of 4 at 2200 x 128).
+    middle = over_velocity.n_bins // 2
+    turns = (np.arange(slow.size) * middle) % over_velocity.n_bins / over_velocity.n_bins
+    slow = (slow * np.exp(2j * np.pi * turns)).astype(np.complex64)
+    fast = _amplitude_weights(over_range, sampling)
+    if sampling == "complex":
+        # Velocity first: the zeros that pad the range are then never transformed over chirps.
+        spectrum = _tapered(samples, slow, fast)
+        spectrum = scipy.fft.fft(spectrum, over_velocity.n_bins, axis=0, overwrite_x=True)
+        return np.asarray(scipy.fft.fft(spectrum, over_range.n_bins, axis=-1, overwrite_x=True))
+    spectrum = scipy.fft.rfft(samples * fast, over_range.n_bins, axis=-1)
+    spectrum *= slow[:, None, None]
+    return np.asarray(scipy.fft.fft(spectrum, over_velocity.n_bins, axis=0, overwrite_x=True))
+
+
+def noise_gain(over_range: Transform, over_velocity: Transform, chirp: Chirp) -> float:
+    """Mean noise power in a cell of the map over the noise power in one sample."""
+    bandwidths = over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
+    gain = bandwidths / (over_range.n_points * over_velocity.n_points)
+    return gain if chirp.sampling == "complex" else 2 * gain
+
+
+def _amplitude_weights(transform: Transform, sampling: Sampling) -> np.ndarray:
+    # A real tone puts half its power at negative frequencies, which are not kept.
+    gain = 1.0 if sampling == "complex" else np.sqrt(2.0)
+    return (gain * transform.weights / transform.weights.sum()).astype(np.float32)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _tapered(samples: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> np.ndarray:
+    """Windowed copy, one pass: samples (chirp, rx, sample) x slow (chirp) x fast (sample)."""
+    out = np.empty(samples.shape, np.complex64)
+    n_chirps, n_rx, n_samples = samples.shape
+    for m in range(n_chirps):
+        for k in range(n_rx):
+            for n in range(n_samples):
+                out[m, k, n] = samples[m, k, n] * (slow[m] * fast[n])
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def mean_power(spectrum: np.ndarray) -> np.ndarray:
+    """Power of each cell, (velocity, rx, range) to (velocity, range), mean over receivers."""
+    n_velocity, n_rx, n_range = spectrum.shape
+    out = np.zeros((n_velocity, n_range), np.float32)
+    share = np.float32(1.0 / n_rx)
+    for i in range(n_velocity):
+        for k in range(n_rx):
+            for j in range(n_range):
+                z = spectrum[i, k, j]
+                out[i, j] += share * (z.real * z.real + z.imag * z.imag)
+    return out

@@ -1,0 +1,1 @@
+"""The radar, and what follows from it."""

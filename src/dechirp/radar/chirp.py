@@ -1,0 +1,115 @@
+"""One chirp: the ramp that is sent, and the samples taken of its echoes."""
+
+from typing import Literal
+
+from dechirp.core.checks import count, not_negative, positive
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.core.values import value
+
+Sampling = Literal["complex", "real"]
+
+
+@value
+class Chirp:
+    """A linear up-ramp, and when and how its dechirped echoes are sampled.
+
+    Everything derived says which bandwidth and which frequency it uses: the bandwidth
+    swept while sampling, not that of the whole ramp, and the frequency at the middle of
+    the samples, not the start of the ramp (1.6 % apart for a 2.5 GHz chirp at 77 GHz).
+    """
+
+    start_frequency_hz: float
+    """Frequency at the start of the ramp."""
+    slope_hz_per_s: float
+    """Rate of the ramp."""
+    adc_start_s: float = 0.0
+    """From the start of the ramp to the first sample."""
+    ramp_duration_s: float
+    """From the start of the ramp to its end."""
+    sample_rate_hz: float
+    """Samples per second: complex samples, or real ones, as `sampling` says."""
+    n_samples: int
+    """Samples taken of each chirp."""
+    sampling: Sampling
+    """Complex: an I/Q mixer. Real: one mixer, half the range and 3 dB less."""
+
+    def __post_init__(self) -> None:
+        positive(self, "start_frequency_hz", "slope_hz_per_s", "ramp_duration_s", "sample_rate_hz")
+        not_negative(self, "adc_start_s")
+        count(self, "n_samples", at_least=2)
+        if self.sampling not in ("complex", "real"):
+            raise InvalidSetting(
+                "Chirp.sampling", got=self.sampling, need="complex or real", fix="Choose one."
+            )
+        last_sample_s = self.adc_start_s + (self.n_samples - 1) / self.sample_rate_hz
+        if last_sample_s > self.ramp_duration_s * (1 + 1e-9):
+            raise InvalidSetting(
+                "Chirp.ramp_duration_s",
+                got=f"{self.ramp_duration_s:.6g} s",
+                need=f"at least {last_sample_s:.6g} s, when the last sample is taken",
+                fix="Lengthen the ramp, start sampling earlier, take fewer samples or sample"
+                " faster.",
+            )
+
+    @property
+    def sampled_duration_s(self) -> float:
+        """Time the samples take, N / fs: the part of the ramp that counts."""
+        return self.n_samples / self.sample_rate_hz
+
+    @property
+    def sampled_bandwidth_hz(self) -> float:
+        """Bandwidth swept while sampling, S N / fs."""
+        return self.slope_hz_per_s * self.sampled_duration_s
+
+    @property
+    def ramp_bandwidth_hz(self) -> float:
+        """Bandwidth swept by the whole ramp: what the regulator and the synthesiser see."""
+        return self.slope_hz_per_s * self.ramp_duration_s
+
+    @property
+    def mid_window_s(self) -> float:
+        """Mean of the sampling instants, from the start of the ramp."""
+        return self.adc_start_s + (self.n_samples - 1) / (2 * self.sample_rate_hz)
+
+    @property
+    def mid_window_frequency_hz(self) -> float:
+        """Frequency sent at the middle of the sampling window, f0 + S (adc_start + N / 2fs)."""
+        middle_s = self.adc_start_s + self.sampled_duration_s / 2
+        return self.start_frequency_hz + self.slope_hz_per_s * middle_s
+
+    @property
+    def wavelength_m(self) -> float:
+        """Wavelength at the middle of the sampling window."""
+        return SPEED_OF_LIGHT / self.mid_window_frequency_hz
+
+    @property
+    def range_resolution_m(self) -> float:
+        """Width of a range bin, c / 2B, with the sampled bandwidth."""
+        return SPEED_OF_LIGHT / (2 * self.sampled_bandwidth_hz)
+
+    @property
+    def max_beat_frequency_hz(self) -> float:
+        """Highest beat frequency that does not alias: fs complex, fs / 2 real."""
+        return self.sample_rate_hz if self.sampling == "complex" else self.sample_rate_hz / 2
+
+    @property
+    def max_range_m(self) -> float:
+        """Range of the highest beat frequency: fs c / 2S complex, half of it real."""
+        return self.range_m(self.max_beat_frequency_hz)
+
+    def beat_frequency_hz(self, range_m: float) -> float:
+        """Beat frequency of a target at rest, 2 S R / c."""
+        return 2 * self.slope_hz_per_s * range_m / SPEED_OF_LIGHT
+
+    def range_m(self, beat_frequency_hz: float) -> float:
+        """Range of a target at rest, c f / 2S: the inverse of `beat_frequency_hz`."""
+        return SPEED_OF_LIGHT * beat_frequency_hz / (2 * self.slope_hz_per_s)
+
+    def range_doppler_coupling_m(self, velocity_m_per_s: float) -> float:
+        """How much too far a receding target seems, v f / S, f at mid-window.
+
+        The Doppler frequency adds to the beat frequency of an up-chirp; 3.77 cm at
+        10 m/s in the reference scenario (Griffiths 1990).
+        """
+        return velocity_m_per_s * self.mid_window_frequency_hz / self.slope_hz_per_s

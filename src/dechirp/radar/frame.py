@@ -1,0 +1,67 @@
+"""A frame: equal chirps at equal intervals, processed together."""
+
+from dechirp.core.checks import count, positive
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import value
+from dechirp.radar.chirp import Chirp
+
+
+@value
+class Frame:
+    """The chirps of one coherent interval, and how often it comes.
+
+    Velocities use the wavelength at the middle of the sampling window.
+    """
+
+    chirp: Chirp
+    n_chirps: int
+    """Chirps of each transmitter."""
+    interval_s: float
+    """From the start of a chirp to the start of the next."""
+    period_s: float | None = None
+    """From the start of a frame to the start of the next; none: without a gap."""
+
+    def __post_init__(self) -> None:
+        count(self, "n_chirps", at_least=2)
+        positive(self, "interval_s")
+        if self.interval_s < self.chirp.ramp_duration_s * (1 - 1e-9):
+            raise InvalidSetting(
+                "Frame.interval_s",
+                got=f"{self.interval_s:.6g} s",
+                need=f"at least {self.chirp.ramp_duration_s:.6g} s, the duration of the ramp",
+                fix="Lengthen the interval or shorten the ramp.",
+            )
+        if self.period_s is not None and not self.period_s >= self.duration_s * (1 - 1e-9):
+            raise InvalidSetting(
+                "Frame.period_s",
+                got=f"{self.period_s:.6g} s",
+                need=f"at least {self.duration_s:.6g} s, the time the chirps take",
+                fix="Lengthen the period, or send fewer chirps at a shorter interval.",
+            )
+
+    @property
+    def duration_s(self) -> float:
+        """From the start of the first chirp to the end of the last interval."""
+        return self.n_chirps * self.interval_s
+
+    @property
+    def mid_frame_s(self) -> float:
+        """Mean of all sampling instants, from the start of the frame.
+
+        Estimates and truth refer to this instant.
+        """
+        return (self.n_chirps - 1) / 2 * self.interval_s + self.chirp.mid_window_s
+
+    @property
+    def velocity_resolution_m_per_s(self) -> float:
+        """Width of a velocity bin, lambda / 2 M T."""
+        return self.chirp.wavelength_m / (2 * self.duration_s)
+
+    @property
+    def max_velocity_m_per_s(self) -> float:
+        """Largest unambiguous velocity of either sign, lambda / 4T."""
+        return self.chirp.wavelength_m / (4 * self.interval_s)
+
+    def start_s(self, index: int) -> float:
+        """Start of a frame, counted from 0."""
+        return index * (self.duration_s if self.period_s is None else self.period_s)

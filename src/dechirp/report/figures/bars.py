@@ -1,0 +1,90 @@
+"""Bars that stand in a row of a table: the link budget and the timing."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+from dechirp.core.values import value
+from dechirp.radar.budget import BudgetLine
+from dechirp.report.words import fixed, quantity
+
+
+@value
+class Bar:
+    """One row: words, and a bar from `left` to `left + width`, in percent of its column."""
+
+    name: str
+    text: str
+    left: float
+    width: float
+    kind: Literal["level", "gain", "loss", "time"]
+    formula: str = ""
+
+
+@value
+class Bars:
+    """Rows that share a scale, under a heading."""
+
+    heading: str
+    rows: tuple[Bar, ...]
+
+
+def waterfall(lines: Sequence[BudgetLine]) -> list[Bars]:
+    """Lay out the link budget, a group for each stretch of levels in one unit.
+
+    A level reaches from the left end of its scale; a step starts where the line above it ended.
+    """
+    groups: list[tuple[str, list[tuple[BudgetLine, float, float]]]] = []
+    running_db = 0.0
+    for line in lines:
+        if line.kind == "level":
+            if not groups or groups[-1][0] != line.unit:
+                groups.append((line.unit, []))
+            start_db, running_db = line.level_db, line.level_db
+        else:
+            if not groups:
+                groups.append((line.unit, []))
+            start_db, running_db = running_db, running_db + line.level_db
+        groups[-1][1].append((line, start_db, running_db))
+    return [_group(unit, rows) for unit, rows in groups]
+
+
+def timing(timing_s: Mapping[str, float]) -> Bars:
+    """Lay out the seconds that each step took."""
+    longest = max(timing_s.values(), default=0.0) or 1.0
+    rows = tuple(
+        Bar(
+            name=name,
+            text=quantity(seconds, "s", 3),
+            left=0,
+            width=100 * seconds / longest,
+            kind="time",
+        )
+        for name, seconds in timing_s.items()
+    )
+    return Bars(heading="", rows=rows)
+
+
+def _group(unit: str, rows: list[tuple[BudgetLine, float, float]]) -> Bars:
+    ends = [end for _, *both in rows for end in both]
+    lowest = min(ends) if unit == "dBm" else min(*ends, 0.0)
+    span = (max(ends) - lowest) or 1.0
+    # Absolute levels have no zero to start from: the lowest still gets a bar of 4 %.
+    lowest -= 0.04 * span if lowest < 0 else 0.0
+    span = max(ends) - lowest or 1.0
+    bars = []
+    for line, start_db, end_db in rows:
+        level = line.kind == "level"
+        left_db = lowest if level else min(start_db, end_db)
+        right_db = max(start_db, end_db)
+        bars.append(
+            Bar(
+                name=line.name,
+                text=f"{fixed(line.level_db, 2, sign=not level)} {line.unit}",
+                left=100 * (left_db - lowest) / span,
+                width=100 * (right_db - left_db) / span,
+                kind="level" if level else "gain" if line.level_db >= 0 else "loss",
+                formula=line.formula,
+            )
+        )
+    heading = "Power" if unit == "dBm" else "Signal to noise"
+    return Bars(heading=heading, rows=tuple(bars))

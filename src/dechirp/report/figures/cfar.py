@@ -1,0 +1,95 @@
+"""Cuts through the strongest peak: power, threshold, and the cells it comes from."""
+
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from dechirp.process.cfar.base import Cfar
+from dechirp.report.figures.style import BLUE, ORANGE, draw
+from dechirp.report.words import power_db, power_unit
+
+Axis = Literal["range", "velocity"]
+
+_AXES: dict[Axis, str] = {"range": "range, m", "velocity": "velocity, m/s (receding positive)"}
+_FEWEST_CELLS = 24  # shown on each side
+
+
+def cut(
+    power: xr.DataArray,
+    threshold: xr.DataArray,
+    cfar: Cfar,
+    *,
+    along: Axis,
+    cell: tuple[int, int],
+    units: str,
+) -> Markup:
+    """Draw power and threshold along one axis through a cell (velocity, range) of the map."""
+    across: Axis = "velocity" if along == "range" else "range"
+    row, column = cell
+    centre, fixed = (column, row) if along == "range" else (row, column)
+    line = power.isel({across: fixed})
+    bins, power_w = line[along].values, line.values
+    threshold_w = np.array(threshold.isel({across: fixed}).values, dtype=float)
+    threshold_db = power_db(np.where(np.isfinite(threshold_w), threshold_w, 1.0), units)
+    threshold_db[~np.isfinite(threshold_w)] = np.nan  # cells that are not tested
+    n_guard, n_training = getattr(cfar.n_guard, along), getattr(cfar.n_training, along)
+    reach = n_guard + n_training
+    index = np.arange(bins.size)
+    offset = index - centre
+    if along == "velocity":  # wraps round
+        offset = (offset + bins.size // 2) % bins.size - bins.size // 2
+        inside = abs(offset) <= reach
+    else:  # at the ends the box stays within the map
+        middle = min(max(centre, reach), max(bins.size - 1 - reach, 0))
+        inside = abs(index - middle) <= reach
+    training = inside & (abs(offset) > n_guard)
+    guard = inside & (abs(offset) <= n_guard)
+    n_shown = max(3 * reach, _FEWEST_CELLS)
+    shown = slice(max(centre - n_shown, 0), centre + n_shown + 1)
+    power_level_db = power_db(power_w, units)
+    lowest = float(np.median(power_level_db)) - 15
+    highest = float(max(power_level_db[shown].max(), np.nanmax(threshold_db, initial=-np.inf)))
+
+    def paint(figure: Figure) -> None:
+        axes = figure.subplots()
+        for name, cells, color in (("training", training, "#e0ecf5"), ("guard", guard, "#eef0f2")):
+            for number, (left, right) in enumerate(_stretches(bins[shown], cells[shown])):
+                label = f"{name} cells" if number == 0 else None
+                axes.axvspan(left, right, color=color, linewidth=0, label=label)
+        axes.plot(
+            bins[shown],
+            np.maximum(power_level_db, lowest)[shown],
+            color=BLUE,
+            linewidth=1.1,
+            drawstyle="steps-mid",
+            label="power",
+        )
+        axes.plot(bins[shown], threshold_db[shown], color=ORANGE, linewidth=1.3, label="threshold")
+        axes.plot(
+            bins[centre],
+            power_level_db[centre],
+            marker="o",
+            markersize=4,
+            color=BLUE,
+            linestyle="",
+        )
+        axes.set(
+            xlim=(bins[shown][0], bins[shown][-1]),
+            ylim=(lowest, highest + 0.06 * (highest - lowest) + 1),
+        )
+        axes.set_xlabel(_AXES[along])
+        axes.set_ylabel(f"power, {power_unit(units)}")
+        figure.legend(loc="outside upper right", ncols=4, handlelength=1.2, columnspacing=1.2)
+
+    return draw(paint, label=f"Power and threshold along {along}", height_in=3.0)
+
+
+def _stretches(bins: np.ndarray, cells: np.ndarray) -> list[tuple[float, float]]:
+    """Both edges of each run of marked cells."""
+    half = (bins[-1] - bins[0]) / max(bins.size - 1, 1) / 2
+    steps = np.diff(np.concatenate([[0], cells.astype(int), [0]]))
+    first, last = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1
+    return list(zip(bins[first] - half, bins[last] + half, strict=True))

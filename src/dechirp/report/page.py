@@ -1,0 +1,133 @@
+"""One self-contained page that shows a run of the chain."""
+
+import importlib.metadata
+import platform
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined, Template
+from markupsafe import Markup
+
+from dechirp.report import tables
+from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
+from dechirp.report.summary import settings
+from dechirp.report.view import View, view_of
+from dechirp.report.words import quantity
+
+if TYPE_CHECKING:
+    from dechirp.experiment.run import Result
+
+_MOST_ROWS = 50
+_LIBRARIES = ("numpy", "scipy", "numba", "xarray", "matplotlib")
+
+
+def render(result: "Result", *, yaml: str) -> str:
+    """Return the HTML of the report; one result always gives one page.
+
+    Parameters
+    ----------
+    result : Result
+        Scene, truth and link budget appear where it has them; a recording has none. Of a
+        recording only the first frame is decoded.
+    yaml : str
+        The scenario as run, shown for others to run again.
+
+    Returns
+    -------
+    str
+        A page that asks for no other file.
+    """
+    shown = view_of(result)
+    return _template().render(
+        scenario=result.scenario,
+        headline=tables.headline(shown),
+        lead=tables.lead(shown),
+        cards=tables.cards(shown),
+        rows=tables.detections(shown, _MOST_ROWS),
+        n_more=max(shown.strongest.sizes["detection"] - _MOST_ROWS, 0),
+        n_frames=result.n_frames,
+        has_truth=result.truth is not None,
+        n_in_map=shown.found.range_m.size,
+        is_complex=np.iscomplexobj(shown.first),
+        figures=_figures(shown),
+        targets=tables.targets(shown),
+        budget=bars.waterfall(result.budget or ()),
+        settings=settings(result),
+        findings=result.findings,
+        timing=bars.timing(result.timing_s),
+        total=quantity(sum(result.timing_s.values()), "s", 3),
+        versions=_versions(),
+        yaml=yaml,
+    )
+
+
+@cache
+def _template() -> Template:
+    text = files("dechirp.report").joinpath("page.html").read_text(encoding="utf-8")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(text)
+
+
+def _figures(shown: View) -> dict[str, Markup]:
+    result, expected = shown.result, shown.expected
+    radar, chain = result.radar, result.scenario.chain
+    doppler_hz = None
+    if shown.found.range_m.size:
+        doppler_hz = 2 * float(shown.found.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
+    truth_m = [] if expected is None else expected.range_m.tolist()
+    marked = range_doppler.MarkedMap(
+        power=result.power, units=shown.units, found=shown.found, truth=expected
+    )
+    drawn = {
+        "signal": beat.signal(shown.first, doppler_frequency_hz=doppler_hz),
+        "spectrum": beat.spectrum(shown.first, radar.frame.chirp, chain, truth_m=truth_m),
+        "map": range_doppler.whole(marked),
+        "close_up": range_doppler.close_up(marked, cell=shown.cell),
+        "cut_range": _cut(shown, "range"),
+        "cut_velocity": _cut(shown, "velocity"),
+    }
+    if result.scenario.scene is not None:
+        in_map = shown.strongest.frame.values == 0
+        drawn["scene"] = scene.from_above(
+            result.scenario.scene,
+            time_s=radar.frame.mid_frame_s,
+            detected_m=shown.strongest.range.values[in_map].tolist(),
+        )
+    if result.n_frames > 1 and shown.strongest.sizes["detection"]:
+        drawn["range_over_time"] = _over_time(shown, "range")
+        drawn["velocity_over_time"] = _over_time(shown, "velocity")
+    return drawn
+
+
+def _cut(shown: View, along: cfar.Axis) -> Markup:
+    result = shown.result
+    return cfar.cut(
+        result.power,
+        result.threshold,
+        result.scenario.chain.cfar,
+        along=along,
+        cell=shown.cell,
+        units=shown.units,
+    )
+
+
+def _over_time(shown: View, variable: frames.Variable) -> Markup:
+    lines = None
+    if shown.result.truth is not None and shown.seen is not None:
+        seen = shown.seen.range_m if variable == "range" else shown.seen.velocity_m_per_s
+        lines = (shown.result.truth.time.values, seen)
+    return frames.over_time(shown.strongest, variable=variable, truth=lines)
+
+
+def _versions() -> list[tuple[str, str]]:
+    known = [("Python", platform.python_version())]
+    for name in ("dechirp", *_LIBRARIES):
+        try:
+            known.append((name, importlib.metadata.version(name)))
+        except importlib.metadata.PackageNotFoundError:  # imported from a folder, not installed
+            continue
+    return known

@@ -1,0 +1,92 @@
+"""The settings of a run as words: groups of names and values with units."""
+
+from typing import TYPE_CHECKING
+
+from dechirp.radar.radar import Radar
+from dechirp.report.words import TIMES, fixed, number, quantity, ratio_db, small
+
+if TYPE_CHECKING:
+    from dechirp.experiment.run import Result
+
+Group = tuple[str, list[tuple[str, str]]]
+
+
+def settings(result: "Result") -> list[Group]:
+    """List waveform, what follows from it, hardware where it is known, and processing."""
+    radar = result.radar
+    groups = [("Waveform", _waveform(radar)), ("What follows from it", _limits(radar))]
+    if radar.hardware is not None:
+        groups.append(("Hardware", _hardware(radar)))
+    groups.append(("Processing", _processing(result)))
+    return groups
+
+
+def _waveform(radar: Radar) -> list[tuple[str, str]]:
+    frame, chirp = radar.frame, radar.frame.chirp
+    return [
+        ("start frequency", quantity(chirp.start_frequency_hz, "Hz", 6)),
+        ("slope", f"{number(chirp.slope_hz_per_s / 1e12, 5)} MHz/µs"),
+        ("sampling starts after", quantity(chirp.adc_start_s, "s")),
+        ("ramp", quantity(chirp.ramp_duration_s, "s", 5)),
+        ("samples", f"{chirp.n_samples}, {chirp.sampling}"),
+        ("sample rate", quantity(chirp.sample_rate_hz, "Hz", 5)),
+        ("chirps in a frame", f"{frame.n_chirps}"),
+        ("chirp interval", quantity(frame.interval_s, "s", 5)),
+        ("receivers", f"{radar.array.n_rx}"),
+    ]
+
+
+def _limits(radar: Radar) -> list[tuple[str, str]]:
+    frame, chirp = radar.frame, radar.frame.chirp
+    return [
+        ("sampled bandwidth", quantity(chirp.sampled_bandwidth_hz, "Hz", 5)),
+        ("wavelength, mid-window", quantity(chirp.wavelength_m, "m", 5)),
+        ("range resolution", f"{number(chirp.range_resolution_m)} m"),
+        ("largest range", f"{number(chirp.max_range_m, 5)} m"),
+        ("velocity resolution", f"{number(frame.velocity_resolution_m_per_s)} m/s"),
+        ("largest velocity", f"± {number(frame.max_velocity_m_per_s, 5)} m/s"),
+        ("frame duration", quantity(frame.duration_s, "s")),
+        ("integration gain", _db(radar.integration_gain)),
+    ]
+
+
+def _hardware(radar: Radar) -> list[tuple[str, str]]:
+    hardware = radar.known_hardware()
+    return [
+        ("transmit power", f"{fixed(ratio_db(hardware.transmit_power_w) + 30, 1)} dBm"),
+        ("antenna gain, each", f"{fixed(ratio_db(hardware.antenna_gain), 1)} dBi"),
+        ("EIRP", f"{fixed(ratio_db(hardware.eirp_w) + 30, 1)} dBm"),
+        ("noise figure", _db(hardware.noise_factor)),
+        ("loss", _db(hardware.loss)),
+    ]
+
+
+def _processing(result: "Result") -> list[tuple[str, str]]:
+    chain, chirp = result.scenario.chain, result.radar.frame.chirp
+    cfar = chain.cfar
+    sizes = result.power.sizes
+    rows = [
+        ("range window", chain.range_window),
+        ("Doppler window", chain.doppler_window),
+        ("map", f"{sizes['range']} ranges {TIMES} {sizes['velocity']} velocities"),
+        ("threshold", f"CFAR, {cfar.estimator.kind().replace('-', ' ')}"),
+        (
+            "training cells, each side",
+            f"{cfar.n_training.range} in range, {cfar.n_training.velocity} in velocity",
+        ),
+        (
+            "guard cells, each side",
+            f"{cfar.n_guard.range} in range, {cfar.n_guard.velocity} in velocity",
+        ),
+    ]
+    if cfar.false_alarm_probability is not None:
+        rows.append(("false-alarm probability", f"{small(cfar.false_alarm_probability)} per cell"))
+    if cfar.offset is not None:
+        rows.append(("threshold over noise", _db(cfar.offset)))
+    if chain.n_range_bins not in (None, chirp.n_samples):
+        rows.append(("range transform", f"{chirp.n_samples} samples to {chain.n_range_bins} bins"))
+    return rows
+
+
+def _db(ratio: float) -> str:
+    return f"{fixed(ratio_db(ratio), 1)} dB"

@@ -1,0 +1,146 @@
+"""What was found, in words and numbers: the headline, the cards below it, the tables."""
+
+import math
+from pathlib import Path
+
+import xarray as xr
+
+from dechirp.core.values import value
+from dechirp.report.view import View
+from dechirp.report.words import NONE, decimals_of, fixed, ratio_db, small
+
+_SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
+
+
+@value
+class Card:
+    """One number of the strongest detection."""
+
+    name: str
+    number: str
+    std: str = ""
+    unit: str
+    small_print: str
+
+
+def headline(view: View) -> str:
+    """Say what was found, in one line."""
+    n = view.strongest.sizes["detection"]
+    if n == 0:
+        return "Nothing detected"
+    first = view.strongest.isel(detection=0)
+    place = (
+        f"{fixed(float(first.range), min(decimals_of(float(first.range_std)), 2))} m,"
+        f" {fixed(float(first.velocity), min(decimals_of(float(first.velocity_std)), 2))} m/s"
+    )
+    if n == 1:
+        return f"Target at {place}"
+    within = "" if view.result.n_frames == 1 else f" in {view.result.n_frames} frames"
+    return f"{n} detections{within}, the strongest at {place}"
+
+
+def lead(view: View) -> str:
+    """Say where the samples are from, and how many they are."""
+    sizes, recording = view.first.sizes, view.result.scenario.recording
+    source = "Simulated" if recording is None else f"Recorded in {Path(recording.path).name}"
+    return (
+        f"{source}: {_several(view.result.n_frames, 'frame')} of"
+        f" {_several(sizes['chirp'], 'chirp')}, {sizes['sample']} samples each,"
+        f" {_several(sizes['rx'], 'receiver')}."
+    )
+
+
+def cards(view: View) -> list[Card]:
+    """List the numbers of the strongest detection; none without one."""
+    if view.strongest.sizes["detection"] == 0:
+        return []
+    snr = fixed(ratio_db(float(view.strongest.snr[0])), 1)
+    return [
+        _estimate(view, "range", "m"),
+        _estimate(view, "velocity", "m/s"),
+        Card(name="signal to noise", number=snr, unit="dB", small_print="after integration"),
+        *_over_threshold(view),
+    ]
+
+
+def detections(view: View, n_rows: int) -> list[dict[str, str]]:
+    """Write the lines of the detection table, strongest first, at most so many."""
+    truth, matched = view.result.truth, view.matched
+    rows = []
+    for index in range(min(view.strongest.sizes["detection"], n_rows)):
+        one = view.strongest.isel(detection=index)
+        row = {
+            "frame": str(int(one.frame)),
+            "time": fixed(float(one.time) * 1e3, 3),
+            "range": _with_std(one.range, one.range_std),
+            "velocity": _with_std(one.velocity, one.velocity_std),
+            "snr": fixed(ratio_db(float(one.snr)), 1),
+        }
+        if truth is not None and matched is not None:
+            target = int(matched.target[index])
+            row["target"] = str(truth.target.values[target]) if target >= 0 else NONE
+            row["range_error"] = _error(matched.range_error_m[index], one.range_std)
+            row["velocity_error"] = _error(matched.velocity_error_m_per_s[index], one.velocity_std)
+        rows.append(row)
+    return rows
+
+
+def targets(view: View) -> list[dict[str, str]]:
+    """List the truth in the first frame, and whether it was detected there."""
+    truth, matched, scene = view.result.truth, view.matched, view.result.scenario.scene
+    if truth is None or matched is None or scene is None:
+        return []
+    hits = set(matched.target[view.strongest.frame.values == 0].tolist())
+    rows = []
+    for index, target in enumerate(scene.targets):
+        one = truth.isel(target=index, frame=0)
+        rows.append(
+            {
+                "name": scene.names[index],
+                "rcs": fixed(ratio_db(target.rcs_m2), 1),
+                "range": fixed(float(one.range), 3),
+                "velocity": fixed(float(one.velocity), 3),
+                "azimuth": fixed(math.degrees(float(one.azimuth)), 1),
+                "detected": "yes" if index in hits else "no",
+            }
+        )
+    return rows
+
+
+def _estimate(view: View, name: str, unit: str) -> Card:
+    first, error = view.strongest.isel(detection=0), math.nan
+    if view.matched is not None:
+        of = {"range": view.matched.range_error_m, "velocity": view.matched.velocity_error_m_per_s}
+        error = float(of[name][0])
+    std = first[f"{name}_std"]
+    number, _, spread = _with_std(first[name], std).partition(" ")
+    small_print = f"error {_error(error, std, f' {unit}')}" if math.isfinite(error) else ""
+    return Card(name=name, number=number, std=spread, unit=unit, small_print=small_print)
+
+
+def _over_threshold(view: View) -> list[Card]:
+    """How far the strongest peak stands out; the map shows the first frame only."""
+    power, threshold = view.at_cell(view.result.power), view.at_cell(view.result.threshold)
+    if int(view.strongest.frame[0]) != 0 or not (power > 0 and 0 < threshold < math.inf):
+        return []
+    probability = view.result.scenario.chain.cfar.false_alarm_probability
+    words = "" if probability is None else f"set for {small(probability)} false alarms a cell"
+    over = fixed(ratio_db(power / threshold), 1)
+    return [Card(name="over the threshold", number=over, unit="dB", small_print=words)]
+
+
+def _with_std(estimate: xr.DataArray, std: xr.DataArray) -> str:
+    decimals = decimals_of(float(std))
+    return f"{fixed(float(estimate), decimals)} ± {fixed(float(std), decimals)}"
+
+
+def _error(error: float, std: xr.DataArray, unit: str = "") -> str:
+    """Write an error, and how many standard errors that is."""
+    if not math.isfinite(error):
+        return NONE
+    text = fixed(error, decimals_of(float(std)), sign=True) + unit
+    return f"{text} ({fixed(abs(error) / float(std), 1)} {_SIGMA})" if float(std) > 0 else text
+
+
+def _several(n: int, thing: str) -> str:
+    return f"{n} {thing}" if n == 1 else f"{n} {thing}s"

@@ -1,0 +1,84 @@
+"""What several parts of the page need of a result."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.values import value
+from dechirp.report import compare
+
+if TYPE_CHECKING:
+    from dechirp.experiment.run import Result
+
+
+@value
+class View:
+    """A result, with its detections in order and beside the truth."""
+
+    result: "Result"
+    first: xr.DataArray
+    """Cube of the first frame."""
+    strongest: xr.Dataset
+    """The detections, strongest first."""
+    matched: compare.Match | None
+    """Their targets, in the same order, where the truth is known."""
+    cell: tuple[int, int]
+    """Cell (velocity, range) of the map with the strongest detection, or the strongest cell."""
+    found: compare.Place
+    """Detections of the first frame, where their peaks lie on the map."""
+    seen: compare.Place | None
+    """The truth as a perfect detector reports it, (target, frame)."""
+
+    @property
+    def units(self) -> str:
+        """Units of the samples."""
+        return str(self.first.attrs["units"])
+
+    def at_cell(self, of_map: xr.DataArray) -> float:
+        """Value of a map at that cell."""
+        row, column = self.cell
+        return float(of_map.isel(velocity=row, range=column))
+
+    @property
+    def expected(self) -> compare.Place | None:
+        """The truth of the first frame, where its peaks lie on the map."""
+        if self.seen is None:
+            return None
+        first = compare.Place(self.seen.range_m[:, 0], self.seen.velocity_m_per_s[:, 0])
+        return compare.on_map(first, self.result.radar)
+
+
+def view_of(result: "Result") -> View:
+    """Sort the detections, give them their targets, and find them on the map."""
+    order = np.argsort(-result.detections.snr.values, kind="stable")
+    strongest = result.detections.isel(detection=order)
+    in_map = strongest.isel(detection=np.flatnonzero(strongest.frame.values == 0))
+    found = compare.on_map(compare.Place(in_map.range.values, in_map.velocity.values), result.radar)
+    matched = seen = None
+    if result.truth is not None:
+        matched = compare.match(strongest, result.truth, result.radar)
+        seen = compare.seen(result.truth, result.radar)
+    return View(
+        result=result,
+        first=next(iter(result.frames())),
+        strongest=strongest,
+        matched=matched,
+        cell=_strongest_cell(result.power, found),
+        found=found,
+        seen=seen,
+    )
+
+
+def _strongest_cell(power: xr.DataArray, found: compare.Place) -> tuple[int, int]:
+    """Find the cell (velocity, range) where the first detection peaks, or the map's strongest."""
+    labelled = power.transpose("velocity", "range")
+    around = [slice(None), slice(None)]
+    if found.range_m.size:
+        # Noise may raise a neighbour above the nearest cell.
+        row = int(abs(labelled.velocity.values - found.velocity_m_per_s[0]).argmin())
+        column = int(abs(labelled.range.values - found.range_m[0]).argmin())
+        around = [slice(max(cell - 1, 0), cell + 2) for cell in (row, column)]
+    near = labelled.values[tuple(around)]
+    up, right = divmod(int(near.argmax()), near.shape[1])
+    return (around[0].start or 0) + up, (around[1].start or 0) + right

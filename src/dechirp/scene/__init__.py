@@ -1,0 +1,1 @@
+"""What the radar looks at, and the truth about it."""

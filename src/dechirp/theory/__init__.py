@@ -1,0 +1,1 @@
+"""What is known without a radar: detection, false alarms, bounds, windows."""

@@ -1,0 +1,58 @@
+"""What many tests share: one small radar, and the reference scenario."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import dechirp as dc
+from dechirp.echoes.impairments.white_noise import add_white_noise
+
+
+@pytest.fixture(scope="session")
+def radar() -> dc.Radar:
+    """77 GHz, 0.29 m and 0.43 m/s a bin, 75 m and 27 m/s unambiguous, two receivers."""
+    chirp = dc.Chirp(
+        start_frequency_hz=77e9,
+        slope_hz_per_s=20e12,
+        adc_start_s=2e-6,
+        ramp_duration_s=30e-6,
+        sample_rate_hz=10e6,
+        n_samples=256,
+        sampling="complex",
+    )
+    return dc.Radar(
+        frame=dc.Frame(chirp=chirp, n_chirps=128, interval_s=35e-6),
+        array=dc.Array(rx_m=[(0, 0, 0), (0, 1.9e-3, 0)]),
+        hardware=dc.Hardware(transmit_power_w=0.016, antenna_gain=10.0, noise_factor=16.0),
+    )
+
+
+@pytest.fixture(scope="session")
+def reference() -> dc.Scenario:
+    """77 GHz, 150 MHz, 2200 x 128 samples, one car at 50 m receding at 10 m/s."""
+    return dc.reference()
+
+
+@pytest.fixture(scope="session")
+def clean(reference) -> xr.DataArray:
+    """The reference echo without noise."""
+    with pytest.warns(dc.PhysicsWarning, match="echo arrives"):
+        return dc.simulate(reference.scene, reference.radar, impairments=())
+
+
+def noisy(clean: xr.DataArray, snr_db: float, rng: np.random.Generator) -> xr.DataArray:
+    """The echo with white noise at a ratio per sample."""
+    cube = clean.copy()
+    echo_w = float(np.mean(abs(clean.values) ** 2))
+    add_white_noise(cube.values, echo_w / 10 ** (snr_db / 10), rng)
+    return cube
+
+
+def noise_cube(radar: dc.Radar, rng: np.random.Generator) -> xr.DataArray:
+    """One frame of nothing but noise of unit power."""
+    chirp = radar.frame.chirp
+    shape = (1, radar.frame.n_chirps, radar.array.n_rx, chirp.n_samples)
+    kind = np.complex64 if chirp.sampling == "complex" else np.float32
+    cube = xr.DataArray(np.zeros(shape, kind), dims=("frame", "chirp", "rx", "sample"))
+    add_white_noise(cube.values, 1.0, rng)
+    return cube

@@ -1,0 +1,127 @@
+"""Numbers with units, as people write them."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dechirp.config.quantities import KINDS, quantity, text_of
+from dechirp.core.errors import InvalidSetting
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "number"),
+    [
+        ("77 GHz", "hz", 77e9),
+        ("77GHz", "hz", 77e9),
+        ("300 MS/s", "hz", 300e6),
+        ("20.4545 MHz/us", "hz_per_s", 20.4545e12),
+        ("7.3333 us", "s", 7.3333e-6),
+        ("7.3333 µs", "s", 7.3333e-6),
+        ("7.776 mm", "m", 0.007776),
+        (".5 m", "m", 0.5),
+        ("-5 m/s", "m_per_s", -5.0),
+        ("36 km/h", "m_per_s", 10.0),
+        ("2.5 m^2", "m2", 2.5),
+        ("90 deg", "rad", math.pi / 2),
+        ("4 MiB", "bytes", 2.0**22),
+        ("1 Gbit/s", "bits_per_s", 1e9),
+        ("1e-6", "probability", 1e-6),
+        ("2.5", None, 2.5),
+        ("0", "m", 0.0),
+    ],
+)
+def test_a_quantity_is_the_float_nearest_to_what_is_written(text, unit, number):
+    assert quantity(text, unit) == number
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "number"),
+    [
+        ("12 dBm", "w", 0.0158489),
+        ("-3 dBW", "w", 0.501187),
+        ("10 dBsm", "m2", 10.0),
+        ("10 dBi", None, 10.0),
+        ("-24 dB", None, 0.00398107),
+    ],
+)
+def test_decibels_become_linear_powers(text, unit, number):
+    assert quantity(text, unit) == pytest.approx(number, rel=1e-5)  # digits written here
+
+
+NOT_LENGTHS = (
+    *("1,5 m", "9**9**9 m", "2*3 m", "1 2 m", "1_0 m", "0x10 m", "٣ m", "1 m; 2", "m", ""),
+    *("nan m", "inf m", "1e999 m", "35", "5 mms", "5 m/s", "5 m/", "5 /m", "12 dBm"),
+    f"{'9' * 200} m",
+)
+
+
+@pytest.mark.parametrize("text", NOT_LENGTHS)
+def test_what_is_not_a_number_with_a_fitting_unit_is_refused(text):
+    with pytest.raises(InvalidSetting):
+        quantity(text, "m")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "offered"),
+    [
+        ("77 Ghz", "hz", "Did you mean GHz?"),
+        ("10 ms", "m_per_s", "Did you mean m/s?"),
+        ("10 MHz", "hz_per_s", "Did you mean MHz/us?"),
+        ("12 dB", "w", "Did you mean dBm?"),
+        ("7 apples", "s", "Units that fit: s, ms, us"),
+        ("6 m", None, "Units that fit: dB"),
+        ("-60 dB", "probability", "Leave the unit out."),
+        ("1,5 m", "m", "decimal point"),
+    ],
+)
+def test_a_wrong_unit_is_quoted_and_the_right_one_offered(text, unit, offered):
+    with pytest.raises(InvalidSetting) as error:
+        quantity(text, unit)
+
+    (mistake,) = error.value.mistakes
+    assert mistake.got == text
+    assert mistake.need == KINDS[unit].words
+    assert offered in mistake.fix
+
+
+@pytest.mark.parametrize(
+    ("number", "unit", "text"),
+    [
+        (77e9, "hz", "77 GHz"),
+        (20.4545e12, "hz_per_s", "20.4545 MHz/us"),
+        (35e-6, "s", "35 us"),
+        (0.007776, "m", "7.776 mm"),
+        (60, "m", "60 m"),
+        (0.0, "m", "0 m"),
+        (10.0, "m2", "10 dBsm"),
+        (2.5, "m2", "2.5 m^2"),
+        (10**1.2 / 1e3, "w", "12 dBm"),
+        (2.5, None, "2.5"),
+        (1e-6, "probability", "1e-06"),
+    ],
+)
+def test_a_number_is_written_as_people_would(number, unit, text):
+    assert text_of(number, unit) == text
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    number=st.floats(allow_nan=False, allow_infinity=False),
+    unit=st.sampled_from(list(KINDS)),
+)
+def test_any_number_is_read_back_to_the_last_bit(number, unit):
+    assert quantity(text_of(number, unit), unit) == number
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    text=st.text() | st.from_regex(r"[-+]?[0-9.e]{1,20} ?[A-Za-z/^]{0,8}", fullmatch=True),
+    unit=st.sampled_from(list(KINDS)),
+)
+def test_any_text_is_a_finite_number_or_a_mistake(text, unit):
+    try:
+        assert math.isfinite(quantity(text, unit))
+    except InvalidSetting as error:
+        assert all(mistake.fix for mistake in error.mistakes)

@@ -1,0 +1,366 @@
+"""The report: one page that stands alone and says what the result says."""
+
+import dataclasses
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from dechirp.core.conventions import axis
+from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.echoes.echo import simulate
+from dechirp.process.cfar.base import Cfar
+from dechirp.process.cfar.cell_averaging import CellAveraging
+from dechirp.process.chain import Chain, power_map
+from dechirp.radar.budget import received_power_w
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+from dechirp.radar.hardware import Hardware
+from dechirp.radar.radar import Radar
+from dechirp.report import compare
+from dechirp.report.figures import bars
+from dechirp.report.figures.range_doppler import reduced
+from dechirp.report.figures.style import thinned
+from dechirp.report.page import render
+from dechirp.report.words import quantity, small
+from dechirp.scene.scene import Scene, truth
+from dechirp.scene.target import Target
+
+CHIRP = Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=150e6 / 7.3333e-6,
+    ramp_duration_s=7.3334e-6,
+    sample_rate_hz=300e6,
+    n_samples=2200,
+    sampling="complex",
+)
+RADAR = Radar(
+    frame=Frame(chirp=CHIRP, n_chirps=128, interval_s=7.3334e-6),
+    hardware=Hardware(transmit_power_w=0.01, antenna_gain=100.0, noise_factor=10.0),
+)
+CAR = Target(name="car", position_m=(50, 0, 0), velocity_m_per_s=(10, 0, 0), rcs_m2=10.0)
+SECTIONS = ["detections", "beat", "map", "threshold", "settings", "findings", "timing", "reproduce"]
+
+
+def samples(scene: Scene, n_frames: int) -> xr.DataArray:
+    """Make echoes by the textbook formula in white noise 10 dB above them, seed 1."""
+    frame, rng = RADAR.frame, np.random.default_rng(1)
+    known = truth(scene, RADAR, n_frames=n_frames)
+    slow_s = np.arange(frame.n_chirps) * frame.interval_s
+    fast_s = np.arange(CHIRP.n_samples) / CHIRP.sample_rate_hz
+    amplitude = np.sqrt(received_power_w(RADAR, range_m=50.0, rcs_m2=10.0))
+    parts = rng.standard_normal((n_frames, 128, 1, 2200, 2), dtype=np.float32)
+    cube = parts.view(np.complex64)[..., 0] * np.float32(np.sqrt(10 / 2) * amplitude)
+    for index in range(n_frames):
+        for target in range(known.sizes["target"]):
+            one = known.isel(frame=index, target=target)
+            doppler_hz = 2 * float(one.velocity) / CHIRP.wavelength_m
+            beat_hz = CHIRP.beat_frequency_hz(float(one.range)) + doppler_hz
+            phase = doppler_hz * slow_s[:, None] + beat_hz * fast_s
+            cube[index, :, 0] += amplitude * np.exp(2j * np.pi * phase)
+    return xr.DataArray(
+        cube,
+        dims=("frame", "chirp", "rx", "sample"),
+        coords={"chirp": axis("chirp", slow_s), "sample": axis("sample", fast_s)},
+        attrs={"units": "sqrt(W)"},
+    )
+
+
+def map_of(cube: xr.DataArray) -> xr.DataArray:
+    """Transform the first frame, Hann windows, (velocity, range)."""
+    first = cube.values[0, :, 0]
+    windows = np.outer(np.hanning(first.shape[0]), np.hanning(first.shape[1]))
+    spectrum = np.fft.fftshift(np.fft.fft2(first * windows / windows.sum()), axes=0)
+    doppler_hz = np.fft.fftshift(np.fft.fftfreq(128, RADAR.frame.interval_s))
+    return xr.DataArray(
+        abs(spectrum).astype(np.float32) ** 2,
+        dims=("velocity", "range"),
+        coords={
+            "velocity": axis("velocity", doppler_hz * CHIRP.wavelength_m / 2),
+            "range": axis("range", np.arange(2200) * CHIRP.range_resolution_m),
+        },
+    )
+
+
+def detections(n: int = 1, n_frames: int = 1) -> xr.Dataset:
+    """Return the car, and weaker false alarms after it."""
+    rng = np.random.default_rng(2)
+    range_m, velocity = rng.uniform(1, 2000, n), rng.uniform(-100, 100, n)
+    range_m[:1], velocity[:1] = 50.0012, 10.0034
+    snr = np.sort(rng.uniform(20, 100, n))[::-1].copy()
+    snr[:1] = 12_500.0
+    frame = np.arange(n) % n_frames
+    start_s = frame * RADAR.frame.duration_s
+    columns = {
+        "frame": frame,
+        "time": start_s + RADAR.frame.mid_frame_s,
+        "range": range_m,
+        "velocity": velocity,
+        "snr": snr,
+        "range_std": 0.0039 / np.sqrt(snr / 12_500),
+        "velocity_std": 0.0081 / np.sqrt(snr / 12_500),
+    }
+    return xr.Dataset({name: ("detection", values) for name, values in columns.items()})
+
+
+def line(name: str, level_db: float, kind: str, unit: str, formula: str) -> SimpleNamespace:
+    return SimpleNamespace(name=name, level_db=level_db, kind=kind, unit=unit, formula=formula)
+
+
+BUDGET = (
+    line("transmit power", 10.0, "level", "dBm", "Pt"),
+    line("transmit antenna", 20.0, "step", "dB", "G"),
+    line("spreading, echo and aperture", -138.17, "step", "dB", "λ² RCS / (4π)³ R⁴"),
+    line("receive antenna", 20.0, "step", "dB", "G"),
+    line("losses", 0.0, "step", "dB", "1 / L"),
+    line("received power", -88.17, "level", "dBm", "Pt G² λ² RCS / (4π)³ R⁴ L"),
+    line("noise in one sample", -78.17, "level", "dBm", "as set: -10 dB below the echo"),
+    line("SNR in one sample", -10.0, "level", "dB", "received power / noise"),
+    line("integration gain", 54.5, "step", "dB", "N M"),
+    line("range window", -1.76, "step", "dB", "noise bandwidth, Hann"),
+    line("Doppler window", -1.76, "step", "dB", "noise bandwidth, Hann"),
+    line("SNR after integration", 40.98, "level", "dB", "what the threshold sees"),
+    line("required", 13.2, "level", "dB", "detection probability 0.9 at 1e-6 false alarms"),
+    line("margin", 27.78, "step", "dB", "SNR after integration less required"),
+)
+
+
+def result(**changes) -> SimpleNamespace:
+    """Make a run of the reference scenario; what is given replaces its parts."""
+    scene = changes.pop("scene", Scene(targets=(CAR,)))
+    n_frames = changes.pop("n_frames", 1)
+    cube = samples(scene, n_frames)
+    power = map_of(cube)
+    made = SimpleNamespace(
+        scenario=SimpleNamespace(
+            name="reference",
+            seed=1,
+            n_frames=n_frames,
+            chain=Chain(cfar=Cfar(estimator=CellAveraging(), false_alarm_probability=1e-6)),
+            impairments=(),
+            scene=scene,
+            recording=None,
+        ),
+        radar=RADAR,
+        n_frames=n_frames,
+        frames=lambda: (cube.isel(frame=slice(k, k + 1)) for k in range(n_frames)),
+        cube=cube,
+        power=power,
+        threshold=xr.full_like(power, 14.0 * float(np.median(power)) / np.log(2)),
+        detections=detections(),
+        truth=truth(scene, RADAR, n_frames=n_frames),
+        findings=(),
+        timing_s={"simulate": 0.21, "range-Doppler map": 0.013, "CFAR": 0.008, "peaks": 0.0006},
+        budget=BUDGET,
+    )
+    for name, thing in changes.items():
+        setattr(made, name, thing)
+    return made
+
+
+def recorded() -> SimpleNamespace:
+    made = result(truth=None, budget=None, radar=dataclasses.replace(RADAR, hardware=None))
+    made.scenario.scene = None
+    made.scenario.recording = SimpleNamespace(path="captures/street.bin")
+    made.cube.attrs["units"] = "full scale"
+    return made
+
+
+def page_of(made: SimpleNamespace, yaml: str = "name: reference\nseed: 1\n") -> str:
+    return render(made, yaml=yaml)
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return page_of(result())
+
+
+def sections(page: str) -> set[str]:
+    return set(re.findall(r'<section id="(\w+)"', page))
+
+
+def test_the_page_asks_nothing_of_any_other_place(page):
+    outside = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?\s*([^"')> ]+)""", page)
+    assert all(place.startswith(("#", "data:")) for place in outside)
+    assert "<script" not in page and "@import" not in page and "<link" not in page
+    assert "http:" not in page and "https:" not in page
+
+
+def test_a_simulation_shows_every_section_and_the_target_first(page):
+    assert sections(page) == {*SECTIONS, "scene", "budget"}
+    assert "<h1>Target at 50.00 m, 10.00 m/s</h1>" in page
+    assert "power, dBm" in page
+
+
+def test_a_recording_has_no_scene_no_budget_no_truth_and_no_watts():
+    page = re.sub(r"data:[^\"]+", "", page_of(recorded()))
+
+    assert sections(page) == set(SECTIONS)
+    assert "Recorded in street.bin" in page
+    assert "dBFS" in page and "dBm" not in page
+    assert "truth" not in page
+
+
+def test_the_table_gives_the_numbers_of_the_dataset_and_their_errors(page):
+    assert "50.0012 ± 0.0039" in page
+    assert "10.0034 ± 0.0081" in page
+    known = truth(Scene(targets=(CAR,)), RADAR).isel(target=0, frame=0)
+    error_m = 50.0012 - float(known.range)
+    assert f"{error_m:+.4f}".replace("-", "\N{MINUS SIGN}") in page
+    assert f"{abs(error_m) / 0.0039:.1f} \N{GREEK SMALL LETTER SIGMA}" in page
+    assert f"{10 * np.log10(12_500):.1f}" in page
+
+
+def test_names_from_files_stay_text():
+    hostile = "<script>alert(1)</script>$\\frac$ & \"'"
+    page = page_of(
+        result(
+            scene=Scene(targets=(dataclasses.replace(CAR, name=hostile),)),
+            findings=(Finding(level="warning", setting=hostile, got="a", need="b", fix="c"),),
+        ),
+        yaml=f"name: {hostile}",
+    )
+
+    assert "<script" not in page
+    assert page.count("&lt;script&gt;alert(1)") >= 4  # table, scene, finding, settings
+
+
+def test_a_page_without_detections_says_so():
+    page = page_of(result(detections=detections(0)))
+
+    assert "<h1>Nothing detected</h1>" in page
+    assert "No cell of the map is a peak over its threshold." in page
+
+
+def test_an_empty_scene_is_a_scene_all_the_same():
+    page = page_of(result(scene=Scene(), detections=detections(0), budget=None))
+
+    assert "scene" in sections(page) and "budget" not in sections(page)
+    assert "No targets" in page
+
+
+def test_of_thousands_of_detections_the_strongest_fifty_are_listed():
+    page = page_of(result(detections=detections(3000)))
+
+    assert "2950 more are in" in page
+    assert page.count(" ± ") < 2 * 50 + 10
+    assert len(page) < 1_500_000
+
+
+def test_cells_that_are_not_tested_have_no_threshold_to_draw():
+    made = result()
+    made.threshold[:, :60] = np.inf
+    assert "Along range" in page_of(made)
+    made.threshold[:] = np.inf
+    assert "Along range" in page_of(made)
+
+
+def test_a_silent_recording_has_a_page():
+    made = recorded()
+    made.cube[:] = 0
+    made.power[:] = 0
+    made.detections = detections(0)
+    assert "Nothing detected" in page_of(made)
+
+
+def test_several_frames_show_detections_over_time():
+    page = page_of(result(n_frames=3, detections=detections(6, n_frames=3)))
+
+    assert "frames" in sections(page)
+    assert '<th class="num">frame</th>' in page
+
+
+def test_the_same_result_gives_the_same_page(page):
+    assert page_of(result()) == page
+
+
+def test_the_page_stays_small_enough_to_send(page):
+    assert len(page.encode()) < 1_500_000
+    images = re.findall(r"data:image/png;base64,([^\"]+)", page)
+    assert images and sum(map(len, images)) < 300_000
+
+
+def test_a_single_strong_cell_survives_the_reduction_of_a_large_map():
+    power = np.random.default_rng(3).exponential(size=(1024, 4096)).astype(np.float32)
+    power[611, 2999] = 1e6
+
+    small = reduced(power)
+
+    assert small.max() == 1e6
+    assert small.size < 100_000
+    row, column = np.unravel_index(small.argmax(), small.shape)
+    assert abs(row / small.shape[0] - 611.5 / 1024) < 1 / small.shape[0]
+    assert abs(column / small.shape[1] - 2999.5 / 4096) < 1 / small.shape[1]
+
+
+def test_a_spike_survives_the_thinning_of_a_long_line():
+    y = np.random.default_rng(4).normal(size=50_000)
+    y[31_234], y[8_003] = 99.0, -99.0
+
+    x, thin = thinned(np.arange(y.size), y)
+
+    assert x.size <= 1200
+    assert 31_234 in x and 8_003 in x
+    assert np.all(y[x] == thin)
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+def test_a_target_beyond_the_ambiguity_limits_is_expected_where_its_echo_peaks(sampling):
+    chirp = Chirp(
+        start_frequency_hz=77e9,
+        slope_hz_per_s=20e12,
+        ramp_duration_s=26e-6,
+        sample_rate_hz=10e6,
+        n_samples=256,
+        sampling=sampling,
+    )
+    frame = Frame(chirp=chirp, n_chirps=64, interval_s=30e-6)
+    radar = dataclasses.replace(RADAR, frame=frame)
+    speed = 2 * frame.max_velocity_m_per_s + 10
+    away = Target(position_m=(1.3 * chirp.max_range_m, 0, 0), velocity_m_per_s=(speed, 0, 0))
+    scene = Scene(targets=(away,))
+    with pytest.warns(PhysicsWarning):
+        cube = simulate(scene, radar, impairments=(), seed=1)
+
+    expected = compare.on_map(compare.seen(truth(scene, radar), radar), radar)
+
+    power = power_map(cube.isel(frame=0), radar, Chain())
+    row, column = np.unravel_index(int(power.values.argmax()), power.shape)
+    # Half a cell from the peak to the nearest cell, and a tenth for the move within the frame.
+    assert abs(expected.range_m.item() - power.range[column]) < 0.6 * chirp.range_resolution_m
+    off = expected.velocity_m_per_s.item() - power.velocity[row]
+    assert abs(off) < 0.6 * frame.velocity_resolution_m_per_s
+
+
+def test_a_detection_two_cells_away_is_not_the_targets():
+    known = truth(Scene(targets=(CAR,)), RADAR)
+    found = detections(3)
+    cell_m = CHIRP.range_resolution_m
+    found["range"] = ("detection", float(known.range.item()) + cell_m * np.array([0.1, 1.9, 2.1]))
+    found["velocity"] = ("detection", np.full(3, 10.0))
+
+    assert compare.match(found, known, RADAR).target.tolist() == [0, 0, -1]
+
+
+def test_a_step_of_the_link_budget_starts_where_the_line_above_it_ends():
+    power, ratio = bars.waterfall(BUDGET)
+
+    assert [len(power.rows), len(ratio.rows)] == [7, 7]
+    gain, window = ratio.rows[1], ratio.rows[2]
+    assert gain.left + gain.width == pytest.approx(window.left + window.width)
+    assert window.kind == "loss" and gain.kind == "gain"
+    after, margin = ratio.rows[4], ratio.rows[6]
+    assert after.left + after.width == pytest.approx(margin.left + margin.width)
+    for row in (*power.rows, *ratio.rows):
+        assert row.left >= -1e-9 and row.left + row.width <= 100 + 1e-9
+
+
+def test_numbers_carry_a_prefix_and_no_idle_digits():
+    assert quantity(149.896e6, "Hz", 6) == "149.896 MHz"
+    assert quantity(7.3333e-6, "s", 5) == "7.3333 µs"
+    assert quantity(999.99999, "Hz") == "1000 Hz"
+    assert quantity(0.0, "s") == "0 s"
+    assert small(1e-6) == "10⁻⁶"
+    assert small(2.5e-5).endswith("10⁻⁵")

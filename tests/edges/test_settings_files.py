@@ -1,0 +1,422 @@
+"""Settings files: what they say becomes values, and what they should not say is told."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dechirp.config.files import parse, read
+from dechirp.config.help import field_help
+from dechirp.config.texts import dump, plain
+from dechirp.core.errors import InvalidFile, RecordingError
+from dechirp.core.values import value
+from dechirp.echoes.impairments.base import Impairment
+from dechirp.echoes.impairments.thermal_noise import ThermalNoise
+from dechirp.echoes.impairments.white_noise import WhiteNoise
+from dechirp.process.chain import Chain
+from dechirp.radar.array import Array
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+from dechirp.radar.hardware import Hardware
+from dechirp.radar.radar import Radar
+from dechirp.scene.scene import Scene
+from dechirp.scene.target import Target
+
+RADAR = """\
+frame:
+  chirp: {start_frequency: 77 GHz, slope: 10 MHz/us, adc_start: 3 us, ramp_duration: 29 us,
+          sample_rate: 10 MHz, n_samples: 256, sampling: complex}       # or real
+  n_chirps: 128
+  interval: 35 us
+  period: 50 ms
+array:
+  rx: [[0 mm, 0 mm, 0 mm], [0 mm, 1.944 mm, 0 mm], [0 mm, 3.888 mm, 0 mm], [0 mm, 5.832 mm, 0 mm]]
+hardware: {transmit_power: 12 dBm, antenna_gain: 10 dBi, noise_factor: 12 dB, loss: 1 dB}
+"""
+
+SCENE = """\
+targets:
+  - {name: car, position: [60 m, 3 m, 0 m], velocity: [8 m/s, 0 m/s, 0 m/s], rcs: 10 dBsm}
+  - {name: truck, position: [90 m, -4 m, 0 m], rcs: 20 dBsm}
+"""
+
+
+@value
+class Setup:
+    """A little of everything."""
+
+    radar: Radar | None = None
+    """What sends,
+    and receives."""
+    path: str | None = None
+    scene: Scene = Scene()
+    impairments: tuple[Impairment, ...] = ()
+    chain: Chain = Chain()
+    is_quiet: bool = False
+
+
+def mistakes(text, kind, **more):
+    """All that a text has wrong, by setting."""
+    with pytest.raises(InvalidFile) as error:
+        parse(text, kind, **more)
+    told = str(error.value)
+    assert "Input should" not in told and "Field required" not in told and "http" not in told
+    return {mistake.setting: mistake for mistake in error.value.mistakes}
+
+
+def mistake(text, kind, **more):
+    """Name the one thing that a text has wrong."""
+    (only,) = mistakes(text, kind, **more).values()
+    return only
+
+
+def test_a_radar_in_the_words_of_people_becomes_si():
+    radar = parse(RADAR, Radar)
+
+    chirp = Chirp(
+        start_frequency_hz=77e9,
+        slope_hz_per_s=10e12,
+        adc_start_s=3e-6,
+        ramp_duration_s=29e-6,
+        sample_rate_hz=10e6,
+        n_samples=256,
+        sampling="complex",
+    )
+    assert radar.frame == Frame(chirp=chirp, n_chirps=128, interval_s=35e-6, period_s=50e-3)
+    assert radar.array == Array(rx_m=[(0, 0.001944 * n, 0) for n in range(4)])
+    assert radar.hardware.transmit_power_w == pytest.approx(0.0158489, rel=1e-5)  # digits here
+    assert radar.hardware.antenna_gain == 10
+
+
+def test_a_value_is_written_so_that_it_is_read_back_equal(radar):
+    setup = Setup(
+        radar=radar,
+        scene=Scene(targets=[Target(name="1e5", position_m=(1 / 3, 0, 0), rcs_m2=0.1)]),
+        impairments=(WhiteNoise(snr=0.003, target="null"), ThermalNoise()),
+    )
+
+    assert parse(dump(setup), Setup) == setup
+
+
+def test_a_written_radar_keeps_units_and_leaves_out_what_is_none():
+    text = dump(Radar(frame=parse(RADAR, Radar).frame))
+
+    assert "slope: 10 MHz/us" in text
+    assert "hardware" not in text
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    name=st.text(st.characters(codec="utf-8", exclude_categories=["C"]), min_size=1),
+    rcs_m2=st.floats(1e-300, 1e300),
+    position_m=st.tuples(*[st.floats(-1e300, 1e300)] * 3),
+)
+def test_any_target_is_read_back_equal(name, rcs_m2, position_m):
+    target = Target(name=name, rcs_m2=rcs_m2, position_m=position_m)
+
+    assert parse(dump(target), Target) == target
+
+
+def test_plain_numbers_have_the_names_of_the_fields():
+    numbers = plain(Setup(radar=parse(RADAR, Radar), impairments=(WhiteNoise(snr=2.0),)))
+
+    assert numbers["radar"]["frame"]["chirp"]["slope_hz_per_s"] == 10e12
+    assert numbers["radar"]["array"]["tx_m"] == [[0.0, 0.0, 0.0]]
+    assert numbers["impairments"] == [{"kind": "white-noise", "snr": 2.0, "target": None}]
+
+
+def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
+    text = RADAR.replace("77 GHz", "7 apples").replace("n_chirps", "n_chrips")
+    text = text.replace("50 ms", "50 m").replace("transmit_power: 12 dBm, ", "")
+
+    with pytest.raises(InvalidFile) as error:
+        parse(text, Radar, file="radar.yaml")
+
+    assert str(error.value).splitlines() == [
+        "radar.yaml:2:28: frame.chirp.start_frequency is 7 apples, but must be a frequency, as"
+        " 77 GHz. Units that fit: GHz, MHz, kHz, Hz, MS/s, kS/s.",
+        "radar.yaml:4:3: frame.n_chrips is not a known name, but must be one of chirp, n_chirps,"
+        " interval, period. Did you mean n_chirps?",
+        "radar.yaml:6:11: frame.period is 50 m, but must be a time, as 35 us."
+        " Did you mean ms? Units that fit: s, ms, us, ns, min, h.",
+        "radar.yaml:9:1: hardware.transmit_power is missing, but must be given: a power, as"
+        " 12 dBm. Add transmit_power.",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "setting", "got", "need"),
+    [
+        ("n_chirps: 128", "n_chirps: 12.5", "frame.n_chirps", "12.5", "a whole number"),
+        ("n_chirps: 128", "n_chirps: '128'", "frame.n_chirps", "the text '128'", "a whole number"),
+        ("n_chirps: 128", "n_chirps: true", "frame.n_chirps", "true", "a whole number"),
+        ("n_chirps: 128", "n_chirps: [1]", "frame.n_chirps", "a list of 1", "a whole number"),
+        ("n_chirps: 128", "n_chirps:", "frame.n_chirps", "null", "a whole number"),
+        ("n_chirps: 128", "n_chirps: -4", "frame.n_chirps", "-4", "a whole number from 2"),
+        ("n_chirps: 128", "n_chirps: 0", "frame.n_chirps", "0", "a whole number from 2"),
+        ("n_chirps: 128", f"n_chirps: {10**30}", "frame.n_chirps", str(10**30), "to 2147483647"),
+        ("10 MHz,", "10000000,", "frame.chirp.sample_rate", "10000000", "a frequency"),
+        ("10 MHz,", "-10 MHz,", "frame.chirp.sample_rate", "-10 MHz", "above 0"),
+        ("10 MHz,", "{a: 1},", "frame.chirp.sample_rate", "a mapping", "a frequency"),
+        ("10 MHz,", "1e300 GHz,", "frame.chirp.sample_rate", "1e300 GHz", "below 1e308"),
+        ("29 us", "2 us", "frame.chirp.ramp_duration", "2e-06 s", "at least 2.85e-05 s"),
+        ("complex}", "complx}", "frame.chirp.sampling", "complx", "one of complex, real"),
+        ("[0 mm, 1.944 mm, 0 mm]", "[0 mm]", "array.rx.1", "a list of 1", "a list of 3"),
+        ("1.944 mm", "1.944 s", "array.rx.1.1", "1.944 s", "a length"),
+        (
+            "noise_factor: 12 dB",
+            "noise_factor: -3 dB",
+            "hardware.noise_factor",
+            "-3 dB",
+            "1 (0 dB)",
+        ),
+    ],
+)
+def test_a_wrong_value_says_where_what_was_got_and_what_is_needed(was, becomes, setting, got, need):
+    text = RADAR.replace(was, becomes, 1)
+    only = mistake(text, Radar)
+
+    assert (only.setting, only.got) == (setting, got)
+    assert need in only.need
+    assert only.fix
+    assert text.splitlines()[only.line - 1] not in RADAR.splitlines()
+
+
+def test_a_name_given_twice_is_a_mistake_at_the_second():
+    only = mistake(RADAR.replace("  interval", "  n_chirps: 64\n  interval"), Radar)
+
+    assert (only.setting, only.line, only.column) == ("frame.n_chirps", 5, 3)
+    assert only.got == "given twice, first on line 4"
+
+
+def test_members_of_a_list_go_by_name_else_kind_else_index():
+    text = "scene:\n  targets:\n  - {name: car, position: [1 m, 0 m, 0 m], rcs: 0}\n  - 7\n"
+    text += "impairments: [{kind: white-noise}, {kind: thermal-noise, power: 1 W}, {kind: nose}]\n"
+
+    assert list(mistakes(text, Setup)) == [
+        "scene.targets.car.rcs",
+        "scene.targets.1",
+        "impairments.white-noise.snr",
+        "impairments.thermal-noise.power",
+        "impairments.nose.kind",
+    ]
+
+
+def test_the_member_of_a_family_is_chosen_by_kind():
+    text = "impairments: [{kind: white-noise, snr: -10 dB}, {kind: thermal-noise}]"
+
+    assert parse(text, Setup).impairments == (WhiteNoise(snr=0.1), ThermalNoise())
+    only = mistake(text.replace("thermal-noise", "thermal_noise"), Setup)
+    assert only.setting == "impairments.thermal_noise.kind"
+    assert only.fix == "Did you mean thermal-noise?"
+
+
+def test_what_is_not_there_yet_may_only_be_null():
+    assert parse("chain: {angle: null}", Setup) == Setup()
+    only = mistake("chain: {angle: {kind: fft}}", Setup)
+    assert only.setting == "chain.angle"
+    assert only.need == "null: not available yet"
+
+
+def test_a_probability_in_decibels_is_a_mistake():
+    text = "chain: {cfar: {estimator: {kind: cell-averaging}, false_alarm_probability: -60 dB}}"
+
+    only = mistake(text, Setup)
+    assert (only.setting, only.fix) == (
+        "chain.cfar.false_alarm_probability",
+        "Leave the unit out.",
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column"),
+    [
+        ("a: b: c", 1, 5),
+        ("frame:\n\tchirp: 1", 2, 1),
+        ("frame: {chirp: [", 1, 17),
+        ("a: \x00", 1, 4),
+        ("a: &x 1\nb: *x", 1, 4),
+        ("frame: !!python/object:os.system {}", 1, 8),
+        ("a: 1\n---\nb: 2", 2, 1),
+        ("[a]: 1", 1, 1),
+        ("[" * 100_000, 1, 34),
+        ('a: "\\UFFFFFFFF"', None, None),
+    ],
+)
+def test_a_text_that_cannot_be_read_says_where(text, line, column):
+    only = mistake(text, Radar)
+
+    assert (only.line, only.column) == (line, column)
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n", "- 1", "7", "frame"])
+def test_a_text_that_is_no_mapping_is_one_mistake(text):
+    assert mistake(text, Radar).need == "a mapping of frame, array, hardware"
+
+
+@pytest.mark.parametrize(
+    ("content", "got"),
+    [(b"\xff\xfe\x00", "not text"), (b"# \n" * 2**19, "1.5 MiB"), (b"", "empty"), (None, "folder")],
+)
+def test_a_file_that_cannot_be_settings_is_one_mistake(tmp_path, content, got):
+    path = tmp_path / "radar.yaml"
+    path.mkdir() if content is None else path.write_bytes(content)
+
+    with pytest.raises(InvalidFile) as error:
+        read(path, Radar)
+
+    (only,) = error.value.mistakes
+    assert only.file == str(path)
+    assert got in only.got
+
+
+def test_a_file_that_is_not_there_is_one_mistake(tmp_path):
+    with pytest.raises(InvalidFile, match="is not there"):
+        read(tmp_path / "radar.yaml", Radar)
+
+
+def test_paths_are_relative_to_the_file(tmp_path):
+    (tmp_path / "radar.yaml").write_text(RADAR)
+    (tmp_path / "setup.yaml").write_text("radar: radar.yaml\npath: sub/x.npy\n")
+
+    setup = read(tmp_path / "setup.yaml", Setup, readers={Radar: lambda path: read(path, Radar)})
+
+    assert setup.radar == parse(RADAR, Radar)
+    assert Path(setup.path) == tmp_path / "sub" / "x.npy"
+
+
+def test_mistakes_of_a_file_that_is_named_are_told_with_the_others(tmp_path):
+    (tmp_path / "radar.yaml").write_text("frame: 1")
+    (tmp_path / "setup.yaml").write_text("radar: radar.yaml\nchian: 1\n")
+
+    with pytest.raises(InvalidFile) as error:
+        read(tmp_path / "setup.yaml", Setup, readers={Radar: lambda path: read(path, Radar)})
+
+    assert {(Path(m.file).name, m.setting) for m in error.value.mistakes} == {
+        ("radar.yaml", "frame"),
+        ("setup.yaml", "chian"),
+    }
+
+
+def test_what_a_reader_refuses_passes_through():
+    def refuse(path):
+        raise RecordingError(path, got="nothing", need="something", fix="Look.")
+
+    with pytest.raises(RecordingError):
+        parse("radar: x.cfg", Setup, readers={Radar: refuse})
+
+
+def test_a_setting_of_the_command_line_takes_the_place_of_the_files():
+    setup = parse(
+        f"scene:\n  {SCENE.replace(chr(10), chr(10) + '  ')}",
+        Setup,
+        overrides=["scene.targets.truck.rcs=3 m^2", "scene.targets.0.name = van", "is_quiet=true"],
+    )
+
+    assert [target.rcs_m2 for target in setup.scene.targets] == [10, 3]
+    assert setup.scene.names == ("van", "truck")
+    assert setup.is_quiet
+
+
+def test_a_setting_of_the_command_line_starts_from_what_holds_without_it():
+    chain = parse("{}", Setup, overrides=["chain.cfar.n_training.range=5"]).chain
+
+    assert chain.cfar.n_training.range == 5
+    assert chain.cfar.n_training.velocity == Chain().cfar.n_training.velocity
+
+
+def test_a_setting_of_the_command_line_changes_a_radar_that_is_read_from_its_own_file():
+    radar = parse(RADAR, Radar)
+    changed = parse(
+        "radar: vendor.cfg",
+        Setup,
+        overrides=["radar.frame.n_chirps=64"],
+        readers={Radar: lambda path: radar},
+    ).radar
+
+    assert changed.frame.n_chirps == 64
+    assert changed.frame.chirp == radar.frame.chirp
+
+
+def test_an_offset_beside_a_probability_is_refused_until_one_is_cleared():
+    offset, clear = "chain.cfar.offset=15 dB", "chain.cfar.false_alarm_probability=null"
+
+    only = mistake("{}", Setup, overrides=[offset])
+    assert only.setting == "chain.cfar.false_alarm_probability"
+    assert "offset" in only.got
+    cfar = parse("{}", Setup, overrides=[offset, clear]).chain.cfar
+    assert cfar.offset == pytest.approx(31.6228, rel=1e-5)  # digits written here
+
+
+@pytest.mark.parametrize(
+    ("option", "setting", "fix"),
+    [
+        ("chain.cfr.offset=3 dB", "chain.cfr", "Did you mean cfar?"),
+        ("targets.cra.rcs=1 m^2", "targets.cra", "Did you mean car?"),
+        ("targets.car.rcs=1 m", "targets.car.rcs", "Units that fit: dBsm, m^2."),
+        ("targets.car.rcs=-1 m^2", "targets.car.rcs", "Give a positive value."),
+        ("targets.car.rcs.db=1", "targets.car.rcs.db", "Set targets.car.rcs itself."),
+        ("targets.car.rcs", "--set", "Write --set radar.frame.n_chirps=64, for instance."),
+        (
+            "targets=[{name: car, position: [0, 0, 0], name: van}]",
+            "targets.car.name",
+            "Keep one of them.",
+        ),
+        ("targets.car.rcs=[", "targets.car.rcs", "Mend it there, or just before."),
+    ],
+)
+def test_a_mistake_of_the_command_line_says_so(option, setting, fix):
+    at_chain = option.startswith("chain")
+    only = mistake("{}" if at_chain else SCENE, Setup if at_chain else Scene, overrides=[option])
+
+    assert (only.file, only.line, only.column) == ("--set", None, None)
+    assert (only.setting, only.fix) == (setting, fix)
+
+
+def test_the_text_under_a_field_is_its_help():
+    helped = field_help(Setup)
+
+    assert helped["radar"] == "What sends, and receives."
+    assert helped["scene"] == ""
+    assert list(field_help(Hardware)) == [
+        "transmit_power_w",
+        "antenna_gain",
+        "noise_factor",
+        "loss",
+    ]
+
+
+PIECES = st.sampled_from(list(" \n\t:-,[]{}'\"|>&*!#?%@~\\0e")) | st.sampled_from(
+    ["frame", "chirp", "n_chirps", "tx", "77 GHz", "1e999 dB", "null", "...", ": ", "\n  "]
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text() | st.lists(PIECES, max_size=40).map(" ".join) | st.lists(PIECES).map("".join))
+def test_any_text_gives_a_radar_or_says_why_not(text):
+    try:
+        parse(text, Radar)
+    except InvalidFile as error:
+        assert error.mistakes
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.sampled_from(RADAR.replace(",", " ,").replace("}", " }").split()),
+    st.text(max_size=8) | st.lists(PIECES, max_size=4).map("".join),
+)
+def test_a_radar_with_any_word_changed_is_a_radar_or_says_why_not(was, becomes):
+    try:
+        parse(RADAR.replace(was, becomes, 1), Radar)
+    except InvalidFile as error:
+        assert all(mistake.fix for mistake in error.mistakes)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.text() | st.lists(PIECES, max_size=9).map(".".join).map("frame.{}=1".format))
+def test_any_setting_of_the_command_line_is_taken_or_refused(option):
+    try:
+        parse(RADAR, Radar, overrides=[option])
+    except InvalidFile as error:
+        assert error.mistakes

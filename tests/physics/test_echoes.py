@@ -1,0 +1,225 @@
+"""What the converter samples: phase to 50 digits, absolute power, noise, real mixers."""
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+
+import dechirp as dc
+
+
+def beat(radar, target, rx_m, m, n):
+    """The beat signal of one sample in 50 digits, straight from the formula."""
+    with mpmath.workdps(50):
+        chirp, c = radar.frame.chirp, mpmath.mpf(299792458)
+        t = mpmath.mpf(chirp.adc_start_s) + mpmath.mpf(n) / mpmath.mpf(chirp.sample_rate_hz)
+        slow = m * mpmath.mpf(radar.frame.interval_s) + t
+        at = [
+            mpmath.mpf(p) + mpmath.mpf(v) * slow
+            for p, v in zip(target.position_m, target.velocity_m_per_s, strict=True)
+        ]
+        there = mpmath.sqrt(sum(x**2 for x in at))
+        back = mpmath.sqrt(sum((x - mpmath.mpf(r)) ** 2 for x, r in zip(at, rx_m, strict=True)))
+        tau = (there + back) / c
+        f0, s = mpmath.mpf(chirp.start_frequency_hz), mpmath.mpf(chirp.slope_hz_per_s)
+        cycles = f0 * tau + s * tau * t - s * tau**2 / 2
+        h = radar.hardware
+        wavelength = c / (
+            f0
+            + s
+            * (
+                mpmath.mpf(chirp.adc_start_s)
+                + chirp.n_samples / mpmath.mpf(chirp.sample_rate_hz) / 2
+            )
+        )
+        power = h.transmit_power_w * (h.antenna_gain * wavelength) ** 2 * target.rcs_m2
+        power /= (4 * mpmath.pi) ** 3 * (there * back) ** 2 * h.loss
+        return complex(mpmath.sqrt(power) * mpmath.expjpi(2 * (cycles - mpmath.floor(cycles))))
+
+
+TARGETS = [
+    dc.Target(name="ahead", position_m=(50, 0, 0), velocity_m_per_s=(10, 0, 0), rcs_m2=10),
+    dc.Target(name="crossing", position_m=(20, 8, 1), velocity_m_per_s=(-3, 25, 0), rcs_m2=0.3),
+    dc.Target(name="near", position_m=(0.8, -0.4, 0.1), velocity_m_per_s=(1, 0, -2), rcs_m2=0.01),
+]
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
+@pytest.mark.parametrize("adc_start_s", [0.0, 3e-6])
+def test_the_beat_signal_equals_fifty_digits(radar, target, adc_start_s):
+    chirp = replace(radar.frame.chirp, adc_start_s=adc_start_s)
+    radar = replace(radar, frame=replace(radar.frame, chirp=chirp))
+    scene = dc.Scene(targets=[target])
+    with pytest.warns(dc.PhysicsWarning) if adc_start_s == 0 else _nothing():
+        cube = dc.simulate(scene, radar, impairments=(), dtype=np.complex128)
+
+    rng = np.random.default_rng(7)
+    for m, n in [
+        (0, 0),
+        (127, 255),
+        *zip(rng.integers(128, size=20), rng.integers(256, size=20), strict=True),
+    ]:
+        for k, rx_m in enumerate(radar.array.rx_m):
+            exact = beat(radar, target, rx_m, int(m), int(n))
+            assert abs(cube.values[0, m, k, n] - exact) <= 1e-9 * abs(exact)
+
+
+def _nothing():
+    import contextlib
+
+    return contextlib.nullcontext()
+
+
+def test_the_reference_beat_signal_equals_fifty_digits(reference):
+    with pytest.warns(dc.PhysicsWarning):
+        cube = dc.simulate(reference.scene, reference.radar, impairments=(), dtype=np.complex128)
+    for m, n in [(0, 0), (5, 1234), (64, 1100), (127, 2199)]:
+        exact = beat(reference.radar, reference.scene.targets[0], (0, 0, 0), m, n)
+        assert abs(cube.values[0, m, 0, n] - exact) <= 1e-9 * abs(exact)
+
+
+def test_single_precision_is_the_rounded_double(radar):
+    scene = dc.Scene(targets=TARGETS[:2])
+    double = dc.simulate(scene, radar, impairments=(), dtype=np.complex128)
+    single = dc.simulate(scene, radar, impairments=())
+
+    assert single.dtype == np.complex64
+    # Half a unit in the last place of each part, and of the sum of two targets.
+    np.testing.assert_allclose(single, double, rtol=0, atol=2e-7 * abs(double.values).max())
+
+
+def test_echoes_of_several_targets_add(radar):
+    alone = [
+        dc.simulate(dc.Scene(targets=[target]), radar, impairments=(), dtype=np.complex128)
+        for target in TARGETS[:2]
+    ]
+    both = dc.simulate(dc.Scene(targets=TARGETS[:2]), radar, impairments=(), dtype=np.complex128)
+
+    np.testing.assert_allclose(both, alone[0] + alone[1], atol=1e-12 * abs(both.values).max())
+
+
+def test_ego_motion_is_target_motion_reversed(radar):
+    still = dc.Scene(
+        targets=[dc.Target(position_m=(30, 2, 0))], ego=dc.Ego(velocity_m_per_s=(7, 0, 0))
+    )
+    moving = dc.Scene(targets=[dc.Target(position_m=(30, 2, 0), velocity_m_per_s=(-7, 0, 0))])
+
+    np.testing.assert_array_equal(
+        dc.simulate(still, radar, impairments=()), dc.simulate(moving, radar, impairments=())
+    )
+
+
+def test_a_second_frame_is_the_first_of_a_scene_that_moved_on(radar):
+    period_s = 0.05
+    radar = replace(radar, frame=replace(radar.frame, period_s=period_s))
+    target = dc.Target(position_m=(40, 1, 0), velocity_m_per_s=(-6, 1, 0))
+    later = replace(target, position_m=(40 - 6 * period_s, 1 + period_s, 0))
+
+    two = dc.simulate(
+        dc.Scene(targets=[target]), radar, impairments=(), n_frames=2, dtype=np.complex128
+    )
+    one = dc.simulate(dc.Scene(targets=[later]), radar, impairments=(), dtype=np.complex128)
+
+    # The positions differ by rounding of 40 m in double precision, 2e-11 rad of phase.
+    np.testing.assert_allclose(two[1], one[0], atol=1e-9 * abs(one.values).max())
+
+
+def test_received_power_is_the_radar_equation(reference, clean):
+    expected_w = 0.0158489319 * 100**2 * reference.radar.frame.chirp.wavelength_m**2 * 10
+    expected_w /= (4 * np.pi) ** 3 * 50**4
+    # The range grows by 9 mm over the frame: 0.0016 dB about its middle.
+    assert float((abs(clean) ** 2).mean()) == pytest.approx(expected_w, rel=1e-3)
+
+
+def test_a_real_mixer_keeps_the_mean_power_and_half_the_phasor(radar):
+    real = replace(
+        radar, frame=replace(radar.frame, chirp=replace(radar.frame.chirp, sampling="real"))
+    )
+    scene = dc.Scene(targets=TARGETS[1:2])
+    i_and_q = dc.simulate(scene, radar, impairments=())
+    one_mixer = dc.simulate(scene, real, impairments=())
+
+    assert one_mixer.dtype == np.float32
+    np.testing.assert_allclose(
+        one_mixer, np.sqrt(2) * i_and_q.real, atol=1e-6 * abs(i_and_q.values).max()
+    )
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+def test_thermal_noise_has_the_power_k_t_f_fs(radar, sampling):
+    radar = replace(
+        radar, frame=replace(radar.frame, chirp=replace(radar.frame.chirp, sampling=sampling))
+    )
+    cube = dc.simulate(dc.Scene(), radar, n_frames=4, seed=3).values
+
+    power_w = float(np.mean(abs(cube.astype(complex)) ** 2))
+    expected_w = 1.380649e-23 * 290 * 16.0 * 10e6
+    # 5 standard errors: relative std of one power is 1 complex, sqrt(2) real.
+    tolerance = 5 * (1 if sampling == "complex" else np.sqrt(2)) / np.sqrt(cube.size)
+    assert power_w == pytest.approx(expected_w, rel=tolerance)
+
+
+def test_white_noise_has_the_stated_ratio_to_its_target(radar):
+    scene = dc.Scene(targets=TARGETS[:2])
+    noise = dc.WhiteNoise(snr=0.05, target="crossing")
+    with_noise = dc.simulate(scene, radar, impairments=[noise], seed=4)
+    without = dc.simulate(scene, radar, impairments=())
+    crossing = dc.simulate(dc.Scene(targets=TARGETS[1:2]), radar, impairments=())
+
+    noise_w = float(np.mean(abs(with_noise - without) ** 2))
+    echo_w = float(np.mean(abs(crossing) ** 2))
+    # Noise power to 5 standard errors (2 %); the echo fades by 0.1 % as the target moves.
+    assert echo_w / noise_w == pytest.approx(0.05, rel=0.025)
+
+
+def test_noise_is_white_and_circular(radar):
+    cube = dc.simulate(dc.Scene(), radar, n_frames=2, seed=5).values.ravel().astype(complex)
+    cube /= np.sqrt(np.mean(abs(cube) ** 2))
+
+    # Each mean of products of independent unit phasors has a standard error 1 / sqrt(n).
+    five_sigma = 5 / np.sqrt(cube.size)
+    assert abs(np.mean(cube)) < five_sigma
+    assert abs(np.mean(cube**2)) < five_sigma * np.sqrt(2)
+    for lag in (1, 2, 128, 256):
+        assert abs(np.mean(cube[lag:] * cube[:-lag].conj())) < five_sigma
+
+
+def test_the_same_seed_gives_the_same_cube_and_another_does_not(radar):
+    scene = dc.Scene(targets=TARGETS[1:])
+    first = dc.simulate(scene, radar, seed=11)
+
+    assert first.identical(dc.simulate(scene, radar, seed=11))
+    assert first.identical(dc.simulate(scene, radar, seed=np.random.default_rng(11)))
+    assert not first.equals(dc.simulate(scene, radar, seed=12))
+
+
+def test_a_folding_target_is_announced_with_where_it_folds_to(radar):
+    limit = radar.frame.max_velocity_m_per_s
+    fast = dc.Target(name="fast", position_m=(30, 0, 0), velocity_m_per_s=(limit + 2, 0, 0))
+    with pytest.warns(dc.PhysicsWarning, match=f"fast.velocity.*folds to {2 - limit:.4g} m/s"):
+        cube = dc.simulate(dc.Scene(targets=[fast]), radar, impairments=[dc.WhiteNoise(snr=0.1)])
+    found = dc.detect(cube, radar)
+    # Its standard error is 3 mm/s; the fold is exact to the coupling of range and velocity.
+    assert float(found.velocity[0]) == pytest.approx(2 - limit, abs=0.1)
+
+    far = dc.Target(name="far", position_m=(radar.frame.chirp.max_range_m + 10, 0, 0))
+    with pytest.warns(dc.PhysicsWarning, match="far.position.*folds to 10 m"):
+        cube = dc.simulate(dc.Scene(targets=[far]), radar, impairments=[dc.WhiteNoise(snr=0.1)])
+    assert float(dc.detect(cube, radar).range[0]) == pytest.approx(10, abs=0.1)
+
+
+def test_a_target_on_the_radar_is_refused(radar):
+    with pytest.raises(dc.InvalidSetting, match="targets.target-1.position is on the radar"):
+        dc.simulate(dc.Scene(targets=[dc.Target(position_m=(0, 0, 0))]), radar)
+
+
+def test_a_scene_larger_than_memory_is_refused_with_the_number(radar):
+    with pytest.raises(dc.NotEnoughMemory, match=r"simulation is 1\.46e\+03 GiB of memory"):
+        dc.simulate(dc.Scene(), radar, n_frames=1_000_000)
+
+
+def test_noise_for_a_target_that_is_not_there_is_refused(radar):
+    scene = dc.Scene(targets=TARGETS[:1])
+    with pytest.raises(dc.InvalidSetting, match="target is bus, but must be one of ahead"):
+        dc.simulate(scene, radar, impairments=[dc.WhiteNoise(snr=1.0, target="bus")])

@@ -1,0 +1,210 @@
+"""Powers from the transmitter to detection, and what theory allows an estimate.
+
+The reference scenario: 77 GHz, 150 MHz in 7.3333 us, 300 MS/s complex, 2200 samples, 128
+chirps back to back.
+"""
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.units import decibels, from_decibels
+from dechirp.radar.budget import noise_power_w, received_power_w, snr
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+from dechirp.radar.hardware import Hardware
+from dechirp.radar.radar import Radar
+from dechirp.theory.bounds import range_std_m, uncoupled_range_std_m, velocity_std_m_per_s
+from dechirp.theory.detection import detection_probability, required_snr, threshold
+
+CHIRP = Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=150e6 / (22e-6 / 3),
+    ramp_duration_s=22e-6 / 3,
+    sample_rate_hz=300e6,
+    n_samples=2200,
+    sampling="complex",
+)
+FRAME = Frame(chirp=CHIRP, n_chirps=128, interval_s=22e-6 / 3)
+# 10 mW, 10 dBi, noise figure 12 dB, 3 dB of loss.
+HARDWARE = Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10**1.2, loss=2.0)
+RADAR = Radar(frame=FRAME, hardware=HARDWARE)
+
+
+def test_the_radar_equation_in_watts():
+    # By hand: 0.01 W x 10^2 x (3.8896 mm)^2 x 10 m2 / (1984.4 x (50 m)^4 x 2).
+    assert received_power_w(RADAR, range_m=50.0, rcs_m2=10.0) == pytest.approx(6.0992e-15, rel=1e-4)
+
+
+def test_twice_the_range_costs_twelve_decibels():
+    near, far = received_power_w(RADAR, range_m=[10.0, 20.0], rcs_m2=1.0)
+
+    assert decibels(near / far) == pytest.approx(12.04, abs=0.01)
+
+
+def test_noise_is_minus_174_dbm_per_hertz_times_noise_factor_and_sample_rate():
+    noise_dbm = decibels(noise_power_w(RADAR)) + 30
+
+    # kT0 = -173.975 dBm/Hz, 300 MHz = 84.771 dB Hz, 12 dB of noise figure.
+    assert noise_dbm == pytest.approx(-173.975 + 84.771 + 12.0, abs=0.001)
+
+
+def test_signal_over_noise_is_the_ratio_of_both():
+    ratio = snr(RADAR, range_m=50.0, rcs_m2=10.0)
+
+    assert ratio * noise_power_w(RADAR) == pytest.approx(
+        received_power_w(RADAR, range_m=50.0, rcs_m2=10.0)
+    )
+
+
+def test_integration_of_the_reference_frame_gains_54_5_decibels():
+    assert decibels(RADAR.integration_gain) == pytest.approx(54.496, abs=0.001)
+
+
+def test_powers_of_a_radar_with_unknown_hardware_are_refused():
+    with pytest.raises(InvalidSetting, match="transmit_power"):
+        received_power_w(Radar(frame=FRAME), range_m=50.0, rcs_m2=1.0)
+
+
+@pytest.mark.parametrize("range_m", [0.0, -1.0, float("nan")])
+def test_a_target_at_no_distance_has_no_echo_power(range_m):
+    with pytest.raises(InvalidSetting, match="range_m"):
+        received_power_w(RADAR, range_m=range_m, rcs_m2=1.0)
+
+
+def test_noise_alone_exceeds_the_threshold_with_the_false_alarm_probability():
+    assert threshold(1e-6) == pytest.approx(13.8155, abs=1e-4)
+    assert detection_probability(0.0, 1e-6) == pytest.approx(1e-6, rel=1e-9)
+
+
+def test_nine_looks_in_ten_at_1e_6_take_13_2_decibels():
+    assert decibels(required_snr(0.9, 1e-6)) == pytest.approx(13.183, abs=0.0005)
+
+
+@pytest.mark.parametrize("false_alarm_probability", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("snr_db", [-10.0, 3.0, 13.0, 17.0])
+def test_detection_follows_the_series_of_marcum(snr_db, false_alarm_probability):
+    # Poisson mixture of incomplete gammas, 200 terms: the last ones are below 1e-40.
+    chi, limit = mpmath.mpf(10) ** (snr_db / 10), -mpmath.log(false_alarm_probability)
+    series = mpmath.fsum(
+        mpmath.exp(-chi)
+        * chi**j
+        / mpmath.factorial(j)
+        * mpmath.gammainc(j + 1, limit, regularized=1)
+        for j in range(200)
+    )
+
+    found = detection_probability(from_decibels(snr_db), false_alarm_probability)
+
+    assert float(found) == pytest.approx(float(series), abs=1e-14)
+
+
+@pytest.mark.parametrize("wanted", [0.01, 0.5, 0.9, 0.999])
+def test_the_required_ratio_gives_the_wanted_probability(wanted):
+    assert detection_probability(required_snr(wanted, 1e-6), 1e-6) == pytest.approx(
+        wanted, rel=1e-9
+    )
+
+
+def test_the_reference_target_at_minus_41_3_decibels_is_detected_nine_times_in_ten():
+    per_sample_db = decibels(required_snr(0.9, 1e-6) / RADAR.integration_gain)
+
+    assert per_sample_db == pytest.approx(-41.31, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("pd", "pfa"), [(1e-7, 1e-6), (1.0, 1e-6), (0.9, 0.0), (0.9, float("nan"))]
+)
+def test_probabilities_that_no_ratio_gives_are_refused(pd, pfa):
+    with pytest.raises(InvalidSetting, match="probability"):
+        required_snr(pd, pfa)
+
+
+def test_decibels_taken_for_a_ratio_are_refused():
+    with pytest.raises(InvalidSetting, match="not dB"):
+        detection_probability(-10.0, 1e-6)
+
+
+# SNR per sample in dB, and the bounds on range and velocity: published to three digits,
+# the first of them to two.
+BOUNDS = [(-38.0, 0.058, 0.121), (-24.0, 0.0116, 0.0241), (-10.0, 2.32e-3, 4.82e-3)]
+BOUNDS.append((0.0, 0.734e-3, 1.52e-3))
+
+
+@pytest.mark.parametrize(("per_sample_db", "of_range", "of_velocity"), BOUNDS)
+def test_the_bounds_of_the_reference_scenario(per_sample_db, of_range, of_velocity):
+    integrated = from_decibels(per_sample_db) * RADAR.integration_gain
+
+    range_m = range_std_m(
+        snr=integrated,
+        n_samples=CHIRP.n_samples,
+        sample_rate_hz=CHIRP.sample_rate_hz,
+        slope_hz_per_s=CHIRP.slope_hz_per_s,
+    )
+    velocity = velocity_std_m_per_s(
+        snr=integrated,
+        n_chirps=FRAME.n_chirps,
+        interval_s=FRAME.interval_s,
+        wavelength_m=CHIRP.wavelength_m,
+    )
+
+    assert range_m == pytest.approx(of_range, rel=0.01)
+    assert velocity == pytest.approx(of_velocity, rel=0.005)
+
+
+def test_the_bounds_in_bins_are_those_of_a_long_tone():
+    # sigma = bin sqrt(6) / (2 pi sqrt(snr)) for many points; 1 / 2 N^2 = 3e-5 off for 128.
+    in_bins = np.sqrt(6) / (2 * np.pi * 10)
+
+    range_m = range_std_m(
+        snr=100.0,
+        n_samples=CHIRP.n_samples,
+        sample_rate_hz=CHIRP.sample_rate_hz,
+        slope_hz_per_s=CHIRP.slope_hz_per_s,
+    )
+    velocity = velocity_std_m_per_s(
+        snr=100.0,
+        n_chirps=FRAME.n_chirps,
+        interval_s=FRAME.interval_s,
+        wavelength_m=CHIRP.wavelength_m,
+    )
+
+    assert range_m / CHIRP.range_resolution_m == pytest.approx(in_bins, rel=1e-6)
+    assert velocity / FRAME.velocity_resolution_m_per_s == pytest.approx(in_bins, rel=1e-4)
+
+
+def test_removing_the_coupling_adds_a_tenth_of_a_millimetre_at_minus_24_decibels():
+    with_velocity = uncoupled_range_std_m(
+        range_std_m=0.0,
+        velocity_std_m_per_s=0.0241,
+        mid_window_frequency_hz=CHIRP.mid_window_frequency_hz,
+        slope_hz_per_s=CHIRP.slope_hz_per_s,
+    )
+
+    assert with_velocity == pytest.approx(0.09e-3, rel=0.01)
+    both = uncoupled_range_std_m(
+        range_std_m=0.0116,
+        velocity_std_m_per_s=0.0241,
+        mid_window_frequency_hz=CHIRP.mid_window_frequency_hz,
+        slope_hz_per_s=CHIRP.slope_hz_per_s,
+    )
+    assert both == pytest.approx(np.sqrt(0.0116**2 + with_velocity**2))
+
+
+def test_real_samples_double_the_variance_at_the_same_ratio_per_sample():
+    real = Radar(frame=replace(FRAME, chirp=replace(CHIRP, sampling="real")))
+
+    by_complex, by_real = (
+        range_std_m(
+            snr=0.01 * radar.integration_gain,
+            n_samples=CHIRP.n_samples,
+            sample_rate_hz=CHIRP.sample_rate_hz,
+            slope_hz_per_s=CHIRP.slope_hz_per_s,
+        )
+        for radar in (RADAR, real)
+    )
+
+    assert (by_real / by_complex) ** 2 == pytest.approx(2.0)

@@ -1,0 +1,146 @@
+"""What follows from a chirp and a frame, on the reference scenario.
+
+77 GHz, 150 MHz in 7.3333 us, 300 MS/s complex, 2200 samples, 128 chirps back to back.
+"""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+
+CHIRP = Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=150e6 / (22e-6 / 3),
+    ramp_duration_s=22e-6 / 3,
+    sample_rate_hz=300e6,
+    n_samples=2200,
+    sampling="complex",
+)
+FRAME = Frame(chirp=CHIRP, n_chirps=128, interval_s=22e-6 / 3)
+# A chirp as chips send it: 6 us of ramp before the samples, 2.8 us after.
+EASED = Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=30e12,
+    adc_start_s=6e-6,
+    ramp_duration_s=60e-6,
+    sample_rate_hz=10e6,
+    n_samples=512,
+    sampling="complex",
+)
+
+
+def test_a_target_at_50_m_beats_at_6_8_megahertz():
+    # 2 x 20.4545 MHz/us x 50 m / c; 50.077 bins of 136.4 kHz with c exact.
+    assert CHIRP.beat_frequency_hz(50.0) == pytest.approx(6.8229e6, rel=1e-4)
+    assert 50.0 / CHIRP.range_resolution_m == pytest.approx(50.035, abs=1e-3)
+
+
+@given(range_m=st.floats(0.0, 1e5))
+def test_the_range_of_the_beat_frequency_of_a_range_is_that_range(range_m):
+    assert CHIRP.range_m(CHIRP.beat_frequency_hz(range_m)) == pytest.approx(range_m, rel=1e-14)
+
+
+def test_a_receding_target_seems_farther_by_the_coupling():
+    assert CHIRP.range_doppler_coupling_m(10.0) == pytest.approx(0.0377, abs=5e-5)
+    assert CHIRP.range_doppler_coupling_m(-10.0) == -CHIRP.range_doppler_coupling_m(10.0)
+
+
+def test_the_coupling_is_the_doppler_frequency_read_as_a_range():
+    doppler_hz = 2 * 10.0 / CHIRP.wavelength_m
+
+    assert CHIRP.range_m(doppler_hz) == pytest.approx(CHIRP.range_doppler_coupling_m(10.0))
+
+
+def test_complex_samples_see_the_whole_band_and_real_ones_half_of_it():
+    real = replace(CHIRP, sampling="real")
+
+    assert CHIRP.max_range_m == pytest.approx(2198.5, abs=0.1)
+    assert real.max_range_m == pytest.approx(CHIRP.max_range_m / 2)
+
+
+def test_velocity_is_read_at_the_middle_of_the_band():
+    assert FRAME.velocity_resolution_m_per_s == pytest.approx(2.0719, abs=1e-4)
+    assert FRAME.max_velocity_m_per_s == pytest.approx(132.6, abs=0.05)
+    # At the start of the ramp both would be B / 2 f0 = 0.097 % larger.
+    at_start = 299_792_458.0 / 77e9 / (2 * FRAME.duration_s)
+    assert at_start / FRAME.velocity_resolution_m_per_s == pytest.approx(1 + 75e6 / 77e9)
+
+
+def test_only_the_bandwidth_swept_while_sampling_resolves_range():
+    assert EASED.sampled_bandwidth_hz == pytest.approx(30e12 * 51.2e-6)
+    assert EASED.ramp_bandwidth_hz == pytest.approx(1.8e9)
+    assert EASED.range_resolution_m == pytest.approx(299_792_458.0 / (2 * 1.536e9))
+
+
+def test_the_wavelength_is_that_at_the_middle_of_the_samples_not_of_the_ramp():
+    middle_hz = 77e9 + 30e12 * (6e-6 + 25.6e-6)
+
+    assert EASED.mid_window_frequency_hz == pytest.approx(middle_hz)
+    assert EASED.wavelength_m == pytest.approx(299_792_458.0 / middle_hz)
+
+
+def test_the_middle_of_the_window_is_the_mean_sampling_instant():
+    # Of 512 samples at 0.1 us the mean is 25.55 us after the first.
+    assert EASED.mid_window_s == pytest.approx(31.55e-6)
+
+
+def test_the_middle_of_the_frame_is_the_mean_of_all_sampling_instants():
+    # 63.5 intervals to the middle chirp, and 1099.5 samples into it.
+    assert FRAME.mid_frame_s == pytest.approx(63.5 * 22e-6 / 3 + 1099.5 / 300e6)
+
+
+def test_the_reference_frame_lasts_0_94_ms():
+    assert FRAME.duration_s == pytest.approx(0.939e-3, abs=0.5e-6)
+
+
+def test_frames_follow_without_a_gap_unless_a_period_is_given():
+    assert FRAME.start_s(3) == pytest.approx(3 * FRAME.duration_s)
+    assert replace(FRAME, period_s=0.05).start_s(3) == pytest.approx(0.15)
+
+
+NUMBERS = ["start_frequency_hz", "slope_hz_per_s", "ramp_duration_s", "sample_rate_hz"]
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan"), float("inf"), "1", True])
+@pytest.mark.parametrize("field", NUMBERS)
+def test_a_chirp_of_numbers_that_cannot_be_is_refused(field, wrong):
+    with pytest.raises(InvalidSetting, match=f"Chirp.{field}"):
+        replace(CHIRP, **{field: wrong})
+
+
+@pytest.mark.parametrize("wrong", [-1, 0, 1, 2.5, float("nan"), True, 10**12])
+def test_counts_that_are_none_are_refused(wrong):
+    with pytest.raises(InvalidSetting, match=r"Chirp\.n_samples"):
+        replace(CHIRP, n_samples=wrong)
+    with pytest.raises(InvalidSetting, match=r"Frame\.n_chirps"):
+        replace(FRAME, n_chirps=wrong)
+
+
+def test_sampling_before_the_ramp_is_refused():
+    with pytest.raises(InvalidSetting, match=r"Chirp\.adc_start_s"):
+        replace(EASED, adc_start_s=-1e-6)
+
+
+def test_samples_after_the_end_of_the_ramp_are_refused():
+    with pytest.raises(InvalidSetting, match=r"Chirp\.ramp_duration_s is 5e-05 s"):
+        replace(EASED, ramp_duration_s=50e-6)
+
+
+def test_a_sampling_that_is_neither_complex_nor_real_is_refused():
+    with pytest.raises(InvalidSetting, match="complex or real"):
+        replace(CHIRP, sampling="iq")
+
+
+def test_an_interval_shorter_than_the_ramp_is_refused():
+    with pytest.raises(InvalidSetting, match="Lengthen the interval"):
+        replace(FRAME, interval_s=7e-6)
+
+
+def test_a_period_shorter_than_its_chirps_is_refused():
+    with pytest.raises(InvalidSetting, match="Lengthen the period"):
+        replace(FRAME, period_s=0.5e-3)
