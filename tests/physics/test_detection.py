@@ -6,7 +6,7 @@ import xarray as xr
 
 import dechirp as dc
 from conftest import noisy
-from dechirp.process.chain import remarks
+from dechirp.process.remarks import remarks
 from dechirp.theory.detection import detection_probability
 
 
@@ -170,3 +170,23 @@ def test_a_guard_inside_the_main_lobe_is_remarked_upon(radar):
 def test_a_detector_without_a_clear_threshold_is_refused(wrong):
     with pytest.raises(dc.InvalidSetting):
         dc.Cfar(estimator=dc.CellAveraging(), **wrong)
+
+
+def test_a_constant_offset_of_the_samples_is_a_detection_at_range_zero(radar):
+    cube = dc.simulate(dc.Scene(), radar, seed=6)
+    cube += np.complex64(1e-5)
+    found = dc.detect(cube, radar).isel(detection=0)
+    assert float(found.range) == pytest.approx(0, abs=5 * float(found.range_std))
+    assert float(found.velocity) == pytest.approx(0, abs=5 * float(found.velocity_std))
+
+
+def test_a_cube_in_double_precision_gives_the_same_detections(radar):
+    scene = dc.Scene(targets=[dc.Target(position_m=(20, 1, 0), rcs_m2=10)])
+    single = dc.detect(dc.simulate(scene, radar, seed=7), radar)
+    noise = dc.simulate(dc.Scene(), radar, seed=7)
+    double = dc.simulate(scene, radar, impairments=(), dtype=np.complex128) + noise
+    xr.testing.assert_allclose(dc.detect(double, radar), single, rtol=1e-4)
+
+
+def test_silence_holds_no_detection(radar):
+    assert dc.detect(dc.simulate(dc.Scene(), radar, impairments=()), radar).sizes["detection"] == 0

@@ -125,10 +125,10 @@ def test_a_strong_target_leaves_the_noise_beside_it_whole(radar):
     rng = np.random.default_rng(8)
     power = rng.exponential(size=(64, 128)).astype(np.float32)
     ring = dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-4).ring
-    calm = dc.CellAveraging().level(power, ring)
+    calm = dc.CellAveraging().threshold(power, ring, np.ones(power.shape[1], np.float32))
     struck = power.copy()
     struck[30, 60] = 1e12  # 120 dB over the noise
-    level = dc.CellAveraging().level(struck, ring)
+    level = dc.CellAveraging().threshold(struck, ring, np.ones(power.shape[1], np.float32))
 
     apart = np.ones(power.shape, bool)
     apart[30 - 12 : 30 + 13, 60 - 14 : 60 + 15] = False
@@ -150,7 +150,7 @@ def test_the_level_is_the_mean_of_the_ring_cell_by_cell():
         ring = dc.Cfar(
             estimator=dc.CellAveraging(), n_training=cells[0], n_guard=cells[1], offset=1.0
         ).ring
-        found = dc.CellAveraging().level(power, ring)
+        found = dc.CellAveraging().threshold(power, ring, np.ones(power.shape[1], np.float32))
         places = ring.places(40)
         for v in range(26):
             for j in range(40):

@@ -15,7 +15,8 @@ from dechirp.experiment.link import added_noise_w, link_budget
 from dechirp.experiment.scenario import Scenario
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
-from dechirp.process.chain import detect, power_map, remarks, threshold_map
+from dechirp.process.chain import detect, power_map, threshold_map
+from dechirp.process.remarks import remarks
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import surprises, truth

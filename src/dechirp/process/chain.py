@@ -2,17 +2,15 @@
 
 import numpy as np
 import xarray as xr
-from scipy.special import gammaincinv
 
 from dechirp.core.conventions import CUBE_AXES, axis
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding
-from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
-from dechirp.process.cfar.base import Cfar, Noise, Ring
+from dechirp.process.cfar.base import Cfar, Noise
 from dechirp.process.cfar.cell_averaging import CellAveraging
+from dechirp.process.estimates import between_bins, estimates, noise_about
 from dechirp.process.peaks import peaks
-from dechirp.process.refine import Tones, refine
+from dechirp.process.refine import refine
 from dechirp.process.spectrum import (
     Transform,
     independent_rows,
@@ -25,7 +23,6 @@ from dechirp.process.spectrum import (
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
-from dechirp.theory.bounds import frequency_variance
 from dechirp.theory.windows import Window
 
 
@@ -102,7 +99,8 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     Parameters
     ----------
     cube : DataArray (frame, chirp, rx, sample)
-        complex64 for complex sampling, float32 for real; any order of axes.
+        complex for complex sampling, real for real, processed in single precision; any
+        order of axes.
     radar : Radar
         The waveform and the receivers that the cube was taken with.
     chain : Chain, optional
@@ -138,10 +136,11 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         if "frame" in cube.coords
         else [radar.frame.start_s(index) for index in range(cube.sizes["frame"])]
     )
-    samples = cube.transpose(*CUBE_AXES).values
+    samples = cube.variable.transpose(*CUBE_AXES).values
+    kind = np.complex64 if radar.frame.chirp.sampling == "complex" else np.float32
     columns = [
-        _detect_frame(np.ascontiguousarray(samples[index]), radar, chain, index, float(start_s))
-        for index, start_s in enumerate(starts_s)
+        _detect_frame(np.ascontiguousarray(samples[i], kind), radar, chain, i, float(start_s))
+        for i, start_s in enumerate(starts_s)
     ]
     merged = {name: np.concatenate([c[name] for c in columns]) for name in _UNITS}
     return xr.Dataset(
@@ -168,15 +167,16 @@ def _detect_frame(
     power = _power(samples, radar, noise)
     _must_be_finite(power)
     found = peaks(power, _threshold(power, radar, chain), noise)
-    slow, fast = _between_bins(power, found, noise)
+    slow, fast = between_bins(power, found, noise)
     tones = refine(samples, slow, fast)
-    cell_noise = _noise_about(power, found, chain.cfar.ring, noise.n_channels)
+    cell_noise = noise_about(power, found, chain.cfar.ring, noise.n_channels)
     sample_noise = cell_noise / noise_gain(noise.over_range, noise.over_velocity, frame.chirp)
+    sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
     snr = np.maximum(tones.energy / sample_noise - noise.n_channels, 1e-3)
     return {
         "frame": np.full(len(found), index),
         "time": np.full(len(found), start_s + frame.mid_frame_s),
-        **_estimates(tones, snr, frame),
+        **estimates(tones, snr, frame),
     }
 
 
@@ -195,86 +195,6 @@ def _threshold(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     threshold = np.full_like(power, np.inf)
     threshold[:, rows] = chain.cfar.threshold(np.ascontiguousarray(power[:, rows]), noise)
     return threshold
-
-
-def _between_bins(
-    power: np.ndarray, found: np.ndarray, noise: Noise
-) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies of the peaks, rad per chirp and per sample, by a parabola through decibels.
-
-    Within 0.2 of a bin of the truth for any of the windows: enough to start from.
-    """
-    velocity, row = found[:, 0], found[:, 1]
-    n_velocity, n_rows = power.shape
-
-    def level(at_velocity: np.ndarray, at_row: np.ndarray) -> np.ndarray:
-        cells = power[at_velocity % n_velocity, np.clip(at_row, 0, n_rows - 1)]
-        return np.log(np.maximum(cells, np.finfo(np.float32).tiny))
-
-    def vertex(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        curve = 2 * level(velocity, row) - before - after
-        return np.clip((after - before) / np.where(curve > 0, 2 * curve, np.inf), -0.5, 0.5)
-
-    d_velocity = vertex(level(velocity - 1, row), level(velocity + 1, row))
-    d_row = vertex(level(velocity, row - 1), level(velocity, row + 1))
-    turn_velocity = 2 * np.pi / noise.over_velocity.n_bins
-    turn_range = 2 * np.pi / noise.over_range.n_bins
-    slow = (velocity - noise.over_velocity.n_bins // 2 + d_velocity) * turn_velocity
-    return slow, (row + d_row) * turn_range
-
-
-def _noise_about(power: np.ndarray, found: np.ndarray, ring: Ring, n_channels: int) -> np.ndarray:
-    """Mean noise power in the cells about each peak, (n,).
-
-    The median of the ring's corners, over that of the mean of n_channels exponentials: the
-    sidelobes of a separable window lie on the cross that the corners leave out, and other
-    targets move a median little. A ring along one axis has no corners and is taken whole.
-    """
-    n_velocity, n_rows = power.shape
-    median = gammaincinv(n_channels, 0.5) / n_channels
-    guard, half_v = ring.n_guard, ring.half_velocity
-    dv = np.arange(-half_v, half_v + 1)
-    outside_v = abs(dv) > guard.velocity
-    levels = np.empty(len(found))
-    places = ring.places(n_rows)
-    for i, (velocity, row) in enumerate(found):
-        rows = row - places[row] + np.arange(2 * ring.half_range + 1)
-        outside_r = abs(rows - row) > guard.range
-        if outside_v.any() and outside_r.any():
-            cells = power[np.ix_((velocity + dv[outside_v]) % n_velocity, rows[outside_r])]
-        elif outside_r.any():
-            cells = power[velocity, rows[outside_r]]
-        else:
-            cells = power[(velocity + dv[outside_v]) % n_velocity, row]
-        levels[i] = np.median(cells) / median
-    return levels
-
-
-def _estimates(tones: Tones, snr: np.ndarray, frame: Frame) -> dict[str, np.ndarray]:
-    """Range and velocity of tones, with standard errors.
-
-    With the delay tau at mid-window, the fast-time frequency is S tau + f_D and the
-    slow-time frequency f_D = 2 v (f - S tau) / c, f the frequency sent at mid-window. So
-    their difference is free of range-Doppler coupling and of the residual video phase.
-    """
-    chirp = frame.chirp
-    doppler_hz = ((tones.slow + np.pi) % (2 * np.pi) - np.pi) / (2 * np.pi * frame.interval_s)
-    beat_hz = tones.fast * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
-    sent_hz = chirp.start_frequency_hz + chirp.slope_hz_per_s * chirp.mid_window_s
-    half_wavelength_m = SPEED_OF_LIGHT / (2 * (sent_hz - beat_hz))
-    doppler_std_hz = np.sqrt(frequency_variance(snr=snr, n_points=frame.n_chirps)) / (
-        2 * np.pi * frame.interval_s
-    )
-    fast_std_hz = np.sqrt(frequency_variance(snr=snr, n_points=chirp.n_samples)) * (
-        chirp.sample_rate_hz / (2 * np.pi)
-    )
-    return {
-        "range": chirp.range_m(1.0) * beat_hz,
-        "velocity": doppler_hz * half_wavelength_m,
-        "snr": snr,
-        "range_std": chirp.range_m(1.0) * np.hypot(fast_std_hz, doppler_std_hz),
-        "velocity_std": doppler_std_hz * half_wavelength_m,
-    }
 
 
 def _must_fit(cube: xr.DataArray, radar: Radar) -> None:
@@ -314,43 +234,3 @@ def _must_be_finite(power: np.ndarray) -> None:
             need="finite samples throughout",
             fix="Find what wrote them, or replace them by zeros.",
         )
-
-
-def remarks(radar: Radar, chain: Chain) -> list[Finding]:
-    """What a user should know about the maps this chain makes for a radar."""
-    noise, guard = chain.noise(radar), chain.cfar.n_guard
-    found = [
-        *_guard_remarks("range", guard.range, noise.over_range),
-        *_guard_remarks("velocity", guard.velocity, noise.over_velocity),
-    ]
-    chirp, n_rows = radar.frame.chirp, noise.over_range.n_bins // 2 + 1
-    if chirp.sampling == "real":
-        rows = independent_rows(chirp, noise.over_range)
-        found.append(
-            Finding(
-                level="note",
-                setting="radar.frame.chirp.sampling",
-                got=f"real samples: {rows.start} rows at range 0 and {n_rows - rows.stop} at"
-                f" {chirp.max_range_m:.4g} m are not searched",
-                need="noise that is independent of its mirror image, for false alarms as designed",
-                fix="Nothing is to be done; pad less to lose fewer metres.",
-            )
-        )
-    return found
-
-
-def _guard_remarks(axis: str, n_guard: int, transform: Transform) -> list[Finding]:
-    """A warning where a target would raise its own threshold."""
-    needed = int(np.ceil(transform.main_lobe_bins)) - 1
-    if n_guard >= needed:
-        return []
-    return [
-        Finding(
-            level="warning",
-            setting=f"chain.cfar.n_guard.{axis}",
-            got=f"{n_guard} guard cells inside a main lobe of {transform.main_lobe_bins:.3g} bins"
-            " on each side",
-            need=f"{needed} or more, or a target raises its own threshold",
-            fix="Widen the guard, or pad less.",
-        )
-    ]

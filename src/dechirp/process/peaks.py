@@ -59,10 +59,17 @@ def _local_maxima(power: np.ndarray, threshold: np.ndarray) -> np.ndarray:
     n_v, n_r = power.shape
     found = [(v, 0) for v in range(0)]  # empty, typed for the compiler
     for v in range(n_v):
-        for j in range(n_r):
-            # Few cells pass this; the neighbours of the others are never looked at.
-            if power[v, j] > threshold[v, j] and _is_highest(power, v, j):
-                found.append((v, j))
+        row, limits = power[v], threshold[v]
+        for start in range(0, n_r, 64):
+            line, over = row[start : start + 64], limits[start : start + 64]
+            # Few cells are over threshold: most blocks are passed by eight cells at a time.
+            n_over = np.int32(0)
+            for i in range(line.size):
+                n_over += np.int32(line[i] > over[i])
+            if n_over:
+                for i in range(line.size):
+                    if line[i] > over[i] and _is_highest(power, v, start + i):
+                        found.append((v, start + i))
     indices = np.empty((len(found), 2), np.int64)
     for i, cell in enumerate(found):
         indices[i, 0], indices[i, 1] = cell

@@ -97,17 +97,20 @@ class Ring:
 
 
 class NoiseEstimator(Family):
-    """What sets one CFAR apart from the next: how the noise is estimated, and its law."""
+    """What sets one CFAR apart from the next: how it estimates the noise, and its law."""
 
     group: ClassVar[str] = "dechirp.cfar"
 
     @abstractmethod
-    def level(self, power: np.ndarray, ring: Ring) -> np.ndarray:
-        """Noise power about each cell of a map, (velocity, range) to the same."""
+    def threshold(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
+        """Noise power about each cell of a map times the factor of its row.
+
+        `power` (velocity, range) and `factors` (range,) are float32, as is what is given.
+        """
 
     @abstractmethod
     def factor(self, false_alarm_probability: float, box: Box, *, n_channels: int) -> float:
-        """Threshold over level that gives the probability in noise with that covariance."""
+        """Threshold over estimate that gives the probability in noise with that covariance."""
 
 
 @value
@@ -164,9 +167,8 @@ class Cfar:
             too small for the window and the zero padding.
         """
         self.ring.fits(*power.shape)
-        level = self.estimator.level(power, self.ring)
-        level *= self._factors(noise)[self.ring.places(power.shape[1])]
-        return level
+        factors = self._factors(noise)[self.ring.places(power.shape[1])]
+        return self.estimator.threshold(power, self.ring, factors)
 
     def _factors(self, noise: Noise) -> np.ndarray:
         """Factor for each place of the cell under test in the box, (2 half_range + 1,)."""

@@ -12,10 +12,11 @@ from dechirp.theory.cfar import Box, correlated_factor, independent_factor
 class CellAveraging(NoiseEstimator):
     """Mean of the training cells."""
 
-    def level(self, power: np.ndarray, ring: Ring) -> np.ndarray:
-        """Mean power of the ring about each cell, (velocity, range)."""
+    def threshold(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
+        """Mean power of the ring about each cell, times the factor of its row."""
         return _ring_means(
             power,
+            factors,
             ring.n_training.range,
             ring.n_training.velocity,
             ring.n_guard.range,
@@ -37,9 +38,11 @@ def _is_identity(covariance: np.ndarray) -> bool:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _ring_means(
-    power: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
+    power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
 ) -> np.ndarray:
-    """Mean over the ring of each cell, velocity wrapping, range box kept within the map.
+    """Mean over the ring about each cell times the factor of its row.
+
+    Velocity wraps round; the range box stays within the map.
 
     Two limits: 2 MB moved (0.1 ms) and some 25 additions a cell, eight at a time.
     Columns slide in float64, where a target 140 dB over the noise leaves the noise whole to
@@ -68,10 +71,10 @@ def _ring_means(
     both = np.empty(n_r, np.float32)
     sides = np.zeros(n_r + 1, np.float32)
     middle = np.zeros(n_r + 1, np.float32)
-    work = np.empty((32, n_r), np.float32)
+    work = np.empty((32, n_r + 1), np.float32)
     n_middle = n_r - 2 * half_r
     n_corner = 2 * train_v * width
-    share = np.float32(1.0 / (n_corner + 2 * train_r * (2 * guard_v + 1)))
+    scale = factors[half_r : n_r - half_r] / np.float32(n_corner + 2 * train_r * (2 * guard_v + 1))
     for v in range(n_v):
         enters, leaves = power[(v + half_v) % n_v], power[(v - 1 - half_v) % n_v]
         to_guard, from_guard = power[(v + guard_v) % n_v], power[(v - 1 - guard_v) % n_v]
@@ -89,30 +92,45 @@ def _ring_means(
         left, right = sides[:n_middle], sides[half_r + guard_r + 1 :]
         centre, line = middle[train_r:], out[v, half_r:]
         for j in range(n_middle):
-            line[j] = (left[j] + right[j] + centre[j]) * share
-        for e in range(half_r):
-            out[v, e] = _end(inner[:width], outer[:width], e, guard_r, guard_v, n_corner)
-            out[v, n_r - 1 - e] = _end(
-                inner[-width:], outer[-width:], width - 1 - e, guard_r, guard_v, n_corner
-            )
+            line[j] = (left[j] + right[j] + centre[j]) * scale[j]
+        _ends(inner[:width], outer[:width], out[v, :half_r], 0, guard_r, guard_v, n_corner, work)
+        first = half_r + 1  # place of the first row under test at the far end
+        far = out[v, n_r - half_r :]
+        _ends(inner[-width:], outer[-width:], far, first, guard_r, guard_v, n_corner, work)
+        for j in range(half_r):
+            out[v, j] *= factors[j]
+            far[j] *= factors[n_r - half_r + j]
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _end(
-    inner: np.ndarray, outer: np.ndarray, place: int, guard_r: int, guard_v: int, n_corner: int
-) -> np.float32:
-    """Mean of the ring where the box stops at the end of the map."""
-    total = np.float32(0.0)
-    for i in range(inner.size):
-        total += outer[i]
-    low, high = max(place - guard_r, 0), min(place + guard_r + 1, inner.size)
-    for i in range(low):
-        total += inner[i]
-    for i in range(high, inner.size):
-        total += inner[i]
-    n_sides = low + inner.size - high
-    return np.float32(total / (n_corner + n_sides * (2 * guard_v + 1)))
+def _ends(
+    inner: np.ndarray,
+    outer: np.ndarray,
+    out: np.ndarray,
+    first: int,
+    guard_r: int,
+    guard_v: int,
+    n_corner: int,
+    work: np.ndarray,
+) -> None:
+    """Means of the ring where the box stops at an end of the map, for places from `first` on.
+
+    The rows of the guard are those before it and those after it, by sums from either side.
+    """
+    width = inner.size
+    before, after = work[0], work[1]
+    before[0] = after[width] = 0
+    corners = np.float32(0.0)
+    for i in range(width):
+        before[i + 1] = before[i] + inner[i]
+        after[width - 1 - i] = after[width - i] + inner[width - 1 - i]
+        corners += outer[i]
+    for i in range(out.size):
+        low, high = max(first + i - guard_r, 0), min(first + i + guard_r + 1, width)
+        n_sides = low + width - high
+        total = corners + before[low] + after[high]
+        out[i] = total / np.float32(n_corner + n_sides * (2 * guard_v + 1))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})

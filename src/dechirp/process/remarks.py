@@ -1,0 +1,48 @@
+"""What a user should know about the maps that a chain makes."""
+
+import numpy as np
+
+from dechirp.core.findings import Finding
+from dechirp.process.chain import Chain
+from dechirp.process.spectrum import Transform, independent_rows
+from dechirp.radar.radar import Radar
+
+
+def remarks(radar: Radar, chain: Chain) -> list[Finding]:
+    """What a user should know about the maps this chain makes for a radar."""
+    noise, guard = chain.noise(radar), chain.cfar.n_guard
+    found = [
+        *_guard_remarks("range", guard.range, noise.over_range),
+        *_guard_remarks("velocity", guard.velocity, noise.over_velocity),
+    ]
+    chirp, n_rows = radar.frame.chirp, noise.over_range.n_bins // 2 + 1
+    if chirp.sampling == "real":
+        rows = independent_rows(chirp, noise.over_range)
+        found.append(
+            Finding(
+                level="note",
+                setting="radar.frame.chirp.sampling",
+                got=f"real samples: {rows.start} rows at range 0 and {n_rows - rows.stop} at"
+                f" {chirp.max_range_m:.4g} m are not searched",
+                need="noise that is independent of its mirror image, for false alarms as designed",
+                fix="Nothing is to be done; pad less to lose fewer metres.",
+            )
+        )
+    return found
+
+
+def _guard_remarks(axis: str, n_guard: int, transform: Transform) -> list[Finding]:
+    """A warning where a target would raise its own threshold."""
+    needed = int(np.ceil(transform.main_lobe_bins)) - 1
+    if n_guard >= needed:
+        return []
+    return [
+        Finding(
+            level="warning",
+            setting=f"chain.cfar.n_guard.{axis}",
+            got=f"{n_guard} guard cells inside a main lobe of {transform.main_lobe_bins:.3g} bins"
+            " on each side",
+            need=f"{needed} or more, or a target raises its own threshold",
+            fix="Widen the guard, or pad less.",
+        )
+    ]
