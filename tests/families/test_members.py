@@ -1,0 +1,112 @@
+"""The contract of each family, on every member it has."""
+
+import os
+import subprocess
+import sys
+from dataclasses import MISSING, fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from conftest import noise_cube
+from dechirp.echoes.impairments.base import Impairment
+from dechirp.formats.base import Format, Match
+from dechirp.process.cfar.base import NoiseEstimator
+
+FAMILIES = [NoiseEstimator, Impairment, Format]
+
+
+def example(member):
+    """The member with its defaults, and 1 where it has none."""
+    return member(**{f.name: 1.0 for f in fields(member) if f.default is MISSING})
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.group)
+def test_a_member_is_called_after_its_file(family):
+    members = family.members()
+    assert members
+    for kind, member in members.items():
+        assert kind == member.__module__.rpartition(".")[2].replace("_", "-")
+        assert isinstance(example(member), family)
+
+
+def test_another_package_adds_a_member_by_an_entry_point(tmp_path):
+    (tmp_path / "always_three.py").write_text(
+        "import numpy as np\n"
+        "from dechirp.core.values import value\n"
+        "from dechirp.process.cfar.base import NoiseEstimator\n\n\n"
+        "@value\n"
+        "class AlwaysThree(NoiseEstimator):\n"
+        "    def threshold(self, power, ring, factors):\n"
+        "        return np.full_like(power, 3.0)\n\n"
+        "    def factor(self, false_alarm_probability, box, *, n_channels):\n"
+        "        return 1.0\n"
+    )
+    folder = tmp_path / "guest-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: guest\nVersion: 1.0\n")
+    (folder / "entry_points.txt").write_text(
+        "[dechirp.cfar]\nalways-three = always_three:AlwaysThree\n"
+    )
+    # In a process of its own, which takes the guest with it.
+    path = os.pathsep.join([str(tmp_path), str(Path(dc.__file__).parent.parent)])
+    code = (
+        "from dechirp.config import files; from dechirp.process.cfar.base import Cfar;"
+        "print(files.parse('estimator: {kind: always-three}\\noffset: 3 dB', Cfar).estimator)"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert found.stdout.strip() == "AlwaysThree()"
+
+
+@pytest.mark.parametrize("kind", NoiseEstimator.members())
+@pytest.mark.parametrize("where", ["middle", "first rows", "last rows"])
+def test_each_cfar_alarms_as_asked_in_white_noise(radar, kind, where):
+    estimator = example(NoiseEstimator.members()[kind])
+    cfar = dc.Cfar(
+        estimator=estimator,
+        n_training=dc.Cells(range=6, velocity=4),
+        n_guard=dc.Cells(range=1, velocity=1),
+        false_alarm_probability=1e-2,
+    )
+    chain = dc.Chain(range_window="rectangular", doppler_window="rectangular", cfar=cfar)
+    rows = {"middle": slice(20, -20), "first rows": slice(0, 7), "last rows": slice(-7, None)}
+    rng = np.random.default_rng(61)
+    hits = trials = 0
+    for _ in range(60):
+        power = dc.power_map(noise_cube(radar, rng).isel(frame=0), radar, chain)
+        alarms = (power > dc.threshold_map(power, radar, chain)).values[:, rows[where]]
+        hits, trials = hits + alarms.sum(), trials + alarms.size
+    # Independent cells; their thresholds share training cells, which widens the spread by
+    # less than 1.5: 537 alarms or more, five standard errors.
+    spread = 1.5 * np.sqrt(1e-2 / trials)
+    assert hits / trials == pytest.approx(1e-2, abs=5 * spread)
+
+
+@pytest.mark.parametrize("kind", Impairment.members())
+def test_each_impairment_says_what_noise_it_adds(radar, kind):
+    impairment = example(Impairment.members()[kind])
+    scene = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0))])
+    cube = dc.simulate(scene, radar, impairments=[impairment], n_frames=2, seed=62)
+    clean = dc.simulate(scene, radar, impairments=(), n_frames=2)
+    added_w = float(np.mean(abs(cube - clean) ** 2))
+    # The mean of n exponential powers: five standard errors.
+    expected_w = impairment.noise_power_w(scene, radar)
+    assert added_w == pytest.approx(expected_w, rel=5 / np.sqrt(cube.size), abs=1e-30)
+
+
+@pytest.mark.parametrize("kind", Format.members())
+def test_each_format_refuses_a_file_of_something_else(tmp_path, kind):
+    member = example(Format.members()[kind])
+    picture = tmp_path / "picture.png"
+    picture.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 8)
+    assert member.recognise(picture) == Match.NO
+    with pytest.raises(dc.RecordingError):
+        dc.open(picture, format=kind, axes=("chirp", "sample"))
