@@ -190,3 +190,9 @@ def test_a_cube_in_double_precision_gives_the_same_detections(radar):
 
 def test_silence_holds_no_detection(radar):
     assert dc.detect(dc.simulate(dc.Scene(), radar, impairments=()), radar).sizes["detection"] == 0
+
+
+def test_a_map_larger_than_memory_is_refused_with_the_number(radar):
+    cube = dc.simulate(dc.Scene(), radar, seed=8)
+    with pytest.raises(dc.NotEnoughMemory, match="range-Doppler map is .* GiB of memory"):
+        dc.detect(cube, radar, dc.Chain(n_range_bins=10**9))

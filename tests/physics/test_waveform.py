@@ -5,6 +5,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -144,3 +145,21 @@ def test_an_interval_shorter_than_the_ramp_is_refused():
 def test_a_period_shorter_than_its_chirps_is_refused():
     with pytest.raises(InvalidSetting, match="Lengthen the period"):
         replace(FRAME, period_s=0.5e-3)
+
+
+def test_axes_step_by_the_resolution_and_end_at_the_limits(radar):
+    frame, chirp = radar.frame, radar.frame.chirp
+    ranges, velocities = chirp.range_bins_m(), frame.velocity_bins_m_per_s()
+
+    assert ranges[0] == 0
+    assert np.diff(ranges) == pytest.approx(chirp.range_resolution_m)
+    assert ranges[-1] == pytest.approx(chirp.max_range_m - chirp.range_resolution_m)
+    assert np.diff(velocities) == pytest.approx(frame.velocity_resolution_m_per_s)
+    assert velocities[0] == pytest.approx(-frame.max_velocity_m_per_s)
+    assert velocities[frame.n_chirps // 2] == 0
+    # Padding divides the steps and moves no limit.
+    assert np.diff(chirp.range_bins_m(1024)) == pytest.approx(chirp.range_resolution_m / 4)
+    assert frame.velocity_bins_m_per_s(512)[0] == pytest.approx(-frame.max_velocity_m_per_s)
+    real = replace(chirp, sampling="real")
+    assert real.range_bins_m().size == 129
+    assert real.range_bins_m()[-1] == pytest.approx(real.max_range_m)

@@ -81,17 +81,16 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     opened = perf_counter()
     chain = scenario.chain
     chosen = _chosen(source, scenario)
-    found, power, threshold = [], None, None
+    found = []
     for done, cube in enumerate(_one_by_one(source, chosen)):
-        if power is None:
-            power = power_map(cube.isel(frame=0), radar, chain)
-            threshold = threshold_map(power, radar, chain)
         columns = detect(cube, radar, chain)
         found.append(columns.assign(frame=columns.frame + done))
         if progress is not None:
             progress(done + 1, len(chosen))
-    assert power is not None
-    assert threshold is not None
+    # Only now: held through the detection, these two maps would be a fourth cube in memory.
+    first = next(_one_by_one(source, chosen)).isel(frame=0)
+    power = power_map(first, radar, chain)
+    threshold = threshold_map(power, radar, chain)
     finished = perf_counter()
     return Result(
         scenario=scenario,

@@ -5,6 +5,7 @@ import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES, axis
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.memory import must_fit
 from dechirp.core.values import value
 from dechirp.process.cfar.base import Cfar, Noise
 from dechirp.process.cfar.cell_averaging import CellAveraging
@@ -16,9 +17,7 @@ from dechirp.process.spectrum import (
     independent_rows,
     mean_power,
     noise_gain,
-    range_bins_m,
     range_doppler,
-    velocity_bins_m_per_s,
 )
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
@@ -74,9 +73,9 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
         dims=("velocity", "range"),
         coords={
             "velocity": axis(
-                "velocity", velocity_bins_m_per_s(radar.frame, noise.over_velocity.n_bins)
+                "velocity", radar.frame.velocity_bins_m_per_s(noise.over_velocity.n_bins)
             ),
-            "range": axis("range", range_bins_m(radar.frame.chirp, noise.over_range.n_bins)),
+            "range": axis("range", radar.frame.chirp.range_bins_m(noise.over_range.n_bins)),
         },
         attrs={"units": units, "long_name": "power"},
     )
@@ -128,6 +127,8 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     InvalidSetting
         If the cube is not that radar's, holds samples that are not finite, or the training
         cells do not fit into the map.
+    NotEnoughMemory
+        If the map would not fit.
     """
     chain = chain or Chain()
     _must_fit(cube, radar)
@@ -182,6 +183,12 @@ def _detect_frame(
 
 def _power(samples: np.ndarray, radar: Radar, noise: Noise) -> np.ndarray:
     """Range-Doppler map of one frame, (chirp, rx, sample) to (velocity, range)."""
+    cells = noise.over_range.n_bins * noise.over_velocity.n_bins
+    must_fit(
+        "range-Doppler map",
+        needed_bytes=cells * (8.0 * noise.n_channels + 3 * 4.0),  # spectrum, power, threshold
+        fix="Take fewer range or velocity bins.",
+    )
     sampling = radar.frame.chirp.sampling
     return mean_power(range_doppler(samples, sampling, noise.over_range, noise.over_velocity))
 

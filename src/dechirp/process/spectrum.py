@@ -1,6 +1,6 @@
 """From samples to range, from chirps to velocity: tapered Fourier transforms with axes."""
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numba
 import numpy as np
@@ -11,7 +11,6 @@ from dechirp.core.conventions import axis
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.radar.chirp import Chirp, Sampling
-from dechirp.radar.frame import Frame
 from dechirp.theory.windows import (
     Window,
     bin_correlation,
@@ -66,24 +65,13 @@ class Transform:
         turns = np.exp(2j * np.pi * off / self.n_bins * np.arange(self.n_points))
         return float(abs(self.weights @ turns) ** 2 / self.weights.sum() ** 2)
 
+    @lru_cache(maxsize=32)  # noqa: B019 - values are few and small, and a ring asks 15 times
     def covariance(self, n: int) -> np.ndarray:
         """Correlation of white noise among n neighbouring bins, (n, n), Hermitian."""
         if self.keeps_noise_white and n <= self.n_bins:
             return np.eye(n)
         bins = np.arange(n)
         return bin_correlation(self.weights, self.n_bins, bins[:, None] - bins)
-
-
-def range_bins_m(chirp: Chirp, n_bins: int) -> np.ndarray:
-    """Range of each bin of an n_bins transform: all bins complex, n_bins // 2 + 1 real."""
-    n_kept = n_bins if chirp.sampling == "complex" else n_bins // 2 + 1
-    return np.arange(n_kept) * chirp.range_m(chirp.sample_rate_hz) / n_bins
-
-
-def velocity_bins_m_per_s(frame: Frame, n_bins: int) -> np.ndarray:
-    """Velocity of each bin of an n_bins transform, ascending, zero among them, (n_bins,)."""
-    doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_bins, frame.interval_s))
-    return doppler_hz * frame.chirp.wavelength_m / 2
 
 
 def independent_rows(chirp: Chirp, transform: Transform) -> slice:
@@ -120,7 +108,7 @@ def range_profiles(cube: xr.DataArray, chirp: Chirp, transform: Transform) -> xr
     else:
         profiles = scipy.fft.rfft(tapered, transform.n_bins, axis=-1)
     coords = {name: array.coords[name] for name in array.dims[:-1] if name in array.coords}
-    coords["range"] = axis("range", range_bins_m(chirp, transform.n_bins))
+    coords["range"] = axis("range", chirp.range_bins_m(transform.n_bins))
     return xr.DataArray(
         profiles, dims=(*array.dims[:-1], "range"), coords=coords, attrs=dict(cube.attrs)
     )

@@ -2,6 +2,8 @@
 
 from typing import Literal
 
+import numpy as np
+
 from dechirp.core.checks import count, not_negative, positive
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -105,6 +107,16 @@ class Chirp:
     def range_m(self, beat_frequency_hz: float) -> float:
         """Range of a target at rest, c f / 2S: the inverse of `beat_frequency_hz`."""
         return SPEED_OF_LIGHT * beat_frequency_hz / (2 * self.slope_hz_per_s)
+
+    def range_bins_m(self, n_bins: int | None = None) -> np.ndarray:
+        """Range of each bin of a beat spectrum of n_bins points; none: n_samples.
+
+        (n_bins,) for complex samples, (n_bins // 2 + 1,) for real ones: the other half is a
+        mirror image. Steps of c fs / 2 S n_bins, the range resolution when not padded.
+        """
+        n_bins = n_bins or self.n_samples
+        n_kept = n_bins if self.sampling == "complex" else n_bins // 2 + 1
+        return np.arange(n_kept) * self.range_m(self.sample_rate_hz) / n_bins
 
     def range_doppler_coupling_m(self, velocity_m_per_s: float) -> float:
         """How much too far a receding target seems, v f / S, f at mid-window.

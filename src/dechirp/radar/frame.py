@@ -1,5 +1,7 @@
 """A frame: equal chirps at equal intervals, processed together."""
 
+import numpy as np
+
 from dechirp.core.checks import count, positive
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
@@ -61,6 +63,15 @@ class Frame:
     def max_velocity_m_per_s(self) -> float:
         """Largest unambiguous velocity of either sign, lambda / 4T."""
         return self.chirp.wavelength_m / (4 * self.interval_s)
+
+    def velocity_bins_m_per_s(self, n_bins: int | None = None) -> np.ndarray:
+        """Velocity of each bin of a Doppler spectrum of n_bins points; none: n_chirps.
+
+        (n_bins,), ascending from minus the largest velocity in steps of lambda / 2 n_bins T,
+        zero at n_bins // 2.
+        """
+        doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_bins or self.n_chirps, self.interval_s))
+        return doppler_hz * self.chirp.wavelength_m / 2
 
     def start_s(self, index: int) -> float:
         """Start of a frame, counted from 0."""

@@ -1,0 +1,153 @@
+"""`dechirp design`: requirements in, a waveform with all its formulas out."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from dechirp.cli.options import Json, Quiet
+
+if TYPE_CHECKING:
+    from dechirp.radar.derived import Derived
+    from dechirp.radar.design import Design
+    from dechirp.radar.requirements import Requirements
+
+_Text = Annotated[str | None, Parameter(allow_leading_hyphen=True)]  # -3 m/s is wrong elsewhere
+
+
+def design(
+    requirements: Path | None = None,
+    /,
+    *,
+    max_range: _Text = None,
+    range_resolution: _Text = None,
+    max_velocity: _Text = None,
+    velocity_resolution: _Text = None,
+    carrier: _Text = None,
+    sampling: _Text = None,
+    band: _Text = None,
+    rcs: _Text = None,
+    detection_probability: _Text = None,
+    false_alarm_probability: _Text = None,
+    rule: Literal["round-trips", "constraints"] = "round-trips",
+    out: Path | None = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Find the waveform that meets requirements, with every formula.
+
+    Ends with status 1 if a requirement cannot be met; the nearest radar is shown then.
+
+    Parameters
+    ----------
+    requirements
+        File of requirements (YAML); options replace what it says.
+    max_range
+        Farthest target that must not alias, as 200m.
+    range_resolution
+        Width of a range bin, at most, as 1m.
+    max_velocity
+        Fastest target that must not fold, as "100 m/s".
+    velocity_resolution
+        Width of a velocity bin, at most; without it, 128 chirps.
+    carrier
+        Frequency at the start of the ramp; 77 GHz without it.
+    sampling
+        complex or real; complex without it.
+    band
+        "76-77 GHz" or "77-81 GHz": where the whole ramp must stay.
+    rcs
+        Target to detect at the largest range, as 10dBsm; checks the link budget.
+    detection_probability
+        Of that target in one frame; 0.9 without it.
+    false_alarm_probability
+        For each cell tested; 1e-6 without it.
+    rule
+        Chirps of 5.5 round trips, or what timeline, parts and regulator allow.
+    out
+        File for the radar (YAML), as `run --radar` reads it.
+    """
+    options = {
+        "max_range": max_range,
+        "range_resolution": range_resolution,
+        "max_velocity": max_velocity,
+        "velocity_resolution": velocity_resolution,
+        "carrier": carrier,
+        "sampling": sampling,
+        "band": band,
+        "rcs": rcs,
+        "detection_probability": detection_probability,
+        "false_alarm_probability": false_alarm_probability,
+    }
+    from dechirp.radar.design import design as design_radar
+
+    made = design_radar(_asked(requirements, options), rule=rule)
+    if out is not None:
+        from dechirp.config.texts import dump
+        from dechirp.store.whole import write_whole
+
+        write_whole(out, dump(made.radar))
+    if as_json:
+        _print_json(made)
+    elif not quiet:
+        _show(made, out)
+    return 0 if made.met else 1
+
+
+def _asked(path: Path | None, options: dict[str, str | None]) -> "Requirements":
+    """Requirements of the file, with the options in the place of what it says."""
+    from dechirp.cli.wrong import under_option
+    from dechirp.config import files
+    from dechirp.core.errors import InvalidFile
+    from dechirp.radar.requirements import Requirements
+
+    changes = [f"{name}={text}" for name, text in options.items() if text is not None]
+    try:
+        if path is None:
+            return files.parse("{}", Requirements, file="--set", overrides=changes)
+        return files.read(path, Requirements, overrides=changes)
+    except InvalidFile as error:
+        names = {name: f"--{name.replace('_', '-')}" for name in options}
+        raise under_option(error, names) from None
+
+
+def _print_json(made: "Design") -> None:
+    from dechirp.config.texts import plain
+    from dechirp.store.tables import json_text
+
+    frame = plain(made.radar.frame)
+    document = {
+        "chirp": frame.pop("chirp"),
+        "frame": frame,
+        "derived": {
+            one.name: {"value": one.value, "unit": one.unit, "formula": one.formula}
+            for one in made.derived
+        },
+        "findings": [plain(finding) for finding in made.findings],
+    }
+    print(json_text(document), end="")
+
+
+def _show(made: "Design", out: Path | None) -> None:
+    from dechirp.cli.show import console, findings, table
+
+    screen = console()
+    numbers = table("Design" if made.met else "Nearest design", left=["", "value", "formula"])
+    for one in made.derived:
+        formula = f"{one.formula}  ({one.uses})" if one.uses else one.formula
+        numbers.add_row(one.name.replace("_", " "), _with_unit(one), formula)
+    screen.print(numbers)
+    for paragraph in findings(made.findings):
+        screen.print(paragraph)
+    if out is not None:
+        screen.print(f"Radar: {out}", soft_wrap=True)
+
+
+def _with_unit(one: "Derived") -> str:
+    from dechirp.report.words import number, quantity
+
+    if one.unit == "1":
+        return number(one.value, 6)
+    if one.unit == "Hz/s":
+        return f"{number(one.value / 1e12, 6)} MHz/µs"
+    return f"{number(one.value, 6)} m/s" if one.unit == "m/s" else quantity(one.value, one.unit, 6)

@@ -1,0 +1,44 @@
+"""The JSON document of a run, in plain values."""
+
+from pathlib import Path
+from typing import Any
+
+import dechirp
+from dechirp.config.texts import plain
+from dechirp.experiment.run import Result
+from dechirp.radar.radar import Radar
+from dechirp.store.tables import records
+
+
+def document(
+    result: Result, *, source: Path | None, files: dict[str, Path], timing_s: dict[str, float]
+) -> dict[str, Any]:
+    """Everything about a run but the samples; None for what is not estimated."""
+    return {
+        "version": dechirp.__version__,
+        "seed": result.scenario.seed,
+        "source": "reference" if source is None else str(source),
+        "radar": {**plain(result.radar), "derived": _derived(result.radar)},
+        "frames": result.n_frames,
+        "detections": records(result.detections),
+        "clusters": None,
+        "tracks": None,
+        "truth": None if result.truth is None else records(result.truth),
+        "findings": [plain(finding) for finding in result.findings],
+        "timing_s": timing_s,
+        "files": {name: str(path) for name, path in files.items()},
+    }
+
+
+def _derived(radar: Radar) -> dict[str, float]:
+    frame, chirp = radar.frame, radar.frame.chirp
+    return {
+        "sampled_bandwidth_hz": chirp.sampled_bandwidth_hz,
+        "wavelength_m": chirp.wavelength_m,
+        "range_resolution_m": chirp.range_resolution_m,
+        "max_range_m": chirp.max_range_m,
+        "velocity_resolution_m_per_s": frame.velocity_resolution_m_per_s,
+        "max_velocity_m_per_s": frame.max_velocity_m_per_s,
+        "frame_duration_s": frame.duration_s,
+        "integration_gain": radar.integration_gain,
+    }

@@ -1,0 +1,108 @@
+"""`dechirp list`: the families that settings choose from by `kind`, and their members."""
+
+from typing import TYPE_CHECKING, Any
+
+from dechirp.cli.options import Json
+
+if TYPE_CHECKING:
+    from dechirp.core.families import Family
+
+
+def list_members(
+    family: str | None = None,
+    /,
+    *,
+    as_json: Json = False,
+) -> int:
+    """List what settings choose by kind: detectors, impairments, formats.
+
+    Parameters
+    ----------
+    family
+        One family; all of them without it.
+    """
+    from dechirp.config.nearest import did_you_mean
+    from dechirp.core.errors import InvalidFile, Mistake
+    from dechirp.store.tables import json_text
+
+    families = _families()
+    if family is not None and family not in families:
+        raise InvalidFile(
+            Mistake(
+                setting="the family",
+                got=family,
+                need=f"one of {', '.join(families)}",
+                fix=did_you_mean(family, families),
+            )
+        )
+    wanted = {name: families[name] for name in families if family in (None, name)}
+    found = {name: _members(base) for name, base in wanted.items()}
+    if as_json:
+        print(json_text({"families": found}), end="")
+    else:
+        _show(found)
+    return 0
+
+
+def _families() -> dict[str, "type[Family]"]:
+    """Base classes by name, from every `base.py` of the package."""
+    import importlib
+    import pkgutil
+
+    import dechirp
+    from dechirp.core.families import Family
+
+    for module in pkgutil.walk_packages(dechirp.__path__, "dechirp."):
+        if module.name.endswith(".base"):
+            importlib.import_module(module.name)
+    return {
+        base.group.removeprefix("dechirp."): base
+        for base in sorted(Family.__subclasses__(), key=lambda base: base.group)
+    }
+
+
+def _members(base: "type[Family]") -> dict[str, Any]:
+    """Settings of each member by its kind, as a settings file writes them."""
+    from dechirp.config.fields import settings, words
+    from dechirp.config.help import field_help
+
+    found = {}
+    for kind, member in base.members().items():
+        meanings = field_help(member)
+        found[kind] = {
+            "help": (member.__doc__ or "").partition("\n")[0],
+            "settings": {
+                name: {
+                    "need": words(setting.slot),
+                    "required": setting.required,
+                    "default": _written(setting.default, setting.slot.unit),
+                    "help": meanings[setting.field],
+                }
+                for name, setting in settings(member).items()
+            },
+        }
+    return found
+
+
+def _written(default: Any, unit: str | None) -> Any:
+    from dechirp.config.quantities import text_of
+
+    return text_of(default, unit) if isinstance(default, float) else default
+
+
+def _show(found: dict[str, Any]) -> None:
+    from rich.padding import Padding
+    from rich.text import Text
+
+    from dechirp.cli.show import console
+
+    screen = console()
+    for family, members in found.items():
+        screen.print(Text(family, "bold underline"))
+        for kind, member in members.items():
+            screen.print(Padding(Text.assemble((kind, "bold"), f"  {member['help']}"), (0, 2)))
+            for name, setting in member["settings"].items():
+                default = "null" if setting["default"] is None else setting["default"]
+                given = "required" if setting["required"] else f"default {default}"
+                line = f"{name}: {setting['need']} ({given}). {setting['help']}"
+                screen.print(Padding(line, (0, 6)))

@@ -1,0 +1,87 @@
+"""`dechirp`: find the command, run it, and say in one way what was wrong with the call.
+
+A command is loaded when it is called. Exit status: 0 done, 1 it ran and the answer is no,
+2 the call or its input is wrong, 130 interrupted.
+"""
+
+import io
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+from typing import NoReturn
+
+from cyclopts import App, CycloptsError, Parameter
+
+import dechirp
+from dechirp.cli.wrong import tell, wrong_call
+from dechirp.core.errors import DechirpError
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run a command line, that of the process without arguments; ends in SystemExit."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # not every terminal has a minus sign
+    signal.signal(signal.SIGTERM, _end)
+    try:
+        status = _status(words)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        status = 128 + signal.SIGINT
+    except BrokenPipeError:
+        # Nobody reads any more; Python would say so when it flushes at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 128 + 13
+    raise SystemExit(status)
+
+
+def _status(words: list[str]) -> int:
+    try:
+        return int(_app()(words, exit_on_error=False, print_error=False) or 0)
+    except CycloptsError as error:
+        tell(wrong_call(error), as_json="--json" in words)
+    except DechirpError as error:
+        tell(error.mistakes, as_json="--json" in words)
+    return 2
+
+
+def _app() -> App:
+    app = App(
+        name="dechirp",
+        help="Design, simulate, process and prove FMCW radars. Without anything else,"
+        " `dechirp run` shows a car at 50 m.",
+        version=dechirp.__version__,
+        help_format="plaintext",
+        default_parameter=Parameter(negative=()),
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,
+    )
+    app.command(
+        "dechirp.cli.run:run",
+        name="run",
+        help="Simulate a scenario or read a recording, detect, and write a report.",
+    )
+    app.command(
+        "dechirp.cli.design:design",
+        name="design",
+        help="Find the waveform that meets requirements, with every formula.",
+    )
+    app.command(
+        "dechirp.cli.list:list_members",
+        name="list",
+        help="List what settings choose by kind: detectors, impairments, formats.",
+    )
+    app.command(
+        "dechirp.cli.doctor:doctor",
+        name="doctor",
+        help="Check versions, extras, memory and compiled kernels.",
+    )
+    return app
+
+
+def _end(signal_number: int, _frame: FrameType | None) -> NoReturn:
+    # An exception, so that what is half written is cleared away.
+    raise SystemExit(128 + signal_number)

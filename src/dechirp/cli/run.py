@@ -1,0 +1,122 @@
+"""`dechirp run`: a scenario or a recording in, detections and a report out."""
+
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from dechirp.cli.options import Json, Quiet
+
+if TYPE_CHECKING:
+    from dechirp.experiment.run import Result
+
+
+def run(
+    source: Path | None = None,
+    /,
+    *,
+    out: Path = Path("dechirp-run"),
+    as_json: Json = False,
+    quiet: Quiet = False,
+    seed: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
+    radar: Path | None = None,
+    frames: str | None = None,
+    format: str | None = None,
+    axes: str | None = None,
+    encoding: str | None = None,
+    iq: Literal["iq", "qi"] | None = None,
+) -> int:
+    """Simulate a scenario or read a recording, detect, and write a report.
+
+    Parameters
+    ----------
+    source
+        Scenario (YAML), or recording (file or folder); the reference scenario without it.
+    out
+        Folder for the results. Earlier results in it are replaced as a whole.
+    seed
+        Seed of the noise, in place of the scenario's.
+    changes
+        PATH=VALUE changes a setting, as radar.frame.n_chirps=64; may be repeated.
+    radar
+        Settings of the radar: YAML, or a vendor's file.
+    frames
+        N, the first so many, or A:B, from A to before B; counted from 0.
+    format
+        Kind of the recording, where it does not tell.
+    axes
+        Axes of a bare array in order, as chirp,rx,sample.
+    encoding
+        How the numbers of a bare array are meant, as uint16-wrapped.
+    iq
+        Part of a complex sample that comes first.
+    """
+    from dechirp.cli.show import progress
+    from dechirp.cli.sources import scenario_of
+    from dechirp.experiment.run import run as run_scenario
+    from dechirp.store.results import check_out
+
+    check_out(out)
+    told = {
+        "format": format,
+        "axes": None if axes is None else tuple(axes.replace(",", " ").split()),
+        "encoding": encoding,
+        "iq": iq,
+    }
+    scenario = scenario_of(
+        source,
+        changes=changes or [],
+        radar=radar,
+        frames=frames,
+        seed=seed,
+        told={name: given for name, given in told.items() if given is not None},
+    )
+    with progress(quiet=quiet) as report:
+        result = run_scenario(scenario, progress=report)
+    document = _write(result, source=source, out=out)
+    if as_json:
+        print(document, end="")
+    elif not quiet:
+        _show(result, out)
+    return 0
+
+
+def _write(result: "Result", *, source: Path | None, out: Path) -> str:
+    """Write the results, and give the JSON document that is one of them."""
+    from dechirp.cli.document import document
+    from dechirp.config.texts import dump
+    from dechirp.report.page import render
+    from dechirp.store.results import files_in, write_results
+    from dechirp.store.tables import json_text
+
+    started = perf_counter()
+    yaml = dump(result.scenario)
+    page = render(result, yaml=yaml)
+    timing_s = {**result.timing_s, "report": perf_counter() - started}
+    made = document(result, source=source, files=files_in(out), timing_s=timing_s)
+    texts = {"report.html": page, "scenario.yaml": yaml, "run.json": json_text(made)}
+    write_results(
+        out,
+        texts,
+        frames=result.frames(),
+        n_frames=result.n_frames,
+        radar=result.radar,
+        detections=result.detections,
+        truth=result.truth,
+    )
+    return texts["run.json"]
+
+
+def _show(result: "Result", out: Path) -> None:
+    from dechirp.cli.detected import detected, missed
+    from dechirp.cli.show import console, findings
+
+    screen = console()
+    screen.print(detected(result, at_most=20))
+    for line in missed(result):
+        screen.print(line)
+    for paragraph in findings(result.findings):
+        screen.print(paragraph)
+    screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)

@@ -1,0 +1,78 @@
+"""The folder that `--out` names: everything about one run, written together."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import xarray as xr
+
+from dechirp.radar.radar import Radar
+from dechirp.store.cube import write_cube
+from dechirp.store.tables import csv_text, json_text, records
+from dechirp.store.whole import must_be_replaceable, whole_folder
+
+_TEXTS = ("report.html", "scenario.yaml", "run.json")
+_MARK = "run.json"
+FILES = (*_TEXTS, "detections.csv", "detections.json", "cube.zarr")
+
+
+def check_out(out: Path) -> None:
+    """Raise `DechirpError` if a folder cannot take results; to be asked before a long run.
+
+    It must be absent, empty or hold nothing but earlier results, and its place be writable.
+    """
+    must_be_replaceable(out, mark=_MARK, ours=FILES)
+
+
+def write_results(
+    out: Path,
+    texts: Mapping[str, str],
+    *,
+    frames: Iterable[xr.DataArray],
+    n_frames: int,
+    radar: Radar,
+    detections: xr.Dataset,
+    truth: xr.Dataset | None,
+) -> dict[str, Path]:
+    """Write `FILES` into a folder, in place of earlier results; all of them or none.
+
+    Parameters
+    ----------
+    out : Path
+        The folder.
+    texts : mapping
+        Content of `report.html`, `scenario.yaml` and `run.json`.
+    frames : iterable of DataArray (frame, chirp, rx, sample)
+        The cube, n_frames pieces of one frame each; one is held at a time.
+    radar, detections, truth
+        Kept with the cube; the detections also as CSV and JSON.
+
+    Returns
+    -------
+    dict
+        Path of each file by its name.
+
+    Raises
+    ------
+    DechirpError
+        If the folder is somebody else's or cannot be written. It is left as it was then.
+    """
+    check_out(out)
+    with whole_folder(out) as made:
+        for name in _TEXTS:
+            (made / name).write_text(texts[name], encoding="utf-8")
+        (made / "detections.csv").write_text(csv_text(detections), encoding="utf-8")
+        (made / "detections.json").write_text(json_text(records(detections)), encoding="utf-8")
+        write_cube(
+            made / "cube.zarr",
+            frames,
+            n_frames=n_frames,
+            radar=radar,
+            detections=detections,
+            truth=truth,
+        )
+    return files_in(out)
+
+
+def files_in(out: Path) -> dict[str, Path]:
+    """Path of each file of the results in a folder, by its name."""
+    return {name: out / name for name in FILES}

@@ -1,0 +1,85 @@
+"""Detections and truth as rows of a table, the same in CSV and JSON."""
+
+import csv
+import io
+import json
+import math
+from typing import TypeAlias
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.units import decibels
+
+Cell: TypeAlias = str | int | float | None
+
+COLUMNS = {
+    "frame": "frame",
+    "time_s": "time",
+    "range_m": "range",
+    "velocity_m_per_s": "velocity",
+    "azimuth_deg": "azimuth",
+    "elevation_deg": "elevation",
+    "snr_db": "snr",
+    "range_std_m": "range_std",
+    "velocity_std_m_per_s": "velocity_std",
+    "azimuth_std_deg": "azimuth_std",
+    "elevation_std_deg": "elevation_std",
+    "fold": "fold",
+    "fold_confidence": "fold_confidence",
+    "cluster": "cluster",
+    "motion": "motion",
+    "label": "label",
+}
+"""Variable of a dataset behind each column. Datasets hold SI, radians and ratios."""
+
+_AXES = ("frame", "target", "detection")  # rows run along these, the last one fastest
+
+
+def columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
+    """Cells of each column, None where nothing was estimated; truth also has `target`."""
+    rows = dataset.stack(row=[name for name in _AXES if name in dataset.dims], create_index=False)
+    n_rows = rows.sizes["row"]
+    wanted = {**COLUMNS, "target": "target"} if "target" in dataset.dims else COLUMNS
+    return {
+        column: _cells(column, rows[name].values) if name in rows.variables else [None] * n_rows
+        for column, name in wanted.items()
+    }
+
+
+def records(dataset: xr.Dataset) -> list[dict[str, Cell]]:
+    """One mapping from column to cell for each row."""
+    table = columns(dataset)
+    return [dict(zip(table, cells, strict=True)) for cells in zip(*table.values(), strict=True)]
+
+
+def csv_text(dataset: xr.Dataset) -> str:
+    """The table with a line of names above it; empty where nothing was estimated."""
+    table = columns(dataset)
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(zip(*table.values(), strict=True))
+    return stream.getvalue()
+
+
+def json_text(content: object) -> str:
+    """JSON of lists, mappings and plain values; null for numbers that JSON does not have."""
+    return json.dumps(_finite(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _cells(column: str, values: np.ndarray) -> list[Cell]:
+    if column.endswith("_db"):
+        with np.errstate(divide="ignore"):  # no signal at all is minus infinity
+            values = decibels(values)
+    elif column.endswith("_deg"):
+        values = np.degrees(values)
+    return [None if isinstance(c, float) and not math.isfinite(c) else c for c in values.tolist()]
+
+
+def _finite(content: object) -> object:
+    if isinstance(content, dict):
+        return {name: _finite(inside) for name, inside in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(inside) for inside in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -1,0 +1,117 @@
+"""Files and folders that are there whole or not at all: written beside, then renamed."""
+
+import os
+import shutil
+import uuid
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dechirp.core.errors import DechirpError, Mistake
+
+_LEFT_BY_FILE_MANAGERS = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
+
+
+def must_be_replaceable(out: Path, *, mark: str, ours: Collection[str]) -> None:
+    """Raise `DechirpError` unless a folder is absent, empty, or an earlier one of ours.
+
+    Parameters
+    ----------
+    out : Path
+        The folder that is to be replaced as a whole.
+    mark : str
+        Name of a file in it that shows that it is ours.
+    ours : collection of str
+        Names that may be in it; any other is somebody's own.
+    """
+    try:
+        if not out.exists() and not out.is_symlink():
+            _must_be_writable(out)
+            return
+        if not out.is_dir():
+            raise _refused(out, got="a file", fix="Give the name of a folder.")
+        names = {file.name for file in out.iterdir()} - _LEFT_BY_FILE_MANAGERS
+        own = sorted(names - set(ours))
+        if names and (own or mark not in names):
+            raise _refused(
+                out,
+                got=f"a folder that holds {own[0] if own else f'no {mark}'}",
+                fix="It would be replaced as a whole: name another, or empty it.",
+            )
+        _must_be_writable(out)
+    except OSError as error:
+        raise _unwritable(out, error) from None
+
+
+@contextmanager
+def whole_folder(out: Path) -> Iterator[Path]:
+    """Give an empty folder to write into, which takes the place of `out` at the end.
+
+    Whatever goes wrong, `out` stays as it was and the new folder is removed.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be written, or the disk is full.
+    """
+    place = out.resolve()
+    made = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
+    before = made.with_name(f"{made.name}.before")
+    try:
+        made.mkdir(parents=True)
+        yield made
+        if place.exists():
+            place.rename(before)
+        made.rename(place)
+    except OSError as error:
+        raise _unwritable(out, error) from None
+    finally:
+        if before.exists() and not place.exists():
+            before.rename(place)
+        shutil.rmtree(before, ignore_errors=True)
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def write_whole(out: Path, text: str) -> None:
+    """Write a file of text, in place of what was there.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be written, or the disk is full.
+    """
+    place = out.resolve()
+    made = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
+    try:
+        try:
+            made.write_text(text, encoding="utf-8")
+            made.replace(place)
+        finally:
+            made.unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(out, error) from None
+
+
+def _must_be_writable(out: Path) -> None:
+    there = next(folder for folder in out.absolute().parents if folder.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        raise PermissionError(13, f"{there} cannot be written to")
+
+
+def _unwritable(out: Path, error: OSError) -> DechirpError:
+    return _refused(
+        out,
+        got=f"not writable ({error.strerror or error})",
+        fix="Name a place that can be written and has room.",
+    )
+
+
+def _refused(out: Path, *, got: str, fix: str) -> DechirpError:
+    return DechirpError(
+        Mistake(
+            setting="--out",
+            got=f"{out}, {got}",
+            need="a new name, or results to be replaced",
+            fix=fix,
+        )
+    )

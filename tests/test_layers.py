@@ -1,0 +1,104 @@
+"""The architecture as a test: a file imports only what stands before it."""
+
+import ast
+import importlib
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import dechirp
+
+# Names joined by | do not know each other. Above all, processing knows neither the scene nor
+# the simulator: a chain that could look up the truth measures nothing.
+ORDER = (
+    "core",
+    "theory",
+    "radar",
+    "process|scene",
+    "echoes",
+    "config",
+    "formats|store",
+    "experiment",
+    "report",
+    "cli",
+)
+
+POSITION = {name: place for place, names in enumerate(ORDER) for name in names.split("|")}
+
+# Libraries for one purpose, and the folders that have it. Physics needs none of them.
+ONLY_IN = {
+    "pydantic": {"config"},
+    "pydantic_core": {"config"},
+    "ruamel": {"config"},
+    "pint": {"config"},
+    "zarr": {"store"},
+    "matplotlib": {"report"},
+    "jinja2": {"report"},
+    "markupsafe": {"report"},
+    "cyclopts": {"cli"},
+    "rich": {"cli"},
+}
+
+ROOT = Path(dechirp.__file__).parent
+TOP = {ROOT / "__init__.py", ROOT / "__main__.py"}
+FILES = sorted(set(ROOT.rglob("*.py")) - TOP)
+
+
+def imports(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and full name of everything that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: imports are absolute"
+            for alias in node.names:
+                yield node.lineno, f"{node.module}.{alias.name}"
+        elif isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_file_imports_only_what_stands_before_it(path):
+    here = path.relative_to(ROOT).parts[0]
+    for line, name in imports(path):
+        package, _, rest = name.partition(".")
+        there = rest.partition(".")[0]
+        if package == "dechirp" and there:
+            assert there == here or POSITION[there] < POSITION[here], (
+                f"line {line}: {here} imports {there}"
+            )
+        elif package == "dechirp":
+            assert here == "cli", f"line {line}: only the edges import the whole package"
+        else:
+            assert here in ONLY_IN.get(package, {here}), f"line {line}: {here} imports {package}"
+
+
+def test_every_folder_has_a_place_in_the_order():
+    assert {path.relative_to(ROOT).parts[0] for path in FILES} == set(POSITION)
+
+
+def test_every_exported_name_is_a_thing_and_not_a_module():
+    for name in dechirp.__all__:
+        assert not isinstance(getattr(dechirp, name), ModuleType)
+        assert importlib.util.find_spec(f"dechirp.{name}") is None
+    assert set(dir(dechirp)) == {*dechirp.__all__, "__version__"}
+
+
+def test_type_checkers_and_users_see_the_same_names():
+    tree = ast.parse((ROOT / "__init__.py").read_text(encoding="utf-8"))
+    checked = next(node for node in tree.body if isinstance(node, ast.If))
+    seen = {
+        alias.name: getattr(importlib.import_module(str(node.module)), alias.name)
+        for node in checked.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+    assert seen == {name: getattr(dechirp, name) for name in dechirp.__all__}
+    assert list(dechirp.__all__) == sorted(dechirp.__all__)
+
+
+def test_a_name_that_is_not_exported_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'Sweep'"):
+        getattr(dechirp, "Sweep")  # noqa: B009
