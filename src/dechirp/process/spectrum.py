@@ -1,6 +1,6 @@
 """From samples to range, from chirps to velocity: tapered Fourier transforms with axes."""
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -65,13 +65,13 @@ class Transform:
         turns = np.exp(2j * np.pi * off / self.n_bins * np.arange(self.n_points))
         return float(abs(self.weights @ turns) ** 2 / self.weights.sum() ** 2)
 
-    @lru_cache(maxsize=32)  # noqa: B019 - values are few and small, and a ring asks 15 times
     def covariance(self, n: int) -> np.ndarray:
         """Correlation of white noise among n neighbouring bins, (n, n), Hermitian."""
         if self.keeps_noise_white and n <= self.n_bins:
             return np.eye(n)
         bins = np.arange(n)
-        return bin_correlation(self.weights, self.n_bins, bins[:, None] - bins)
+        by_lag = bin_correlation(self.weights, self.n_bins, np.arange(1 - n, n))
+        return by_lag[bins[:, None] - bins + n - 1]
 
 
 def independent_rows(chirp: Chirp, transform: Transform) -> slice:
