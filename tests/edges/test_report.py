@@ -134,6 +134,7 @@ def result(**changes) -> SimpleNamespace:
     cube = samples(scene, n_frames)
     power = map_of(cube)
     made = SimpleNamespace(
+        first_frame=0,
         scenario=SimpleNamespace(
             name="reference",
             seed=1,

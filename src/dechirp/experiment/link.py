@@ -34,8 +34,8 @@ def link_budget(scenario: Scenario, radar: Radar) -> tuple[BudgetLine, ...] | No
     lines = (
         _level("transmit power", hardware.transmit_power_w * 1e3, "dBm", "Pt"),
         _step("transmit antenna", hardware.antenna_gain, "G"),
-        _step(f"there and back, {range_m:.4g} m", spreading, "lambda^2 / (4 pi)^3 R^4"),
-        _step("radar cross section", target.rcs_m2, "sigma"),
+        _step(f"there and back, {range_m:.4g} m", spreading, "λ² / (4π)³ R⁴"),
+        _step("radar cross section", target.rcs_m2, "RCS"),
         _step("receive antenna", hardware.antenna_gain, "G"),
         _step("losses", 1 / hardware.loss, "1 / L"),
         _level("echo in one receiver", echo_w * 1e3, "dBm", "Pr"),

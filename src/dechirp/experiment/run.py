@@ -52,6 +52,11 @@ class Result:
         return self.source
 
     @property
+    def first_frame(self) -> int:
+        """Number of the first frame that was processed, the one of the maps."""
+        return _chosen(self.source, self.scenario).start
+
+    @property
     def n_frames(self) -> int:
         """Number of frames that were processed."""
         return len(_chosen(self.source, self.scenario))
@@ -82,11 +87,11 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     chain = scenario.chain
     chosen = _chosen(source, scenario)
     found = []
-    for done, cube in enumerate(_one_by_one(source, chosen)):
+    for number, cube in zip(chosen, _one_by_one(source, chosen), strict=True):
         columns = detect(cube, radar, chain)
-        found.append(columns.assign(frame=columns.frame + done))
+        found.append(columns.assign(frame=columns.frame + number))
         if progress is not None:
-            progress(done + 1, len(chosen))
+            progress(len(found), len(chosen))
     # Only now: held through the detection, these two maps would be a fourth cube in memory.
     first = next(_one_by_one(source, chosen)).isel(frame=0)
     power = power_map(first, radar, chain)

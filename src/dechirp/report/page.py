@@ -91,7 +91,7 @@ def _figures(shown: View) -> dict[str, Markup]:
         "cut_velocity": _cut(shown, "velocity"),
     }
     if result.scenario.scene is not None:
-        in_map = shown.strongest.frame.values == 0
+        in_map = shown.strongest.frame.values == result.first_frame
         drawn["scene"] = scene.from_above(
             result.scenario.scene,
             time_s=radar.frame.mid_frame_s,

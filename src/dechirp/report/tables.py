@@ -90,7 +90,7 @@ def targets(view: View) -> list[dict[str, str]]:
     truth, matched, scene = view.result.truth, view.matched, view.result.scenario.scene
     if truth is None or matched is None or scene is None:
         return []
-    hits = set(matched.target[view.strongest.frame.values == 0].tolist())
+    hits = set(matched.target[view.strongest.frame.values == view.result.first_frame].tolist())
     rows = []
     for index, target in enumerate(scene.targets):
         one = truth.isel(target=index, frame=0)

@@ -53,7 +53,7 @@ def view_of(result: "Result") -> View:
     """Sort the detections, give them their targets, and find them on the map."""
     order = np.argsort(-result.detections.snr.values, kind="stable")
     strongest = result.detections.isel(detection=order)
-    in_map = strongest.isel(detection=np.flatnonzero(strongest.frame.values == 0))
+    in_map = strongest.isel(detection=np.flatnonzero(strongest.frame.values == result.first_frame))
     found = compare.on_map(compare.Place(in_map.range.values, in_map.velocity.values), result.radar)
     matched = seen = None
     if result.truth is not None:
