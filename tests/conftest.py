@@ -1,5 +1,11 @@
 """What many tests share: one small radar, and the reference scenario."""
 
+import os
+
+# Two workers on two cores: threads of their own would get in each other's way.
+for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(pool, "1")
+
 import numpy as np
 import pytest
 import xarray as xr

@@ -139,3 +139,25 @@ def test_a_weak_target_is_not_pulled_by_the_sidelobes_of_a_strong_one(reference)
     # Alone it would have a standard error of 7 mm at 34 dB. In the unwindowed samples the
     # sidelobe of the truck is 0.6 of its amplitude, and would pull it by a tenth of a cell.
     assert float(bike.range) == pytest.approx(weak_m, abs=5 * 0.0075)
+
+
+@pytest.mark.parametrize("bins", [(None, None), (400, 65), (777, 200)], ids=str)
+@pytest.mark.parametrize("velocity", [-27.0, -1.0, 27.0])
+def test_odd_numbers_of_chirps_samples_and_bins_move_nothing(radar, bins, velocity):
+    chirp = replace(radar.frame.chirp, n_samples=255)
+    radar = replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=63))
+    scene = dc.Scene(
+        targets=[dc.Target(position_m=(31.4, 0, 0), velocity_m_per_s=(velocity, 0, 0))]
+    )
+    cube = dc.simulate(scene, radar, impairments=[dc.WhiteNoise(snr=100.0)], seed=1)
+    truth = dc.truth(scene, radar)
+    chain = dc.Chain(n_range_bins=bins[0], n_velocity_bins=bins[1])
+
+    found = dc.detect(cube, radar, chain).isel(detection=0)
+
+    # 65 dB after integration; five standard errors of one trial, and the half path to the
+    # second receiver.
+    range_error = float(found.range) - float(truth.range[0, 0])
+    assert abs(range_error) < 5 * float(found.range_std) + 6e-5
+    velocity_error = float(found.velocity) - float(truth.velocity[0, 0])
+    assert abs(velocity_error) < 5 * float(found.velocity_std)

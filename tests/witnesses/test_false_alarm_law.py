@@ -17,8 +17,10 @@ def by_eigenvalues(box, a, n_channels):
     weights[box.guard_range, box.guard_velocity] = 0
     weights[box.under_test] = 1
     used = np.flatnonzero(weights)
-    form = covariance[np.ix_(used, used)] * weights.ravel()[used]
-    values = np.linalg.eigvals(form).real
+    # Those of R A, R the covariance and A the weights, are those of B* A B with R = B B*.
+    spread, turned = np.linalg.eigh(covariance[np.ix_(used, used)])
+    root = turned * np.sqrt(np.clip(spread, 0, None))
+    values = np.linalg.eigvalsh(root.conj().T @ (weights.ravel()[used, None] * root))
     top = values.max()
     mu = -values[values < top] / top
     sums = [n_channels * np.sum((mu / (1 + mu)) ** i) for i in range(n_channels)]
