@@ -248,7 +248,7 @@ def test_an_interrupted_run_says_nothing_and_leaves_the_old_result(call, folder,
 
     monkeypatch.setattr(results, "write_cube", interrupt)
 
-    assert call("run", "small.yaml") == (130, "", "")
+    assert call("run", "small.yaml") == (130, "", "Interrupted; nothing was written.\n")
     after = {file.name: file.stat().st_mtime_ns for file in (folder / "dechirp-run").iterdir()}
     assert after == before
     assert {file.name for file in folder.iterdir()} == {"small.yaml", "dechirp-run"}

@@ -137,7 +137,7 @@ def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
         "radar.yaml:2:28: frame.chirp.start_frequency is 7 apples, but must be a frequency, as"
         " 77 GHz. Units that fit: GHz, MHz, kHz, Hz, MS/s, kS/s.",
         "radar.yaml:4:3: frame.n_chrips is not a known name, but must be one of chirp, n_chirps,"
-        " interval, period. Did you mean n_chirps?",
+        " interval, period, multiplexing. Did you mean n_chirps?",
         "radar.yaml:6:11: frame.period is 50 m, but must be a time, as 35 us."
         " Did you mean ms? Units that fit: s, ms, us, ns, min, h.",
         "radar.yaml:9:1: hardware.transmit_power is missing, but must be given: a power, as"

@@ -16,7 +16,7 @@ from dechirp.process.cfar.base import Cells, Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
 from dechirp.process.chain import Chain, detect
 
-OPENRADAR = Path(__file__).with_name("openradar.yaml")
+OPENRADAR = Path(__file__).parents[2] / "examples" / "radar.yaml"
 
 
 def found_in(recording: Recording, chain: Chain | None = None) -> xr.Dataset:

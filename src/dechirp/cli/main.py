@@ -30,6 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         status = _status(words)
         sys.stdout.flush()
     except KeyboardInterrupt:
+        print("Interrupted; nothing was written.", file=sys.stderr)
         status = 128 + signal.SIGINT
     except BrokenPipeError:
         # Nobody reads any more; Python would say so when it flushes at its end.

@@ -22,6 +22,8 @@ class Frame:
     """From the start of a chirp to the start of the next."""
     period_s: float | None = None
     """From the start of a frame to the start of the next; none: without a gap."""
+    multiplexing: None = None
+    """How transmitters share the chirps: one transmitter alone is possible yet."""
 
     def __post_init__(self) -> None:
         count(self, "n_chirps", at_least=2)

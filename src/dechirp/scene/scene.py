@@ -144,11 +144,13 @@ def _folds(setting: str, range_m: float, velocity: float, radar: Radar) -> list[
     found = []
     if not -max_velocity <= velocity < max_velocity:
         folded = (velocity + max_velocity) % (2 * max_velocity) - max_velocity
+        shift_m = chirp.range_doppler_coupling_m(velocity - folded)
         found.append(
             Finding(
                 level="warning",
                 setting=f"{setting}.velocity",
-                got=f"{velocity:.4g} m/s folds to {folded:.4g} m/s",
+                got=f"{velocity:.4g} m/s folds to {folded:.4g} m/s, and moves the range that is"
+                f" found by {shift_m:+.3g} m",
                 need=f"between -{max_velocity:.4g} and {max_velocity:.4g} m/s to be unambiguous",
                 fix="Shorten the interval between chirps, or read the folded velocity.",
             )
@@ -177,6 +179,7 @@ def _late(setting: str, range_m: float, radar: Radar) -> list[Finding]:
     if delay_s <= chirp.adc_start_s:
         return []
     late = int(np.ceil((delay_s - chirp.adc_start_s) * chirp.sample_rate_hz))
+    missed = f"the first {late} samples" if late < chirp.n_samples else "all of it"
     return [
         Finding(
             level="warning",
@@ -184,7 +187,6 @@ def _late(setting: str, range_m: float, radar: Radar) -> list[Finding]:
             got=f"echo arrives {delay_s * 1e6:.4g} us after ramp start, sampling begins at"
             f" {chirp.adc_start_s * 1e6:.4g} us",
             need="a delay of at most adc_start for every sample to hold the echo",
-            fix=f"Start sampling later; a real radar would miss the first"
-            f" {min(late, chirp.n_samples)} samples, the simulation does not.",
+            fix=f"Start sampling later. A real radar would miss {missed}, the simulation does not.",
         )
     ]

@@ -1,8 +1,12 @@
 """A point target and how it moves."""
 
+from typing import Literal
+
 import numpy as np
 
 from dechirp.core.checks import Vector, positive, vector
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
 
 
@@ -17,11 +21,22 @@ class Target:
     velocity_m_per_s: Vector = (0.0, 0.0, 0.0)
     rcs_m2: float = 1.0
     """Radar cross section (dBsm in files)."""
+    fluctuation: Literal["steady"] = "steady"
+    """How the cross section varies: the only kind there is yet."""
 
     def __post_init__(self) -> None:
         vector(self, "position_m")
         vector(self, "velocity_m_per_s")
         positive(self, "rcs_m2")
+        speed = float(np.linalg.norm(self.velocity_m_per_s))
+        # The time light takes back is neglected, an error of the relative size v / c.
+        if speed > SPEED_OF_LIGHT / 1000:
+            raise InvalidSetting(
+                "Target.velocity_m_per_s",
+                got=f"{speed:.4g} m/s",
+                need=f"at most {SPEED_OF_LIGHT / 1000:.6g} m/s, a thousandth of that of light",
+                fix="Check the unit of the velocity.",
+            )
 
     def position_at_m(self, time_s: float) -> np.ndarray:
         """Position at a time, (3,)."""

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from dechirp.core.checks import positive
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.radar.budget import received_power_w
@@ -22,7 +22,13 @@ class WhiteNoise(Impairment):
     """Name of the target whose echo is meant; none: the only one there is."""
 
     def __post_init__(self) -> None:
-        positive(self, "snr")
+        if not (np.isfinite(self.snr) and self.snr > 0):
+            raise InvalidSetting(
+                "WhiteNoise.snr",
+                got=self.snr,
+                need="a ratio above 0, or decibels with their unit",
+                fix="Write -24 dB, or 0.004.",
+            )
 
     def apply(
         self, cube: xr.DataArray, *, scene: Scene, radar: Radar, rng: np.random.Generator

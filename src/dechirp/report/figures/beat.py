@@ -84,7 +84,7 @@ def spectrum(
             *thinned(range_m, mean),
             color=BLUE,
             linewidth=1.0,
-            label=f"mean power of {power.shape[0]} chirps",
+            label=f"mean power of the first {power.shape[0]} chirps",
         )
         if truth_m:
             axes.plot(
