@@ -26,6 +26,7 @@ RUN_KEYS = (
 ERROR_KEYS = ["file", "line", "column", "setting", "got", "need", "fix"]
 
 DESIGN = ["--max-range", "200m", "--range-resolution", "1m"]
+FAST = [*DESIGN, "--max-velocity", "60 m/s"]
 
 # 75 m and 27 m/s unambiguous, 0.59 m and 1.7 m/s a bin: a run of it takes no time.
 SCENARIO = """\
@@ -311,6 +312,33 @@ def test_the_radar_of_a_recording_can_be_changed(call, recorded, given):
     assert strongest["velocity_m_per_s"] == pytest.approx(-4, abs=0.8)
 
 
+def test_settings_that_a_recording_has_no_use_for_are_not_written(call, recorded):
+    call(*recorded, "--frames", "1:3")
+
+    written = Path("dechirp-run/scenario.yaml").read_text()
+    assert "frames: [1, 3]" in written
+    assert "n_frames" not in written
+    assert "impairments" not in written
+
+
+def test_a_map_too_small_for_the_training_cells_of_a_recording_names_the_setting(refused, recorded):
+    [error] = refused(*recorded, "--set", "chain.cfar.n_training.velocity=80")
+
+    assert error["setting"] == "chain.cfar.n_training"
+
+
+def test_the_report_of_later_frames_says_how_far_the_peak_is_over_the_threshold(call, recorded):
+    call(*recorded, "--frames", "2:3")
+
+    assert "over the threshold" in Path("dechirp-run/report.html").read_text()
+
+
+def test_frames_that_a_recording_does_not_have_are_refused(refused, recorded):
+    [error] = refused(*recorded, "--frames", "2:4")
+
+    assert error["got"].startswith("of 3 frames")
+
+
 # Wrong calls
 
 
@@ -333,7 +361,11 @@ def test_the_radar_of_a_recording_can_be_changed(call, recorded, given):
         (["run", "--frames", "0"], "--frames", "0", "Give a count."),
         (["run", "--axes", "chirp,sample"], "--axes", "given for a scene", "Leave it out"),
         (["run", "--out", "small.yaml"], "--out", "small.yaml, a file", "Give the name"),
-        (["run", "--out", "."], "--out", "., a folder that holds small.yaml", "It would be"),
+        (["run", "--out", "."], "--out", "., the folder you are in", "It would be"),
+        (["run", "--out", ".."], "--out", "..", "It would be"),
+        (["design", *FAST, "--set", "limts.idle=1us"], "limts", "not a known", "Did you mean lim"),
+        (["design", *FAST, "--set", "limits.idle=1"], "limits.idle", "1", "Units that fit"),
+        (["design", *FAST, "--set", "limits.idle=1us"], "--set", "given for limits", "Add --rule"),
         (["list", "cfra"], "the family", "cfra", "Did you mean cfar?"),
         (["design", *DESIGN, "--max-velocity", "100"], "--max-velocity", "100", "Units that fit"),
         (["design", *DESIGN, "--max-velocity", "-9 m/s"], "--max-velocity", "-9 m/s", "Give a"),
@@ -348,7 +380,16 @@ def test_a_wrong_call_says_what_is_needed(refused, words, setting, got, fix):
     assert error["setting"] == setting
     assert error["got"].startswith(got)
     assert error["fix"].startswith(fix)
-    assert error["file"] is None or words[1:2] == ["--set"]
+    assert error["file"] in (None, "--set")
+    assert error["file"] is None or "--set" in words
+
+
+@pytest.mark.parametrize("words", [["run", "--seed", "x"], ["run", "--sed", "1"]])
+def test_a_script_that_says_json_in_any_way_gets_its_mistakes_as_json(call, words):
+    status, out, err = call(*words, "--json=true")
+
+    assert (status, err) == (2, "")
+    assert [list(error) for error in json.loads(out)["errors"]] == [ERROR_KEYS]
 
 
 def test_every_wrong_option_is_told_at_once(refused):
@@ -395,6 +436,61 @@ def test_a_mistake_in_a_file_is_pointed_at(refused, folder, old, new, line, sett
         assert error["line"] == line
         assert error["column"] >= 1
     assert not (folder / "dechirp-run").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "setting"),
+    [
+        ("scene:", "chain: {n_range_bins: 25}\nscene:", 10, "chain.n_range_bins"),
+        ("scene:", "chain: {n_velocity_bins: 25}\nscene:", 10, "chain.n_velocity_bins"),
+        ("n_chirps: 32", "n_chirps: 24", 1, "chain.cfar.n_training"),
+        (
+            "scene:",
+            "chain: {cfar: {estimator: {kind: cell-averaging},"
+            " n_training: {range: 80, velocity: 2},\n  false_alarm_probability: 1e-6}}\nscene:",
+            10,
+            "chain.cfar.n_training",
+        ),
+        ("  hardware:", "# hardware:", 3, "radar.hardware"),
+        ("[30 m, 0 m, 0 m]", "[0 m, 0 m, 0 m]", 12, "scene.targets.car.position"),
+        (
+            "scene:",
+            "impairments: [{kind: white-noise, snr: -9 dB, target: bus}]\nscene:",
+            10,
+            "impairments.white-noise.target",
+        ),
+        (
+            "scene:",
+            "impairments:\n  - {kind: white-noise, snr: 1 dB}\n"
+            "  - {kind: white-noise, snr: 1 dB, target: bus}\nscene:",
+            12,
+            "impairments.1.target",
+        ),
+    ],
+)
+def test_a_mistake_between_settings_is_pointed_at_too(refused, folder, old, new, line, setting):
+    assert old in SCENARIO
+    (folder / "wrong.yaml").write_text(SCENARIO.replace(old, new))
+
+    [error] = refused("run", "wrong.yaml")
+
+    assert (error["file"], error["line"], error["setting"]) == ("wrong.yaml", line, setting)
+    assert error["column"] >= 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "chain.n_range_bins=25",
+        "chain.cfar.n_training.velocity=80",
+        "scene.targets.car.position=[0 m, 0 m, 0 m]",
+    ],
+)
+def test_a_mistake_between_settings_that_set_makes_is_blamed_on_it(refused, change):
+    [error] = refused("run", "small.yaml", "--set", change)
+
+    assert error["file"] == "--set"
+    assert change.startswith(error["setting"])
 
 
 def test_mistakes_of_the_file_and_of_set_come_together(refused, folder):
@@ -507,6 +603,26 @@ def test_options_replace_what_the_file_of_requirements_says(call, refused, folde
     (folder / "asked.yaml").write_text(text)
     _, out, _ = call("design", "asked.yaml", "--max-range", "200 m", "--json")
     assert json.loads(out)["chirp"]["n_samples"] == 2200
+
+
+def test_a_design_takes_other_limits_hardware_and_requirements(call):
+    words = ["design", *FAST, "--rule", "constraints", "--json"]
+
+    def made(*changes):
+        status, out, err = call(*words, *(word for c in changes for word in ("--set", c)))
+        assert (status, err) == (0, "")
+        return json.loads(out)
+
+    usual, quick = made(), made("limits.idle=1us")
+    # The ramp takes the time that the fly-back leaves.
+    assert quick["chirp"]["ramp_duration_s"] > usual["chirp"]["ramp_duration_s"]
+    assert made("requirements.max_range=100 m")["chirp"]["n_samples"] < 150
+    # 60 dBm leaves the antenna, above what the usual limits allow.
+    strong = "hardware.transmit_power=50dBm"
+    status, out, _ = call(*words, "--set", strong)
+    assert status == 1
+    assert "hardware.transmit_power" in [one["setting"] for one in json.loads(out)["findings"]]
+    made(strong, "limits.max_peak_eirp=70dBm", "limits.max_mean_eirp=70dBm")
 
 
 def test_a_design_is_the_radar_of_a_run(call, folder):

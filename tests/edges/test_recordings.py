@@ -6,12 +6,15 @@ Files are made here byte by byte, not with the package, which must agree with th
 import json
 import pickle
 import struct
+from dataclasses import replace
 
 import numpy as np
 import psutil
 import pytest
 
 from dechirp.core.errors import NotEnoughMemory, RecordingError
+from dechirp.experiment.run import run
+from dechirp.experiment.scenario import Scenario, Source
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.settings.read import read_radar
 from dechirp.radar.array import Array
@@ -98,6 +101,53 @@ def test_frames_one_by_one_are_the_frames_of_the_cube(tmp_path):
 
     for index, frame in enumerate(recording.frames()):
         assert frame.identical(recording.cube.isel(frame=[index]))
+
+
+def test_only_the_frames_that_are_asked_for_are_decoded(tmp_path, monkeypatch):
+    file = tmp_path / "capture.bin"
+    file.write_bytes(dca1000_bytes(integers(5, 4, 2, 8)))
+    whole = open_recording(file, radar=radar(), iq="iq")
+    part = open_recording(file, radar=radar(), iq="iq", frames=(2, 4))
+    decoded = []
+    decode = part.contents.frame
+    counted = replace(part.contents, frame=lambda index: decoded.append(index) or decode(index))
+
+    frames = list(replace(part, contents=counted).frames())
+
+    assert decoded == [2, 3]
+    assert (part.n_frames, len(frames)) == (2, 2)
+    assert part.cube.identical(whole.cube.isel(frame=slice(2, 4)))  # with the times of those
+    assert frames[1].identical(whole.cube.isel(frame=[3]))
+
+
+@pytest.mark.parametrize("frames", [(0, 6), (3, 3), (-1, 2)])
+def test_frames_that_are_not_there_are_refused(tmp_path, frames):
+    file = tmp_path / "capture.bin"
+    file.write_bytes(dca1000_bytes(integers(5, 4, 2, 8)))
+
+    wrong = mistake(file, radar=radar(), frames=frames)
+
+    assert f"of 5 frames, asked for those from {frames[0]} to before {frames[1]}" in wrong.got
+
+
+def test_a_result_holds_the_cube_of_its_recording_once_or_says_that_it_cannot(
+    tmp_path, monkeypatch
+):
+    sent = integers(3, 32, 2, 64)
+    (tmp_path / "capture.bin").write_bytes(dca1000_bytes(sent))
+    source = Source(path=str(tmp_path / "capture.bin"), iq="iq", frames=(1, 3))
+    small = radar(n_chirps=32, n_samples=64)
+    result = run(Scenario(radar=small, recording=source))
+
+    class Scarce:
+        available = 2 * 32 * 2 * 64 * 8 - 1
+
+    with monkeypatch.context() as patched, pytest.raises(NotEnoughMemory, match="capture.bin"):
+        patched.setattr(psutil, "virtual_memory", Scarce)
+        _ = result.cube
+    assert np.array_equal(result.cube.values * 32768, sent[1:3])
+    assert (result.first_frame, result.n_frames) == (1, 2)
+    assert set(result.detections.frame.values.tolist()) <= {1, 2}
 
 
 def test_a_recording_larger_than_memory_is_read_frame_by_frame(tmp_path, monkeypatch):
@@ -224,6 +274,27 @@ def test_frames_of_one_chirp_become_the_chirps_of_one_frame(tmp_path):
     assert (recording.n_frames, recording.radar.frame.n_chirps) == (1, 12)
     assert recording.radar.frame.interval_s == pytest.approx(1e-3)
     assert "12 frames of one chirp" in " ".join(finding.got for finding in recording.findings)
+
+
+def test_frames_of_one_chirp_cut_short_are_a_frame_of_the_chirps_there_are(tmp_path):
+    sent = integers(12, 1, 2, 8)
+    (tmp_path / "a.bin").write_bytes(dca1000_bytes(sent)[:-8])
+    (tmp_path / "a.txt").write_text(log(frames=12, loops=1, period=200_000))
+
+    recording = open_recording(tmp_path / "a.bin")
+
+    assert (recording.n_frames, recording.radar.frame.n_chirps) == (1, 11)
+    assert np.array_equal(recording.cube.values[0] * 32768, sent[:11, 0])
+    (warning,) = [finding for finding in recording.findings if finding.level == "warning"]
+    assert "cut short: 11 whole chirps and 56 bytes" in warning.got
+
+
+@pytest.mark.parametrize("size", [120, 132])
+def test_frames_of_one_chirp_need_two_whole_chirps_and_samples(tmp_path, size):
+    (tmp_path / "a.bin").write_bytes(bytes(size))
+    (tmp_path / "a.txt").write_text(log(frames=12, loops=1, period=200_000))
+
+    assert mistake(tmp_path / "a.bin").got == f"a file of {size} bytes"
 
 
 def test_a_capture_longer_than_the_radar_sent_does_not_fit_its_log(tmp_path):

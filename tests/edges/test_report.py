@@ -25,6 +25,7 @@ from dechirp.report.figures.range_doppler import reduced
 from dechirp.report.figures.style import thinned
 from dechirp.report.page import render
 from dechirp.report.words import quantity, small
+from dechirp.scene.folding import seen
 from dechirp.scene.scene import Scene, truth
 from dechirp.scene.target import Target
 
@@ -325,7 +326,7 @@ def test_a_target_beyond_the_ambiguity_limits_is_expected_where_its_echo_peaks(s
     with pytest.warns(PhysicsWarning):
         cube = simulate(scene, radar, impairments=(), seed=1)
 
-    expected = compare.on_map(compare.seen(truth(scene, radar), radar), radar)
+    expected = compare.on_map(seen(truth(scene, radar), radar), radar)
 
     power = power_map(cube.isel(frame=0), radar, Chain())
     row, column = np.unravel_index(int(power.values.argmax()), power.shape)

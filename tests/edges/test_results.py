@@ -5,6 +5,7 @@ import errno
 import json
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -288,6 +289,38 @@ def test_a_folder_that_cannot_take_its_place_leaves_the_old_result(tmp_path, rad
 
     assert (out / "report.html").read_text() == "old"
     assert [file.name for file in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("place", [".", "..", "../here"])
+def test_the_folder_one_is_in_is_never_replaced(tmp_path, radar, monkeypatch, place):
+    here = tmp_path / "here"
+    write(here, radar)
+    monkeypatch.chdir(here)
+
+    with pytest.raises(DechirpError, match="the folder you are in, or one above it"):
+        check_out(Path(place))
+
+
+@pytest.mark.parametrize("killed", ["between the renames", "before the old result was removed"])
+def test_what_a_killed_run_left_behind_is_put_back_or_cleared_away(
+    tmp_path, radar, monkeypatch, killed
+):
+    out = tmp_path / "out"
+    write(out, radar)
+    (out / "report.html").write_text("old")
+    if killed == "between the renames":
+        out.rename(tmp_path / ".out.0123abcd.before")
+        (tmp_path / ".out.0123abcd").mkdir()
+    else:
+        (tmp_path / ".out.0123abcd.before").mkdir()
+    (tmp_path / ".out.mine.before").mkdir()
+    monkeypatch.setattr(results, "write_cube", stop(KeyboardInterrupt()))
+
+    with pytest.raises(KeyboardInterrupt):
+        write(out, radar)
+
+    assert (out / "report.html").read_text() == "old"
+    assert {left.name for left in tmp_path.iterdir()} == {"out", ".out.mine.before"}
 
 
 def test_a_text_is_replaced_as_a_whole(tmp_path):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from dechirp.config.files import parse, read
 from dechirp.config.help import field_help
 from dechirp.config.texts import dump, plain
-from dechirp.core.errors import InvalidFile, RecordingError
+from dechirp.core.errors import InvalidFile, InvalidSetting, RecordingError
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
@@ -109,8 +109,8 @@ def test_a_written_radar_keeps_units_and_leaves_out_what_is_none():
 @settings(max_examples=50, deadline=None)
 @given(
     name=st.text(st.characters(codec="utf-8", exclude_categories=["C"]), min_size=1),
-    rcs_m2=st.floats(1e-300, 1e300),
-    position_m=st.tuples(*[st.floats(-1e300, 1e300)] * 3),
+    rcs_m2=st.floats(1e-12, 1e12),
+    position_m=st.tuples(*[st.floats(-1e9, 1e9)] * 3),
 )
 def test_any_target_is_read_back_equal(name, rcs_m2, position_m):
     target = Target(name=name, rcs_m2=rcs_m2, position_m=position_m)
@@ -372,6 +372,21 @@ def test_a_mistake_of_the_command_line_says_so(option, setting, fix):
 
     assert (only.file, only.line, only.column) == ("--set", None, None)
     assert (only.setting, only.fix) == (setting, fix)
+
+
+def test_a_path_within_a_value_is_found_in_its_file():
+    @value
+    class Narrow(Setup):
+        def __post_init__(self):
+            raise InvalidSetting("scene.targets.car.rcs_m2", got=0.1, need="1", fix="More.")
+
+    text = "scene:\n  targets:\n  - {position: [1 m, 0 m, 0 m]}\n"
+    text += "  - {name: car, position: [1 m, 0 m, 0 m], rcs: -10 dBsm}\n"
+
+    only = mistake(text, Narrow)
+    assert (only.setting, only.line, only.got) == ("scene.targets.car.rcs", 4, "-10 dBsm")
+    # What is not written is pointed at where it would be.
+    assert mistake("scene: {targets: []}", Narrow).column == 9
 
 
 def test_the_text_under_a_field_is_its_help():

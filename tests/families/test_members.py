@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from conftest import noise_cube
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.formats.base import Format, Match
 from dechirp.process.cfar.base import NoiseEstimator
+from noise import noise_cube
 
 FAMILIES = [NoiseEstimator, Impairment, Format]
 

@@ -197,14 +197,15 @@ def test_the_same_seed_gives_the_same_cube_and_another_does_not(radar):
 def test_a_folding_target_is_announced_with_where_it_folds_to(radar):
     limit = radar.frame.max_velocity_m_per_s
     fast = dc.Target(name="fast", position_m=(30, 0, 0), velocity_m_per_s=(limit + 2, 0, 0))
-    with pytest.warns(dc.PhysicsWarning, match=f"fast.velocity.*folds to {2 - limit:.4g} m/s"):
+    told = f"fast.velocity.*folds to 30.* m at {2 - limit:.1f}"
+    with pytest.warns(dc.PhysicsWarning, match=told):
         cube = dc.simulate(dc.Scene(targets=[fast]), radar, impairments=[dc.WhiteNoise(snr=0.1)])
     found = dc.detect(cube, radar)
     # Its standard error is 3 mm/s; the fold is exact to the coupling of range and velocity.
     assert float(found.velocity[0]) == pytest.approx(2 - limit, abs=0.1)
 
     far = dc.Target(name="far", position_m=(radar.frame.chirp.max_range_m + 10, 0, 0))
-    with pytest.warns(dc.PhysicsWarning, match="far.position.*folds to 10 m"):
+    with pytest.warns(dc.PhysicsWarning, match="far.position.*folds to 10 m at 0 m/s"):
         cube = dc.simulate(dc.Scene(targets=[far]), radar, impairments=[dc.WhiteNoise(snr=0.1)])
     assert float(dc.detect(cube, radar).range[0]) == pytest.approx(10, abs=0.1)
 
@@ -223,3 +224,24 @@ def test_noise_for_a_target_that_is_not_there_is_refused(radar):
     scene = dc.Scene(targets=TARGETS[:1])
     with pytest.raises(dc.InvalidSetting, match="target is bus, but must be one of ahead"):
         dc.simulate(scene, radar, impairments=[dc.WhiteNoise(snr=1.0, target="bus")])
+
+
+@pytest.mark.parametrize(
+    ("argument", "wrong"),
+    [
+        *[("n_frames", wrong) for wrong in (-1, 0, 1.5, True, "2")],
+        *[("seed", wrong) for wrong in (-1, "a", 1.5, True, None)],
+        *[("dtype", wrong) for wrong in (np.float32, int, "apples", None, dc)],
+    ],
+)
+def test_an_argument_that_cannot_be_is_refused_by_its_name(radar, argument, wrong):
+    with pytest.raises(dc.InvalidSetting, match=f"^{argument} is .*, but must be "):
+        dc.simulate(dc.Scene(), radar, **{argument: wrong})
+
+
+def test_any_spelling_of_a_seed_or_a_type_gives_the_same_cube(radar):
+    cube = dc.simulate(dc.Scene(), radar, seed=3)
+
+    for kind in (np.complex64, np.dtype("complex64"), "complex64"):
+        assert cube.identical(dc.simulate(dc.Scene(), radar, seed=np.int32(3), dtype=kind))
+    assert dc.simulate(dc.Scene(), radar, dtype=complex).dtype == np.complex128

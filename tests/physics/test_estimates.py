@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from conftest import noisy
 from dechirp.core.units import decibels
 from dechirp.theory.bounds import range_std_m as known_velocity_range_std_m
 from dechirp.theory.bounds import uncoupled_range_std_m, velocity_std_m_per_s
+from noise import noisy
 
 
 def bounds(radar, snr):

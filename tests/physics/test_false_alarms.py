@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from conftest import noise_cube
+from noise import noise_cube
 
 
 def with_size(radar, n_samples, n_chirps, n_rx=1, sampling="complex"):

@@ -11,8 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
+from dechirp.radar.hardware import Hardware
 
 CHIRP = Chirp(
     start_frequency_hz=77e9,
@@ -23,6 +25,7 @@ CHIRP = Chirp(
     sampling="complex",
 )
 FRAME = Frame(chirp=CHIRP, n_chirps=128, interval_s=22e-6 / 3)
+HARDWARE = Hardware(transmit_power_w=0.016, antenna_gain=100.0, noise_factor=16.0)
 # A chirp as chips send it: 6 us of ramp before the samples, 2.8 us after.
 EASED = Chirp(
     start_frequency_hz=77e9,
@@ -112,6 +115,41 @@ NUMBERS = ["start_frequency_hz", "slope_hz_per_s", "ramp_duration_s", "sample_ra
 def test_a_chirp_of_numbers_that_cannot_be_is_refused(field, wrong):
     with pytest.raises(InvalidSetting, match=f"Chirp.{field}"):
         replace(CHIRP, **{field: wrong})
+
+
+# Units that were mistaken: 77 GHz given in GHz, 20 MHz/us in MHz/us, ms for s, and worse.
+ABSURD = [
+    (CHIRP, "start_frequency_hz", 77.0, r"1e\+06 to 1e\+13"),
+    (CHIRP, "start_frequency_hz", 7.7e19, r"1e\+06 to 1e\+13"),
+    (CHIRP, "slope_hz_per_s", 0.5, r"1 to 1e\+18"),
+    (CHIRP, "slope_hz_per_s", 1e19, r"1 to 1e\+18"),
+    (CHIRP, "ramp_duration_s", 1e7, r"1e-12 to 1e\+06"),
+    (CHIRP, "sample_rate_hz", 0.5, r"1 to 1e\+13"),
+    (CHIRP, "sample_rate_hz", 1e14, r"1 to 1e\+13"),
+    (CHIRP, "adc_start_s", 1e200, r"0 to 1e\+06"),
+    (FRAME, "interval_s", 1e7, r"1e-12 to 1e\+06"),
+    (FRAME, "period_s", 1e7, r"1e-12 to 1e\+06"),
+    (HARDWARE, "transmit_power_w", 1e-16, r"1e-15 to 1e\+12"),
+    (HARDWARE, "transmit_power_w", 1e13, r"1e-15 to 1e\+12"),
+    (HARDWARE, "antenna_gain", 1e-7, r"1e-06 to 1e\+12"),
+    (HARDWARE, "antenna_gain", 1e13, r"1e-06 to 1e\+12"),
+    (HARDWARE, "noise_factor", 1e13, r"1 to 1e\+12"),
+    (HARDWARE, "loss", 1e13, r"1 to 1e\+12"),
+    (Array(), "rx_m", [[0, 1e7, 0]], r"-1e\+06 to 1e\+06"),
+]
+
+
+@pytest.mark.parametrize(("owner", "field", "wrong", "bounds"), ABSURD)
+def test_a_number_that_no_radar_has_is_refused_with_the_bounds(owner, field, wrong, bounds):
+    where = f"{type(owner).__name__}.{field}"
+    with pytest.raises(InvalidSetting, match=f"{where} .*a number from {bounds}. Check the unit"):
+        replace(owner, **{field: wrong})
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan"), float("inf"), "1", True])
+def test_a_period_that_cannot_be_is_refused(wrong):
+    with pytest.raises(InvalidSetting, match=r"Frame\.period_s"):
+        replace(FRAME, period_s=wrong)
 
 
 @pytest.mark.parametrize("wrong", [-1, 0, 1, 2.5, float("nan"), True, 10**12])

@@ -8,11 +8,14 @@ from cyclopts import Parameter
 from dechirp.cli.options import Json, Quiet
 
 if TYPE_CHECKING:
+    from dechirp.cli.assumed import Assumed
+    from dechirp.core.errors import InvalidFile, Mistake
     from dechirp.radar.derived import Derived
     from dechirp.radar.design import Design
     from dechirp.radar.requirements import Requirements
 
 _Text = Annotated[str | None, Parameter(allow_leading_hyphen=True)]  # -3 m/s is wrong elsewhere
+_OF_REQUIREMENTS = "requirements."
 
 
 def design(
@@ -30,6 +33,7 @@ def design(
     detection_probability: _Text = None,
     false_alarm_probability: _Text = None,
     rule: Literal["round-trips", "constraints"] = "round-trips",
+    changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
     out: Path | None = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -64,6 +68,9 @@ def design(
         For each cell tested; 1e-6 without it.
     rule
         Chirps of 5.5 round trips, or what timeline, parts and regulator allow.
+    changes
+        PATH=VALUE changes a limit, the hardware or a requirement, as limits.idle=1us or
+        hardware.transmit_power=20dBm; may be repeated. Limits are of the rule constraints.
     out
         File for the radar (YAML), as `run --radar` reads it.
     """
@@ -81,7 +88,10 @@ def design(
     }
     from dechirp.radar.design import design as design_radar
 
-    made = design_radar(_asked(requirements, options), rule=rule)
+    asked, assumed = _asked(requirements, options, changes or [])
+    if rule != "constraints" and any(c.lstrip().startswith("limits") for c in changes or []):
+        raise _no_limits(rule)
+    made = design_radar(asked, rule=rule, limits=assumed.limits, hardware=assumed.hardware)
     if out is not None:
         from dechirp.config.texts import dump
         from dechirp.store.whole import write_whole
@@ -94,21 +104,49 @@ def design(
     return 0 if made.met else 1
 
 
-def _asked(path: Path | None, options: dict[str, str | None]) -> "Requirements":
-    """Requirements of the file, with the options in the place of what it says."""
+def _no_limits(rule: str) -> "InvalidFile":
+    from dechirp.core.errors import InvalidFile, Mistake
+
+    return InvalidFile(
+        Mistake(
+            setting="--set",
+            got=f"given for limits, with the rule {rule}",
+            need="given for limits with the rule constraints, which alone keeps them",
+            fix="Add --rule constraints.",
+        )
+    )
+
+
+def _asked(
+    path: Path | None, options: dict[str, str | None], changes: list[str]
+) -> "tuple[Requirements, Assumed]":
+    """Requirements of the file, with the options in the place of what it says, and the rest."""
+    from dechirp.cli.assumed import Assumed
     from dechirp.cli.wrong import under_option
     from dechirp.config import files
     from dechirp.core.errors import InvalidFile
     from dechirp.radar.requirements import Requirements
 
-    changes = [f"{name}={text}" for name, text in options.items() if text is not None]
+    asked = [f"{name}={text}" for name, text in options.items() if text is not None]
+    own = [change for change in changes if change.lstrip().startswith(_OF_REQUIREMENTS)]
+    asked += [change.lstrip().removeprefix(_OF_REQUIREMENTS) for change in own]
+    wrong: list[Mistake] = []
     try:
         if path is None:
-            return files.parse("{}", Requirements, file="--set", overrides=changes)
-        return files.read(path, Requirements, overrides=changes)
+            requirements = files.parse("{}", Requirements, file="--set", overrides=asked)
+        else:
+            requirements = files.read(path, Requirements, overrides=asked)
     except InvalidFile as error:
         names = {name: f"--{name.replace('_', '-')}" for name in options}
-        raise under_option(error, names) from None
+        wrong += under_option(error, names).mistakes
+    try:
+        rest = [change for change in changes if change not in own]
+        assumed = files.parse("{}", Assumed, file="--set", overrides=rest)
+    except InvalidFile as error:
+        wrong += error.mistakes
+    if wrong:
+        raise InvalidFile(*wrong)
+    return requirements, assumed
 
 
 def _print_json(made: "Design") -> None:

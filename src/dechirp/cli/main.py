@@ -40,12 +40,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _status(words: list[str]) -> int:
+    as_json = any(word.startswith("--json") for word in words)  # --json=true is one, too
     try:
         return int(_app()(words, exit_on_error=False, print_error=False) or 0)
     except CycloptsError as error:
-        tell(wrong_call(error), as_json="--json" in words)
+        tell(wrong_call(error), as_json=as_json)
     except DechirpError as error:
-        tell(error.mistakes, as_json="--json" in words)
+        tell(error.mistakes, as_json=as_json)
     return 2
 
 

@@ -92,7 +92,8 @@ def _write(result: "Result", *, source: Path | None, out: Path) -> str:
     from dechirp.store.tables import json_text
 
     started = perf_counter()
-    yaml = dump(result.scenario)
+    simulated = result.scenario.scene is not None
+    yaml = dump(result.scenario, without=() if simulated else ("n_frames", "impairments"))
     page = render(result, yaml=yaml)
     timing_s = {**result.timing_s, "report": perf_counter() - started}
     made = document(result, source=source, files=files_in(out), timing_s=timing_s)

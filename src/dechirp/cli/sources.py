@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,22 +74,30 @@ def _made(
     """Scenario with the changes, made to the radar of the file where there is one."""
     own_radar = radar is None
     if radar is not None:
-        changes = [f"radar={json.dumps(str(radar.absolute()), ensure_ascii=False)}", *changes]
+        changes = [f"radar={_quoted(radar)}", *changes]
     if source is None:
         return reference(changes)
     if source.suffix.lower() in (".yaml", ".yml"):
         return load(source, changes)
-    opened = None
+    path = source.absolute()
     if own_radar and _of_radar(changes):
-        opened = open_recording(source, **told).radar  # there must be one to change
-    made = Scenario(name=source.stem, radar=opened, recording=Source(path=str(source.absolute())))
-    return _changed(made, changes) if changes else made
+        changes = [f"radar={_quoted(path)}", *changes]  # there must be one to change
+
+    def radar_of(file: Path) -> Radar:
+        return open_recording(source, **told).radar if file == path else read_radar(file)
+
+    made = Scenario(name=source.stem, recording=Source(path=str(path)))
+    return _changed(made, changes, radar_of) if changes else made
 
 
-def _changed(made: Scenario, changes: Sequence[str]) -> Scenario:
+def _quoted(path: Path) -> str:
+    return json.dumps(str(path.absolute()), ensure_ascii=False)
+
+
+def _changed(made: Scenario, changes: Sequence[str], radar_of: Callable[[Path], Radar]) -> Scenario:
     text = dump(made)
     try:
-        return files.parse(text, Scenario, file="", overrides=changes, readers={Radar: read_radar})
+        return files.parse(text, Scenario, file="", overrides=changes, readers={Radar: radar_of})
     except InvalidFile as error:
         # Nobody can look into a file that is not there.
         raise InvalidFile(

@@ -109,12 +109,16 @@ def _refused(error: ValueError, at: Spot) -> Iterator[Mistake]:
         spot, path = at, at.path
         cls = at.slot.value_class(at.node)
         owner, *names = mistake.setting.split(".")
-        if cls is None or owner != cls.__name__:
+        if cls is not None and names and owner in settings(cls):
+            names = [owner, *names]  # the path of a setting, rather than Class.field
+        elif cls is None or owner != cls.__name__:
             names = []
         for name in names:
             cls = spot.slot.value_class(spot.node)
             key = key_of(cls, name) if cls else name
-            spot, path = spot.step(key) or spot, dotted(path, key)
+            labels = spot.node.labels
+            step = spot.step(labels.index(key) if key in labels else key)
+            spot, path = step or spot, dotted(path, key)
         written = spot.path == path and not isinstance(spot.node.content, dict | list)
         # Who wrote -1 MHz would not know -1000000.0 again.
         plain = mistake.setting == "quantity" or (names and _is_number(mistake.got))

@@ -1,6 +1,7 @@
 """Values as the text of a settings file, and as plain numbers."""
 
 import io
+from collections.abc import Collection
 from dataclasses import fields, is_dataclass
 from typing import Any, cast
 
@@ -12,17 +13,21 @@ from dechirp.config.quantities import text_of
 from dechirp.core.families import Family
 
 
-def dump(value: Any) -> str:
+def dump(value: Any, *, without: Collection[str] = ()) -> str:
     """YAML with units that `files.parse` reads back to an equal value.
 
-    Fields that are None are left out where None is what holds without them.
+    Fields that are None are left out where None is what holds without them, and the settings
+    of `value` that `without` names.
     """
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None  # braces and brackets around what fits on a line
     yaml.representer.sort_base_mapping_type_on_output = False
     yaml.width = 1000  # lines that it breaks end in a space
     stream = io.StringIO()
-    yaml.dump(_written(value, None), stream)
+    written = _written(value, None)
+    for name in without:
+        del written[name]
+    yaml.dump(written, stream)
     return stream.getvalue()
 
 

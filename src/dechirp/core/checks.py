@@ -11,56 +11,67 @@ from dechirp.core.errors import InvalidSetting
 Vector = tuple[float, float, float]
 
 
-def positive(owner: object, *names: str) -> None:
-    """Raise `InvalidSetting` unless the named numbers are finite and above zero."""
+def positive(owner: object, *names: str, at_least: float = 0.0, at_most: float = math.inf) -> None:
+    """Raise `InvalidSetting` unless the named numbers are finite, above zero, within bounds."""
     for name in names:
         number = getattr(owner, name)
+        where = f"{type(owner).__name__}.{name}"
         if not (_is_number(number) and math.isfinite(number) and number > 0):
             raise InvalidSetting(
-                f"{type(owner).__name__}.{name}",
-                got=number,
-                need="a finite number above 0",
-                fix="Give a positive value.",
+                where, got=number, need="a finite number above 0", fix="Give a positive value."
             )
+        _within(where, number, at_least, at_most)
 
 
-def not_negative(owner: object, *names: str) -> None:
-    """Raise `InvalidSetting` unless the named numbers are finite and at least zero."""
+def not_negative(owner: object, *names: str, at_most: float = math.inf) -> None:
+    """Raise `InvalidSetting` unless the named numbers are finite, at least zero, within bounds."""
     for name in names:
         number = getattr(owner, name)
+        where = f"{type(owner).__name__}.{name}"
         if not (_is_number(number) and math.isfinite(number) and number >= 0):
             raise InvalidSetting(
-                f"{type(owner).__name__}.{name}",
+                where,
                 got=number,
                 need="a finite number, 0 or more",
                 fix="Give 0 or a positive value.",
             )
+        _within(where, number, 0.0, at_most)
 
 
 def count(owner: object, *names: str, at_least: int = 1, at_most: int = 2**31 - 1) -> None:
     """Raise `InvalidSetting` unless the named numbers are whole and within bounds."""
     for name in names:
-        number = getattr(owner, name)
-        whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
-        if not (whole and at_least <= number <= at_most):
-            raise InvalidSetting(
-                f"{type(owner).__name__}.{name}",
-                got=number,
-                need=f"a whole number from {at_least} to {at_most}",
-                fix="Give a count.",
-            )
+        whole(
+            f"{type(owner).__name__}.{name}",
+            getattr(owner, name),
+            at_least=at_least,
+            at_most=at_most,
+        )
 
 
-def vector(owner: object, name: str) -> None:
-    """Keep the named field as three finite floats, or raise `InvalidSetting`."""
-    object.__setattr__(owner, name, _vector(f"{type(owner).__name__}.{name}", getattr(owner, name)))
+def whole(where: str, number: Any, *, at_least: int, at_most: int) -> None:
+    """Raise `InvalidSetting`, about the setting `where`, unless a number is whole and bounded."""
+    is_whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+    if not (is_whole and at_least <= number <= at_most):
+        raise InvalidSetting(
+            where,
+            got=number,
+            need=f"a whole number from {at_least} to {at_most}",
+            fix="Give a count.",
+        )
 
 
-def vectors(owner: object, name: str) -> None:
+def vector(owner: object, name: str, *, at_most: float) -> None:
+    """Keep the named field as three floats, none larger, or raise `InvalidSetting`."""
+    where = f"{type(owner).__name__}.{name}"
+    object.__setattr__(owner, name, _vector(where, getattr(owner, name), at_most))
+
+
+def vectors(owner: object, name: str, *, at_most: float) -> None:
     """Keep the named field as a tuple of at least one vector, or raise `InvalidSetting`."""
     where = f"{type(owner).__name__}.{name}"
     rows = getattr(owner, name)
-    made = tuple(_vector(where, row) for row in rows) if isinstance(rows, Iterable) else ()
+    made = tuple(_vector(where, row, at_most) for row in rows) if isinstance(rows, Iterable) else ()
     if not made:
         raise InvalidSetting(
             where, got=rows, need="at least one position (x, y, z)", fix="Give one, as [[x, y, z]]."
@@ -68,14 +79,26 @@ def vectors(owner: object, name: str) -> None:
     object.__setattr__(owner, name, made)
 
 
-def _vector(where: str, row: Any) -> Vector:
+def _vector(where: str, row: Any, at_most: float) -> Vector:
     numbers = tuple(row) if isinstance(row, Iterable) and not isinstance(row, str) else ()
     if len(numbers) != 3 or not all(_is_number(n) and math.isfinite(n) for n in numbers):
         raise InvalidSetting(
             where, got=row, need="three finite numbers (x, y, z)", fix="Give all three."
         )
     x, y, z = (float(n) for n in numbers)
+    for number in (x, y, z):
+        _within(where, number, -at_most, at_most)
     return (x, y, z)
+
+
+def _within(where: str, number: float, at_least: float, at_most: float) -> None:
+    if not at_least <= number <= at_most:
+        raise InvalidSetting(
+            where,
+            got=number,
+            need=f"a number from {at_least:g} to {at_most:g}",
+            fix="Check the unit.",
+        )
 
 
 def _is_number(thing: object) -> bool:

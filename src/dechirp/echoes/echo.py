@@ -6,7 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from dechirp.core.checks import whole
 from dechirp.core.conventions import CUBE_AXES, axis
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
 from dechirp.core.memory import must_fit
 from dechirp.echoes.impairments.base import Impairment
@@ -53,8 +55,8 @@ def simulate(
     Raises
     ------
     InvalidSetting
-        If the radar's hardware is not known, a target sits on the radar, or an impairment
-        names a target that is not there.
+        If the radar's hardware is not known, a target sits on the radar, an impairment
+        names a target that is not there, or `n_frames`, `seed` or `dtype` is none.
     NotEnoughMemory
         If the cube and its processing would not fit.
 
@@ -68,18 +70,48 @@ def simulate(
     Every sample holds the echo, also those taken before it arrives; see `add_echoes` for
     the phase. The amplitude follows the radar equation with the range of each sample.
     """
-    for finding in surprises(scene, radar):
+    whole("n_frames", n_frames, at_least=1, at_most=1_000_000)
+    rng = _generator(seed)
+    kind = _cube_type(dtype)
+    for finding in surprises(scene, radar, n_frames=n_frames):
         warnings.warn(str(finding), PhysicsWarning, stacklevel=2)
-    cube = _empty_cube(radar, n_frames, np.dtype(dtype))
+    cube = _empty_cube(radar, n_frames, kind)
     amplitudes = echo_amplitude(radar) * np.sqrt([target.rcs_m2 for target in scene.targets])
     for index in range(n_frames if scene.targets else 0):
         start_s = radar.frame.start_s(index)
         positions_m = scene.positions_m(start_s)
         _add_frame(cube.values[index], amplitudes, positions_m, scene.velocities_m_per_s(), radar)
-    rng = np.random.default_rng(seed)
     for impairment in (ThermalNoise(),) if impairments is None else impairments:
         impairment.apply(cube, scene=scene, radar=radar, rng=rng)
     return cube
+
+
+def _generator(seed: object) -> np.random.Generator:
+    if isinstance(seed, np.random.Generator):
+        return seed
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise InvalidSetting(
+            "seed",
+            got=repr(seed),
+            need="a whole number of at least 0, or a NumPy Generator",
+            fix="Give a number: the same one gives the same cube.",
+        )
+    return np.random.default_rng(int(seed))
+
+
+def _cube_type(dtype: object) -> np.dtype[np.complexfloating]:
+    try:
+        kind = np.dtype(dtype)  # type: ignore[call-overload]
+    except TypeError:
+        kind = None
+    if kind not in (np.dtype(np.complex64), np.dtype(np.complex128)):
+        raise InvalidSetting(
+            "dtype",
+            got=getattr(dtype, "__name__", repr(dtype)),
+            need="complex64 or complex128; real sampling takes the real type of that precision",
+            fix="Give np.complex64.",
+        )
+    return kind
 
 
 def _add_frame(
@@ -103,10 +135,15 @@ def _add_frame(
     if chirp.sampling == "complex":
         add_echoes(samples, *targets, *antennas, *waveform)
         return
-    echo = np.zeros(samples.shape, np.complex128 if samples.dtype == float else np.complex64)
-    add_echoes(echo, *targets, *antennas, *waveform)
-    # One mixer: the same mean power as the two of a complex receiver together.
-    samples += np.sqrt(2.0) * echo.real
+    # One mixer: the same mean power as the two of a complex receiver together. Chirp by
+    # chirp, since a complex copy of the whole frame would be two more cubes.
+    amplitude = samples.dtype.type(np.sqrt(2))
+    echo = np.empty((1, *samples.shape[1:]), np.result_type(samples, np.complex64))
+    for index in range(len(samples)):
+        echo[:] = 0
+        at_m = positions_m + index * radar.frame.interval_s * velocities_m_per_s
+        add_echoes(echo, amplitudes, at_m, velocities_m_per_s, *antennas, *waveform)
+        samples[index] += amplitude * echo[0].real
 
 
 def _empty_cube(radar: Radar, n_frames: int, dtype: np.dtype[np.complexfloating]) -> xr.DataArray:

@@ -2,17 +2,15 @@
 
 import warnings
 from collections.abc import Callable, Iterator
-from itertools import islice
 from time import perf_counter
 
 import xarray as xr
 
-from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.values import value
 from dechirp.echoes.echo import simulate
 from dechirp.experiment.link import added_noise_w, link_budget
-from dechirp.experiment.scenario import Scenario
+from dechirp.experiment.scenario import Scenario, check_chain
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.process.chain import detect, power_map, threshold_map
@@ -46,24 +44,30 @@ class Result:
 
     @property
     def cube(self) -> xr.DataArray:
-        """All samples, (frame, chirp, rx, sample); those of a recording are decoded now."""
+        """All samples, (frame, chirp, rx, sample); those of a recording are decoded now.
+
+        Raises
+        ------
+        NotEnoughMemory
+            If those of a recording would not fit; `frames` needs one frame at a time.
+        """
         if isinstance(self.source, Recording):
-            return xr.concat(list(self.frames()), "frame")
+            return self.source.cube
         return self.source
 
     @property
     def first_frame(self) -> int:
         """Number of the first frame that was processed, the one of the maps."""
-        return _chosen(self.source, self.scenario).start
+        return _numbers(self.source).start
 
     @property
     def n_frames(self) -> int:
         """Number of frames that were processed."""
-        return len(_chosen(self.source, self.scenario))
+        return len(_numbers(self.source))
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Cubes of one frame each, those of a recording decoded when asked for."""
-        return _one_by_one(self.source, _chosen(self.source, self.scenario))
+        return _one_by_one(self.source)
 
 
 def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = None) -> Result:
@@ -85,15 +89,15 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     source, radar, findings = _source(scenario)
     opened = perf_counter()
     chain = scenario.chain
-    chosen = _chosen(source, scenario)
+    numbers = _numbers(source)
     found = []
-    for number, cube in zip(chosen, _one_by_one(source, chosen), strict=True):
+    for number, cube in zip(numbers, _one_by_one(source), strict=True):
         columns = detect(cube, radar, chain)
         found.append(columns.assign(frame=columns.frame + number))
         if progress is not None:
-            progress(len(found), len(chosen))
+            progress(len(found), len(numbers))
     # Only now: held through the detection, these two maps would be a fourth cube in memory.
-    first = next(_one_by_one(source, chosen)).isel(frame=0)
+    first = next(_one_by_one(source)).isel(frame=0)
     power = power_map(first, radar, chain)
     threshold = threshold_map(power, radar, chain)
     finished = perf_counter()
@@ -127,7 +131,11 @@ def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[
                 n_frames=scenario.n_frames,
                 seed=scenario.seed,
             )
-        return cube, scenario.radar, tuple(surprises(scenario.scene, scenario.radar))
+        return (
+            cube,
+            scenario.radar,
+            tuple(surprises(scenario.scene, scenario.radar, n_frames=scenario.n_frames)),
+        )
     assert scenario.recording is not None
     told = scenario.recording
     recording = open_recording(
@@ -137,33 +145,22 @@ def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[
         axes=told.axes,
         encoding=told.encoding,
         iq=told.iq,
+        frames=told.frames,
     )
+    check_chain(scenario.chain, recording.radar)
     return recording, recording.radar, recording.findings
 
 
-def _chosen(source: xr.DataArray | Recording, scenario: Scenario) -> range:
+def _numbers(source: xr.DataArray | Recording) -> range:
     """Numbers of the frames that are processed."""
-    if not isinstance(source, Recording):
-        return range(source.sizes["frame"])
-    assert scenario.recording is not None
-    if scenario.recording.frames is None:
-        return range(source.n_frames)
-    first, stop = scenario.recording.frames
-    if stop > source.n_frames:
-        raise RecordingError(
-            scenario.recording.path,
-            got=f"{source.n_frames} frames",
-            need=f"at least {stop}, up to which frames were asked for",
-            fix="Ask for fewer.",
-        )
-    return range(first, stop)
+    return source.frame_numbers if isinstance(source, Recording) else range(source.sizes["frame"])
 
 
-def _one_by_one(source: xr.DataArray | Recording, chosen: range) -> Iterator[xr.DataArray]:
+def _one_by_one(source: xr.DataArray | Recording) -> Iterator[xr.DataArray]:
     if isinstance(source, Recording):
-        yield from islice(source.frames(), chosen.start, chosen.stop)
+        yield from source.frames()
     else:
-        for index in chosen:
+        for index in range(source.sizes["frame"]):
             yield source.isel(frame=slice(index, index + 1))
 
 

@@ -1,6 +1,7 @@
 """A scenario: everything that makes one experiment, as a settings file holds it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -13,6 +14,7 @@ from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.formats.settings.read import read_radar
 from dechirp.process.chain import Chain
+from dechirp.process.spectrum import independent_rows
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 
@@ -86,6 +88,55 @@ class Scenario:
                 need="given, to simulate a scene",
                 fix="Describe it, or name a file that does.",
             )
+        if self.scene is not None and self.radar is not None:
+            self._check_scene(self.scene, self.radar)
+        if self.radar is not None:
+            check_chain(self.chain, self.radar)
+
+    def _check_scene(self, scene: Scene, radar: Radar) -> None:
+        with _called("radar.hardware", instead_of="Radar.hardware"):
+            radar.known_hardware()
+        for time_s in (0.0, radar.frame.mid_frame_s):
+            scene.positions_m(time_s)
+        kinds = [impairment.kind() for impairment in self.impairments]
+        for index, impairment in enumerate(self.impairments):
+            label = kinds[index] if kinds.count(kinds[index]) == 1 else str(index)
+            with _called(f"impairments.{label}.target", instead_of="target"):
+                impairment.noise_power_w(scene, radar)
+
+
+def check_chain(chain: Chain, radar: Radar) -> None:
+    """Raise `InvalidSetting`, with the path of the setting, unless the maps of a radar can be made.
+
+    There must be a bin for each sample and chirp, and room for the training cells.
+    """
+    with _called("chain.n_range_bins", instead_of="Transform.n_bins"):
+        over_range = chain.over_range(radar.frame.chirp)
+    with _called("chain.n_velocity_bins", instead_of="Transform.n_bins"):
+        over_velocity = chain.over_velocity(radar.frame)
+    n_rows = over_range.n_bins
+    if radar.frame.chirp.sampling == "real":
+        n_rows = n_rows // 2 + 1
+        # In a large map the few rows that the noise law leaves out make no odds, and finding
+        # them takes the square of their number.
+        if n_rows <= 2048:
+            rows = independent_rows(radar.frame.chirp, over_range)
+            n_rows = rows.stop - rows.start
+    with _called("chain.cfar", instead_of="Cfar"):
+        chain.cfar.ring.fits(over_velocity.n_bins, n_rows)
+
+
+@contextmanager
+def _called(path: str, *, instead_of: str) -> Iterator[None]:
+    """Call a setting, or what lies in it, as this scenario does: by its path."""
+    try:
+        yield
+    except InvalidSetting as error:
+        (mistake,) = error.mistakes
+        if not mistake.setting.startswith(instead_of):
+            raise
+        path += mistake.setting.removeprefix(instead_of)
+        raise InvalidSetting(path, got=mistake.got, need=mistake.need, fix=mistake.fix) from None
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:

@@ -7,6 +7,7 @@ in-phase part and B the quadrature part, or the other way round with the chip's 
 TI application report SWRA581, Mmwave Radar Device ADC Raw Data Capture.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -45,7 +46,8 @@ class Dca1000(Format):
                 need="of an even number of complex samples, in which this format groups them",
                 fix="Correct radar.frame.chirp.",
             )
-        n_frames, cut = _frames(path, settings)
+        settings, n_frames = _frames(path, settings)
+        radar = settings.radar
         shape = (
             n_frames,
             radar.frame.n_chirps,
@@ -60,7 +62,7 @@ class Dca1000(Format):
         def frame(index: int) -> np.ndarray:
             return _decoded(groups[index], iq)
 
-        findings = settings.findings + cut
+        findings = settings.findings
         if told.iq is None and settings.iq is None:
             findings += (_assumed_iq(),)
         # 64 chirps tell the sides of the spectrum apart; more would only take time.
@@ -77,10 +79,11 @@ def _decoded(groups: np.ndarray, iq: str) -> np.ndarray:
     return samples.reshape(*groups.shape[:-3], -1)
 
 
-def _frames(path: Path, settings: Settings) -> tuple[int, tuple[Finding, ...]]:
-    """Count the whole frames, and say what of the file is left over."""
+def _frames(path: Path, settings: Settings) -> tuple[Settings, int]:
+    """Count the whole frames; the settings also say what of the file is left over."""
     frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
-    frame_bytes = frame.n_chirps * n_rx * frame.chirp.n_samples * 4
+    chirp_bytes = n_rx * frame.chirp.n_samples * 4
+    frame_bytes = frame.n_chirps * chirp_bytes
     size = path.stat().st_size
     n_frames, rest = divmod(size, frame_bytes)
     told = settings.n_frames
@@ -90,6 +93,11 @@ def _frames(path: Path, settings: Settings) -> tuple[int, tuple[Finding, ...]]:
     )
     # A capture that stopped early ends with a whole network packet, 182 groups of 8 bytes.
     # It can be shorter than what the radar sent, but never longer.
+    if settings.merged and not n_frames and not size % _GROUP_BYTES and size >= 2 * chirp_bytes:
+        n_chirps, rest = divmod(size, chirp_bytes)
+        shorter = replace(settings.radar, frame=replace(frame, n_chirps=n_chirps))
+        got = f"{n_chirps} whole chirps and {rest} bytes"
+        return _with_cut(replace(settings, radar=shorter), size, got=got, need=one_frame), 1
     if n_frames < 1 or size % _GROUP_BYTES or (told is not None and size > told * frame_bytes):
         expected = f"at least {frame_bytes}" if told is None else f"{told * frame_bytes}"
         raise RecordingError(
@@ -99,17 +107,21 @@ def _frames(path: Path, settings: Settings) -> tuple[int, tuple[Finding, ...]]:
             fix="Copy the whole file again, or give the settings it was recorded with.",
         )
     if not rest and told in (None, n_frames):
-        return n_frames, ()
-    return n_frames, (
-        Finding(
-            level="warning",
-            setting="recording",
-            got=f"{size} bytes, cut short: {n_frames} whole frames and {rest} bytes that are"
-            " left out",
-            need=f"whole frames, {one_frame}" + (f", {told} of them" if told else ""),
-            fix="If more than the end is missing, the settings are not those of this recording.",
-        ),
+        return settings, n_frames
+    got = f"{n_frames} whole frames and {rest} bytes"
+    need = f"whole frames, {one_frame}" + (f", {told} of them" if told else "")
+    return _with_cut(settings, size, got=got, need=need), n_frames
+
+
+def _with_cut(settings: Settings, size: int, *, got: str, need: str) -> Settings:
+    cut = Finding(
+        level="warning",
+        setting="recording",
+        got=f"{size} bytes, cut short: {got} that are left out",
+        need=need,
+        fix="If more than the end is missing, the settings are not those of this recording.",
     )
+    return replace(settings, findings=(*settings.findings, cut))
 
 
 def _assumed_iq() -> Finding:

@@ -1,17 +1,18 @@
 """A recording: the samples in a file or folder, as the cube a simulation would give."""
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import cast
 
 import numpy as np
-import psutil
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES, axis
-from dechirp.core.errors import NotEnoughMemory, RecordingError
+from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.memory import must_fit
 from dechirp.core.values import value
 from dechirp.formats.base import IQ_ORDERS, Contents, Format, Match, Told, foreign
 from dechirp.formats.encodings import LIMITS
@@ -31,6 +32,8 @@ class Recording:
     path: Path
     format: str
     contents: Contents
+    frame_numbers: range
+    """Which of the frames on disk are read, counted from 0."""
     points: None = None
     """Detections the radar made itself: none in the formats read so far."""
 
@@ -41,8 +44,8 @@ class Recording:
 
     @property
     def n_frames(self) -> int:
-        """Whole frames in the recording."""
-        return self.contents.n_frames
+        """Number of frames that are read."""
+        return len(self.frame_numbers)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -51,7 +54,7 @@ class Recording:
 
     @cached_property
     def cube(self) -> xr.DataArray:
-        """All frames, (frame, chirp, rx, sample), decoded on first use.
+        """The frames that are read, (frame, chirp, rx, sample), decoded on first use.
 
         Raises
         ------
@@ -63,23 +66,20 @@ class Recording:
         frame, n_rx = self.radar.frame, self.radar.array.n_rx
         dtype = np.dtype(np.complex64 if frame.chirp.sampling == "complex" else np.float32)
         shape = (self.n_frames, frame.n_chirps, n_rx, frame.chirp.n_samples)
-        needed, available = float(np.prod(shape, dtype=float)), psutil.virtual_memory().available
-        if needed * dtype.itemsize > available:
-            raise NotEnoughMemory(
-                f"the cube of {self.path.name}",
-                needed_bytes=needed * dtype.itemsize,
-                available_bytes=available,
-                fix="Read it frame by frame (frames() in Python).",
-            )
+        must_fit(
+            f"the cube of {self.path.name}",
+            needed_bytes=math.prod(shape) * dtype.itemsize,
+            fix="Read it frame by frame (frames() in Python), or fewer frames.",
+        )
         samples = np.empty(shape, dtype)
-        for index in range(self.n_frames):
-            samples[index] = self.contents.frame(index)
-        return self._labelled(samples, first=0)
+        for index, number in enumerate(self.frame_numbers):
+            samples[index] = self.contents.frame(number)
+        return self._labelled(samples, first=self.frame_numbers.start)
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Cubes of one frame each, decoded one after the other; raises as `cube` does."""
-        for index in range(self.n_frames):
-            yield self._labelled(self.contents.frame(index)[None], first=index)
+        for number in self.frame_numbers:
+            yield self._labelled(self.contents.frame(number)[None], first=number)
 
     def _labelled(self, samples: np.ndarray, *, first: int) -> xr.DataArray:
         frame = self.radar.frame
@@ -107,6 +107,7 @@ def open(
     axes: Sequence[str] | str | None = None,
     encoding: str | None = None,
     iq: str | None = None,
+    frames: tuple[int, int] | None = None,
 ) -> Recording:
     """Open a recording; its samples are decoded when they are asked for.
 
@@ -128,6 +129,9 @@ def open(
         or full-scale.
     iq : {"iq", "qi"}, optional
         Which part of a complex sample comes first, where no settings say.
+    frames : (int, int), optional
+        First frame to read, counted from 0, and the one after the last; all without it. The
+        others are never decoded.
 
     Raises
     ------
@@ -160,7 +164,21 @@ def open(
         contents = reader.read(path, told)
     except OSError as error:
         raise _unreadable(path, error) from None
-    return Recording(path=path, format=kind, contents=contents)
+    numbers = _numbers(path, frames, contents.n_frames)
+    return Recording(path=path, format=kind, contents=contents, frame_numbers=numbers)
+
+
+def _numbers(path: Path, frames: tuple[int, int] | None, n_frames: int) -> range:
+    """Numbers of the frames to read, all of which there must be."""
+    first, stop = (0, n_frames) if frames is None else frames
+    if not 0 <= first < stop <= n_frames:
+        raise RecordingError(
+            path,
+            got=f"of {n_frames} frames, asked for those from {first} to before {stop}",
+            need="of all the frames that are asked for, at least one",
+            fix=f"Ask for frames between 0 and {n_frames}.",
+        )
+    return range(first, stop)
 
 
 def _settings(radar: Radar | str | Path | None) -> Settings | None:

@@ -1,8 +1,11 @@
 """The processing chain, from the samples of a frame to its detections."""
 
+from typing import get_args
+
 import numpy as np
 import xarray as xr
 
+from dechirp.core.checks import count
 from dechirp.core.conventions import CUBE_AXES, axis
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import must_fit
@@ -42,14 +45,31 @@ class Chain:
     cluster: None = None
     """Clustering: none is available yet."""
 
+    def __post_init__(self) -> None:
+        for name in ("n_range_bins", "n_velocity_bins"):
+            if getattr(self, name) is not None:
+                count(self, name, at_least=2)
+        for name in ("range_window", "doppler_window"):
+            if getattr(self, name) not in get_args(Window):
+                raise InvalidSetting(
+                    f"Chain.{name}",
+                    got=getattr(self, name),
+                    need=" or ".join(get_args(Window)),
+                    fix="Choose one of them.",
+                )
+        if not isinstance(self.cfar, Cfar):
+            raise InvalidSetting(
+                "Chain.cfar", got=self.cfar, need="a Cfar", fix="Leave it out for the default."
+            )
+
     def over_range(self, chirp: Chirp) -> Transform:
         """The range transform for a chirp."""
-        n_bins = self.n_range_bins or chirp.n_samples
+        n_bins = chirp.n_samples if self.n_range_bins is None else self.n_range_bins
         return Transform(window=self.range_window, n_points=chirp.n_samples, n_bins=n_bins)
 
     def over_velocity(self, frame: Frame) -> Transform:
         """The Doppler transform for a frame."""
-        n_bins = self.n_velocity_bins or frame.n_chirps
+        n_bins = frame.n_chirps if self.n_velocity_bins is None else self.n_velocity_bins
         return Transform(window=self.doppler_window, n_points=frame.n_chirps, n_bins=n_bins)
 
     def noise(self, radar: Radar) -> Noise:
@@ -118,7 +138,8 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         snr : ratio
             After integration over all samples, chirps and receivers, without the window's
             loss: what the standard errors rest on. Noise from the corners of the training
-            ring, which the sidelobes of the target do not reach.
+            ring, which the sidelobes of the target do not reach; a ring of few cells (2 x 2
+            on each side) makes it half a dB too high in the mean.
         range_std : m, velocity_std : m/s
             Standard errors, from the Cramer-Rao bound at that ratio.
 
@@ -129,9 +150,14 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         cells do not fit into the map.
     NotEnoughMemory
         If the map would not fit.
+
+    Warns
+    -----
+    PhysicsWarning
+        If a frame has more than 2,000 peaks: the strongest are kept.
     """
     chain = chain or Chain()
-    _must_fit(cube, radar)
+    _must_be_of(cube, radar)
     starts_s = (
         cube.coords["frame"].values
         if "frame" in cube.coords
@@ -169,10 +195,10 @@ def _detect_frame(
     _must_be_finite(power)
     found = peaks(power, _threshold(power, radar, chain), noise)
     slow, fast = between_bins(power, found, noise)
-    tones = refine(samples, slow, fast)
     cell_noise = noise_about(power, found, chain.cfar.ring, noise.n_channels)
     sample_noise = cell_noise / noise_gain(noise.over_range, noise.over_velocity, frame.chirp)
     sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
+    tones = refine(samples, slow, fast, sample_noise)
     snr = np.maximum(tones.energy / sample_noise - noise.n_channels, 1e-3)
     return {
         "frame": np.full(len(found), index),
@@ -204,7 +230,7 @@ def _threshold(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     return threshold
 
 
-def _must_fit(cube: xr.DataArray, radar: Radar) -> None:
+def _must_be_of(cube: xr.DataArray, radar: Radar) -> None:
     """Raise `InvalidSetting` unless the cube could be that radar's."""
     chirp = radar.frame.chirp
     if set(cube.dims) != set(CUBE_AXES):

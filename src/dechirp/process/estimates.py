@@ -7,7 +7,7 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.process.cfar.base import Noise, Ring
 from dechirp.process.refine import Tones
 from dechirp.radar.frame import Frame
-from dechirp.theory.bounds import frequency_variance
+from dechirp.theory.bounds import range_std_m, uncoupled_range_std_m, velocity_std_m_per_s
 
 
 def between_bins(
@@ -68,24 +68,34 @@ def estimates(tones: Tones, snr: np.ndarray, frame: Frame) -> dict[str, np.ndarr
     """Range and velocity of tones, with standard errors.
 
     With the delay tau at mid-window, the fast-time frequency is S tau + f_D and the
-    slow-time frequency f_D = 2 v (f - S tau) / c, f the frequency sent at mid-window. So
+    slow-time frequency f_D = 2 v (f - S tau) / c, f the mean of the sampled frequencies. So
     their difference is free of range-Doppler coupling and of the residual video phase.
     """
     chirp = frame.chirp
     doppler_hz = ((tones.slow + np.pi) % (2 * np.pi) - np.pi) / (2 * np.pi * frame.interval_s)
     beat_hz = tones.fast * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
-    sent_hz = chirp.start_frequency_hz + chirp.slope_hz_per_s * chirp.mid_window_s
-    half_wavelength_m = SPEED_OF_LIGHT / (2 * (sent_hz - beat_hz))
-    doppler_std_hz = np.sqrt(frequency_variance(snr=snr, n_points=frame.n_chirps)) / (
-        2 * np.pi * frame.interval_s
+    wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - beat_hz)
+    velocity_std = velocity_std_m_per_s(
+        snr=snr,
+        n_chirps=frame.n_chirps,
+        interval_s=frame.interval_s,
+        wavelength_m=wavelength_m,
     )
-    fast_std_hz = np.sqrt(frequency_variance(snr=snr, n_points=chirp.n_samples)) * (
-        chirp.sample_rate_hz / (2 * np.pi)
+    range_std = range_std_m(
+        snr=snr,
+        n_samples=chirp.n_samples,
+        sample_rate_hz=chirp.sample_rate_hz,
+        slope_hz_per_s=chirp.slope_hz_per_s,
     )
     return {
         "range": chirp.range_m(1.0) * beat_hz,
-        "velocity": doppler_hz * half_wavelength_m,
+        "velocity": doppler_hz * wavelength_m / 2,
         "snr": snr,
-        "range_std": chirp.range_m(1.0) * np.hypot(fast_std_hz, doppler_std_hz),
-        "velocity_std": doppler_std_hz * half_wavelength_m,
+        "range_std": uncoupled_range_std_m(
+            range_std_m=range_std,
+            velocity_std_m_per_s=velocity_std,
+            mid_window_frequency_hz=chirp.mid_window_frequency_hz,
+            slope_hz_per_s=chirp.slope_hz_per_s,
+        ),
+        "velocity_std": velocity_std,
     }

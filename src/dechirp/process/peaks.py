@@ -1,10 +1,12 @@
 """Peaks: cells over threshold that no neighbour exceeds and no sidelobe explains."""
 
+import warnings
 from functools import lru_cache
 
 import numba
 import numpy as np
 
+from dechirp.core.findings import PhysicsWarning
 from dechirp.process.cfar.base import Noise
 from dechirp.process.spectrum import Transform
 
@@ -23,6 +25,13 @@ def peaks(power: np.ndarray, threshold: np.ndarray, noise: Noise) -> np.ndarray:
     found = _local_maxima(power, threshold)
     strength = power[found[:, 0], found[:, 1]]
     order = np.argsort(-strength, kind="stable")[:MOST_PEAKS]
+    if len(found) > MOST_PEAKS:
+        warnings.warn(
+            f"{len(found)} peaks are over threshold; the strongest {MOST_PEAKS} are kept. Lower"
+            " the false-alarm probability.",
+            PhysicsWarning,
+            stacklevel=4,
+        )
     found, strength = found[order], strength[order]
     if len(found) < 2:
         return found

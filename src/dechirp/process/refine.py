@@ -30,7 +30,9 @@ class Tones:
     """Sum over receivers of |amplitude|^2 times the number of samples of one receiver."""
 
 
-def refine(samples: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> Tones:
+def refine(
+    samples: np.ndarray, slow: np.ndarray, fast: np.ndarray, noise_power: np.ndarray
+) -> Tones:
     """Maximum-likelihood frequencies of the tones near given ones.
 
     Parameters
@@ -38,6 +40,8 @@ def refine(samples: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> Tones:
     samples : array (chirp, rx, sample), complex64 or float32
     slow, fast : arrays (n,), rad per chirp and rad per sample
         Frequencies within half a bin of the truth, strongest tone first.
+    noise_power : array (n,)
+        Noise in one sample about each; sidelobes far below it are left where they are.
 
     Notes
     -----
@@ -48,13 +52,13 @@ def refine(samples: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> Tones:
     rows, columns = _edges(n_chirps), _edges(n_samples)
     # Real numbers in a row, two to a complex sample: compiled code then reads eight at a time.
     numbers = np.ascontiguousarray(samples).view(np.float32)
-    sums = np.array(
-        [
-            _block_sums(numbers, n_samples, *peak, rows, columns)
-            for peak in zip(slow, fast, strict=True)
-        ]
-    ).reshape(len(slow), samples.shape[1], len(rows) - 1, len(columns) - 1)
-    return Tones(*_maxima(sums.astype(np.complex128), slow, fast, rows, columns))
+    sums = np.empty((len(slow), samples.shape[1], len(rows) - 1, len(columns) - 1), np.complex128)
+    for i, (at_slow, at_fast) in enumerate(zip(slow, fast, strict=True)):
+        sums[i] = _block_sums(numbers, n_samples, at_slow, at_fast, rows, columns)
+    n_samples_each = n_chirps * n_samples
+    # A tenth of the standard deviation that noise gives an amplitude.
+    negligible = 0.1 * np.sqrt(noise_power / n_samples_each)
+    return Tones(*_maxima(sums, slow, fast, negligible, rows, columns))
 
 
 def _edges(n: int) -> np.ndarray:
@@ -104,7 +108,12 @@ def _block_sums(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _maxima(
-    sums: np.ndarray, slow: np.ndarray, fast: np.ndarray, rows: np.ndarray, columns: np.ndarray
+    sums: np.ndarray,
+    slow: np.ndarray,
+    fast: np.ndarray,
+    negligible: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frequencies and energies of all tones, each with the others subtracted."""
     n_tones, n_rx = sums.shape[:2]
@@ -112,23 +121,34 @@ def _maxima(
     # Offsets from the frequencies that the sums were demodulated with.
     d_slow, d_fast = np.zeros(n_tones), np.zeros(n_tones)
     amplitude = np.zeros((n_tones, n_rx), np.complex128)
+    largest = np.zeros(n_tones)
     for turn in range(PASSES if n_tones > 1 else 1):
         for i in range(n_tones):
             own = sums[i].copy()
             for k in range(n_tones):
                 # In the first pass, weaker tones are not known yet.
-                if k != i and (turn > 0 or k < i):
-                    apart_slow = slow[k] + d_slow[k] - slow[i]
-                    apart_fast = fast[k] + d_fast[k] - fast[i]
+                if k == i or (turn == 0 and k > i):
+                    continue
+                apart_slow = slow[k] + d_slow[k] - slow[i]
+                apart_fast = fast[k] + d_fast[k] - fast[i]
+                lobe = _sidelobe(apart_slow, rows[-1]) * _sidelobe(apart_fast, columns[-1])
+                if lobe * largest[k] > negligible[i]:
                     _subtract(own, amplitude[k], apart_slow, apart_fast, rows, columns)
             d_slow[i], d_fast[i] = _highest(own, rows, columns)
             gain = _gain(d_slow[i], rows) * _gain(d_fast[i], columns)
             moments = _moments(own, rows, columns, d_slow[i], d_fast[i])
             amplitude[i] = moments[0] / gain
+            largest[i] = np.abs(amplitude[i]).max()
     energy = np.empty(n_tones)
     for i in range(n_tones):
         energy[i] = np.sum(np.abs(amplitude[i]) ** 2) * n_samples
     return slow + d_slow, fast + d_fast, energy
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _sidelobe(apart: float, n: int) -> float:
+    """Bound on what a unit tone adds to the mean of n points so far from its frequency."""
+    return min(1.0, 1.0 / (n * abs(np.sin(apart / 2)) + 1e-9))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

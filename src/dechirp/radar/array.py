@@ -14,8 +14,9 @@ class Array:
     """(n_rx, 3)."""
 
     def __post_init__(self) -> None:
-        vectors(self, "tx_m")
-        vectors(self, "rx_m")
+        # Wider than any array on one oscillator: beyond, a unit is wrong.
+        vectors(self, "tx_m", at_most=1e6)
+        vectors(self, "rx_m", at_most=1e6)
 
     @property
     def n_rx(self) -> int:

@@ -37,8 +37,12 @@ class Chirp:
     """Complex: an I/Q mixer. Real: one mixer, half the range and 3 dB less."""
 
     def __post_init__(self) -> None:
-        positive(self, "start_frequency_hz", "slope_hz_per_s", "ramp_duration_s", "sample_rate_hz")
-        not_negative(self, "adc_start_s")
+        # Wider than from over-the-horizon to terahertz radar: outside, a unit is wrong.
+        positive(self, "start_frequency_hz", at_least=1e6, at_most=1e13)
+        positive(self, "slope_hz_per_s", at_least=1.0, at_most=1e18)
+        positive(self, "ramp_duration_s", at_least=1e-12, at_most=1e6)
+        positive(self, "sample_rate_hz", at_least=1.0, at_most=1e13)
+        not_negative(self, "adc_start_s", at_most=1e6)
         count(self, "n_samples", at_least=2)
         if self.sampling not in ("complex", "real"):
             raise InvalidSetting(
@@ -79,6 +83,15 @@ class Chirp:
         """Frequency sent at the middle of the sampling window, f0 + S (adc_start + N / 2fs)."""
         middle_s = self.adc_start_s + self.sampled_duration_s / 2
         return self.start_frequency_hz + self.slope_hz_per_s * middle_s
+
+    @property
+    def mean_sampled_frequency_hz(self) -> float:
+        """Mean of the frequencies sent at the sampling instants, f0 + S mid_window.
+
+        Half a sample before `mid_window_frequency_hz`; estimates are exact with this one
+        (0.07 % apart for 64 samples of 5.5 GHz at 60 GHz).
+        """
+        return self.start_frequency_hz + self.slope_hz_per_s * self.mid_window_s
 
     @property
     def wavelength_m(self) -> float:

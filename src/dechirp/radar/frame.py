@@ -27,7 +27,7 @@ class Frame:
 
     def __post_init__(self) -> None:
         count(self, "n_chirps", at_least=2)
-        positive(self, "interval_s")
+        positive(self, "interval_s", at_least=1e-12, at_most=1e6)  # the bounds of a ramp
         if self.interval_s < self.chirp.ramp_duration_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Frame.interval_s",
@@ -35,7 +35,10 @@ class Frame:
                 need=f"at least {self.chirp.ramp_duration_s:.6g} s, the duration of the ramp",
                 fix="Lengthen the interval or shorten the ramp.",
             )
-        if self.period_s is not None and not self.period_s >= self.duration_s * (1 - 1e-9):
+        if self.period_s is None:
+            return
+        positive(self, "period_s", at_least=1e-12, at_most=1e6)
+        if self.period_s < self.duration_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Frame.period_s",
                 got=f"{self.period_s:.6g} s",

@@ -19,7 +19,10 @@ class Hardware:
     """Losses on the way out and in together, a ratio of at least 1."""
 
     def __post_init__(self) -> None:
-        positive(self, "transmit_power_w", "antenna_gain", "noise_factor", "loss")
+        # Wider than from a leaking mixer to the largest dish: outside, a unit is wrong.
+        positive(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
+        positive(self, "antenna_gain", at_least=1e-6, at_most=1e12)
+        positive(self, "noise_factor", "loss")
         for name in ("noise_factor", "loss"):
             if getattr(self, name) < 1:
                 raise InvalidSetting(
@@ -28,6 +31,7 @@ class Hardware:
                     need="a ratio of at least 1 (0 dB)",
                     fix="A loss of 3 dB is written 3 dB, not -3 dB.",
                 )
+        positive(self, "noise_factor", "loss", at_least=1.0, at_most=1e12)
 
     @property
     def eirp_w(self) -> float:

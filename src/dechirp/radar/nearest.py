@@ -82,8 +82,18 @@ def _eased(asked: Requirements, name: str, breaks: Breaks) -> float | None:
     def too_little(ratio: float) -> bool:
         return bool(breaks(_with(asked, name, by(ratio))))
 
+    def made(ratio: float) -> bool:
+        try:
+            breaks(_with(asked, name, by(ratio)))
+        except InvalidSetting:
+            return False
+        return True
+
+    # The easiest that is a radar at all, to a tenth: further, its numbers are refused.
     low, high = 0.0, math.log(MOST)
-    if too_little(MOST):
+    while high > 0 and not made(math.exp(high)):
+        high -= math.log(1.1)
+    if high <= 0 or too_little(math.exp(high)):
         return None
     while high - low > 1e-4:  # a tenth of the third digit
         middle = (low + high) / 2

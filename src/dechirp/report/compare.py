@@ -5,17 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.radar import Radar
+from dechirp.scene.folding import Place, frequencies, seen, wrapped
 
 _CELLS = 2.0  # a detection is its target's within two resolution cells on both axes
-
-
-class Place(NamedTuple):
-    """Ranges (m) and velocities (m/s) of the same shape."""
-
-    range_m: np.ndarray
-    velocity_m_per_s: np.ndarray
 
 
 class Match(NamedTuple):
@@ -26,32 +19,10 @@ class Match(NamedTuple):
     velocity_error_m_per_s: np.ndarray
 
 
-def seen(truth: xr.Dataset, radar: Radar) -> Place:
-    """Return what a perfect detector reports of the truth, (target, frame): aliases folded.
-
-    Differs from the truth only where a range or velocity is ambiguous.
-    """
-    chirp = radar.frame.chirp
-    known = truth.transpose("target", "frame")
-    beat_hz, doppler_hz = _frequencies_hz(Place(known.range.values, known.velocity.values), radar)
-    beat_hz = beat_hz % chirp.sample_rate_hz
-    if chirp.sampling == "real":
-        # The upper half of the spectrum is the mirror of the lower: both frequencies turn.
-        mirrored = beat_hz > chirp.sample_rate_hz / 2
-        beat_hz = np.where(mirrored, chirp.sample_rate_hz - beat_hz, beat_hz)
-        doppler_hz = np.where(mirrored, -doppler_hz, doppler_hz)
-    doppler_hz = _wrapped(doppler_hz, 1 / radar.frame.interval_s)
-    delay_hz = beat_hz - doppler_hz
-    return Place(
-        chirp.range_m(1.0) * delay_hz,
-        doppler_hz * SPEED_OF_LIGHT / (2 * (_sent_hz(radar) - delay_hz)),
-    )
-
-
 def on_map(place: Place, radar: Radar) -> Place:
     """Return where such peaks lie on the map: range-Doppler coupling put back."""
     chirp = radar.frame.chirp
-    beat_hz, doppler_hz = _frequencies_hz(place, radar)
+    beat_hz, doppler_hz = frequencies(place, radar)
     return Place(chirp.range_m(1.0) * beat_hz, doppler_hz * chirp.wavelength_m / 2)
 
 
@@ -61,7 +32,7 @@ def match(detections: xr.Dataset, truth: xr.Dataset, radar: Radar) -> Match:
     of_frame = {int(frame): index for index, frame in enumerate(truth.frame.values)}
     index = np.array([of_frame[int(frame)] for frame in detections.frame.values], dtype=int)
     range_error_m = detections.range.values[:, None] - expected.range_m.T[index]
-    velocity_error = _wrapped(
+    velocity_error = wrapped(
         detections.velocity.values[:, None] - expected.velocity_m_per_s.T[index],
         2 * radar.frame.max_velocity_m_per_s,
     )
@@ -83,19 +54,3 @@ def match(detections: xr.Dataset, truth: xr.Dataset, radar: Radar) -> Match:
         np.where(missing, np.nan, range_error_m[row, nearest]),
         np.where(missing, np.nan, velocity_error[row, nearest]),
     )
-
-
-def _frequencies_hz(place: Place, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
-    """Beat and Doppler frequencies at mid-window: f_b = S tau + f_D, f_D = 2 v (f - S tau) / c."""
-    delay_hz = place.range_m / radar.frame.chirp.range_m(1.0)
-    doppler_hz = 2 * place.velocity_m_per_s * (_sent_hz(radar) - delay_hz) / SPEED_OF_LIGHT
-    return delay_hz + doppler_hz, doppler_hz
-
-
-def _sent_hz(radar: Radar) -> float:
-    chirp = radar.frame.chirp
-    return chirp.start_frequency_hz + chirp.slope_hz_per_s * chirp.mid_window_s
-
-
-def _wrapped(amount: np.ndarray, period: float) -> np.ndarray:
-    return (amount + period / 2) % period - period / 2

@@ -121,7 +121,8 @@ def _estimate(view: View, name: str, unit: str) -> Card:
 def _over_threshold(view: View) -> list[Card]:
     """How far the strongest peak stands out; the map shows the first frame only."""
     power, threshold = view.at_cell(view.result.power), view.at_cell(view.result.threshold)
-    if int(view.strongest.frame[0]) != 0 or not (power > 0 and 0 < threshold < math.inf):
+    in_map = int(view.strongest.frame[0]) == view.result.first_frame
+    if not (in_map and power > 0 and 0 < threshold < math.inf):
         return []
     probability = view.result.scenario.chain.cfar.false_alarm_probability
     words = "" if probability is None else f"set for {small(probability)} false alarms a cell"

@@ -7,6 +7,8 @@ import xarray as xr
 
 from dechirp.core.values import value
 from dechirp.report import compare
+from dechirp.scene import folding
+from dechirp.scene.folding import Place
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result
@@ -25,9 +27,9 @@ class View:
     """Their targets, in the same order, where the truth is known."""
     cell: tuple[int, int]
     """Cell (velocity, range) of the map with the strongest detection, or the strongest cell."""
-    found: compare.Place
+    found: Place
     """Detections of the first frame, where their peaks lie on the map."""
-    seen: compare.Place | None
+    seen: Place | None
     """The truth as a perfect detector reports it, (target, frame)."""
 
     @property
@@ -41,11 +43,11 @@ class View:
         return float(of_map.isel(velocity=row, range=column))
 
     @property
-    def expected(self) -> compare.Place | None:
+    def expected(self) -> Place | None:
         """The truth of the first frame, where its peaks lie on the map."""
         if self.seen is None:
             return None
-        first = compare.Place(self.seen.range_m[:, 0], self.seen.velocity_m_per_s[:, 0])
+        first = Place(self.seen.range_m[:, 0], self.seen.velocity_m_per_s[:, 0])
         return compare.on_map(first, self.result.radar)
 
 
@@ -54,11 +56,11 @@ def view_of(result: "Result") -> View:
     order = np.argsort(-result.detections.snr.values, kind="stable")
     strongest = result.detections.isel(detection=order)
     in_map = strongest.isel(detection=np.flatnonzero(strongest.frame.values == result.first_frame))
-    found = compare.on_map(compare.Place(in_map.range.values, in_map.velocity.values), result.radar)
+    found = compare.on_map(Place(in_map.range.values, in_map.velocity.values), result.radar)
     matched = seen = None
     if result.truth is not None:
         matched = compare.match(strongest, result.truth, result.radar)
-        seen = compare.seen(result.truth, result.radar)
+        seen = folding.seen(result.truth, result.radar)
     return View(
         result=result,
         first=next(iter(result.frames())),
@@ -70,7 +72,7 @@ def view_of(result: "Result") -> View:
     )
 
 
-def _strongest_cell(power: xr.DataArray, found: compare.Place) -> tuple[int, int]:
+def _strongest_cell(power: xr.DataArray, found: Place) -> tuple[int, int]:
     """Find the cell (velocity, range) where the first detection peaks, or the map's strongest."""
     labelled = power.transpose("velocity", "range")
     around = [slice(None), slice(None)]

@@ -8,7 +8,9 @@ from dechirp.core.units import decibels
 
 MINUS, NONE, TIMES = "\N{MINUS SIGN}", "\N{EN DASH}", "\N{MULTIPLICATION SIGN}"
 
-_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+_PREFIXES = dict(
+    zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", *"kMGT"), strict=True)
+)
 _SMALLEST_POWER = 1e-30  # -270 dBm: a map of zeros still has decibels
 
 

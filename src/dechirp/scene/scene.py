@@ -1,9 +1,11 @@
 """The scene: targets seen from the radar, and the truth about them."""
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 import xarray as xr
 
-from dechirp.core.checks import Vector, vector
+from dechirp.core.checks import Vector, whole
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -11,7 +13,8 @@ from dechirp.core.values import value
 from dechirp.radar.budget import noise_power_w as thermal_noise_w
 from dechirp.radar.budget import received_power_w
 from dechirp.radar.radar import Radar
-from dechirp.scene.target import Target
+from dechirp.scene.folding import Place, frequencies, seen
+from dechirp.scene.target import Target, slow_vector
 
 
 @value
@@ -21,7 +24,7 @@ class Ego:
     velocity_m_per_s: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        vector(self, "velocity_m_per_s")
+        slow_vector(self, "velocity_m_per_s")
 
 
 @value
@@ -32,7 +35,15 @@ class Scene:
     ego: Ego = Ego()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "targets", tuple(self.targets))
+        targets = tuple(self.targets) if isinstance(self.targets, Iterable) else (None,)
+        if not all(isinstance(target, Target) for target in targets):
+            raise InvalidSetting(
+                "Scene.targets",
+                got=self.targets,
+                need="a list of targets",
+                fix="Write targets=[Target(...)], also for one alone.",
+            )
+        object.__setattr__(self, "targets", targets)
         names = self.names
         for name in names:
             if names.count(name) > 1:
@@ -68,7 +79,7 @@ class Scene:
         ego_m = time_s * np.asarray(self.ego.velocity_m_per_s)
         positions = [target.position_at_m(time_s) - ego_m for target in self.targets]
         for name, position_m in zip(self.names, positions, strict=True):
-            if not position_m.any():
+            if np.linalg.norm(position_m) < 1e-6:  # nearer, its power overflows
                 raise InvalidSetting(
                     f"scene.targets.{name}.position",
                     got=f"on the radar after {time_s:.4g} s",
@@ -96,97 +107,109 @@ def truth(
         `time` (s) of mid-frame, mid-window; `range` (m), `velocity` (m/s), `azimuth`,
         `elevation` (rad) at that instant, seen from the origin of the array; `snr` after
         integration over samples, chirps and receivers, where the hardware is known.
+
+    Raises
+    ------
+    InvalidSetting
+        If a target sits on the radar, or `n_frames` is no count of frames.
     """
-    frame = radar.frame
-    times_s = np.array([frame.start_s(index) + frame.mid_frame_s for index in range(n_frames)])
+    whole("n_frames", n_frames, at_least=1, at_most=1_000_000)
+    known = _places(scene, radar, np.arange(n_frames))
+    if radar.hardware is None:
+        return known
+    rcs_m2 = np.array([[target.rcs_m2] for target in scene.targets]).reshape(-1, 1)
+    noise_w = thermal_noise_w(radar) if noise_power_w is None else noise_power_w
+    echo_w = received_power_w(radar, range_m=known.range.values, rcs_m2=rcs_m2)
+    with np.errstate(divide="ignore"):  # without noise it is infinite
+        snr = echo_w / noise_w * radar.integration_gain
+    return known.assign(snr=(("target", "frame"), snr, {"units": "1"}))
+
+
+def surprises(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]:
+    """Targets that fold in range or velocity, or whose echo comes after the first sample.
+
+    Told once, of the first frame or else of the last: on a straight line, range and speed
+    along the line of sight are largest at the ends.
+    """
+    known = _places(scene, radar, np.unique([0, n_frames - 1]))
+    found: list[Finding] = []
+    for name in scene.names:
+        told: dict[tuple[str, str], Finding] = {}
+        for frame in known.frame.values:
+            here = known.sel(target=[name], frame=[frame])
+            when = "" if n_frames == 1 else f" in frame {frame}"
+            for finding in (*_folds(here, radar, when), *_late(here, radar, when)):
+                told.setdefault((finding.setting, finding.need), finding)
+        found += told.values()
+    return found
+
+
+def _places(scene: Scene, radar: Radar, frames: np.ndarray) -> xr.Dataset:
+    """Where the targets are in the middle of some frames, over (target, frame)."""
+    times_s = np.array([radar.frame.start_s(i) + radar.frame.mid_frame_s for i in frames])
     positions_m = np.stack([scene.positions_m(time) for time in times_s], axis=1)
     x, y, z = np.moveaxis(positions_m, -1, 0)
     range_m = np.sqrt(x**2 + y**2 + z**2)
     along = np.einsum("tfi,ti->tf", positions_m, scene.velocities_m_per_s())
     over = ("target", "frame")
-    known = {
-        "range": (over, range_m, {"units": "m"}),
-        "velocity": (over, along / range_m, {"units": "m/s"}),
-        "azimuth": (over, np.arctan2(y, x), {"units": "rad"}),
-        "elevation": (over, np.arctan2(z, np.hypot(x, y)), {"units": "rad"}),
-    }
-    if radar.hardware is not None:
-        rcs_m2 = np.array([[target.rcs_m2] for target in scene.targets]).reshape(-1, 1)
-        noise_w = thermal_noise_w(radar) if noise_power_w is None else noise_power_w
-        echo_w = received_power_w(radar, range_m=range_m, rcs_m2=rcs_m2)
-        with np.errstate(divide="ignore"):  # without noise it is infinite
-            known["snr"] = (over, echo_w / noise_w * radar.integration_gain, {"units": "1"})
     return xr.Dataset(
-        known,
+        {
+            "range": (over, range_m, {"units": "m"}),
+            "velocity": (over, along / range_m, {"units": "m/s"}),
+            "azimuth": (over, np.arctan2(y, x), {"units": "rad"}),
+            "elevation": (over, np.arctan2(z, np.hypot(x, y)), {"units": "rad"}),
+        },
         coords={
             "target": ("target", list(scene.names)),
-            "frame": ("frame", np.arange(n_frames)),
+            "frame": ("frame", frames),
             "time": ("frame", times_s, {"units": "s"}),
         },
     )
 
 
-def surprises(scene: Scene, radar: Radar) -> list[Finding]:
-    """Targets that fold in range or velocity, or whose echo comes after the first sample."""
-    known = truth(scene, radar).isel(frame=0)
-    found = []
-    for name, range_m, velocity in zip(
-        scene.names, known.range.values, known.velocity.values, strict=True
-    ):
-        setting = f"scene.targets.{name}"
-        found += _folds(setting, float(range_m), float(velocity), radar)
-        found += _late(setting, float(range_m), radar)
-    return found
-
-
-def _folds(setting: str, range_m: float, velocity: float, radar: Radar) -> list[Finding]:
-    chirp, max_velocity = radar.frame.chirp, radar.frame.max_velocity_m_per_s
-    found = []
-    if not -max_velocity <= velocity < max_velocity:
-        folded = (velocity + max_velocity) % (2 * max_velocity) - max_velocity
-        shift_m = chirp.range_doppler_coupling_m(velocity - folded)
-        found.append(
-            Finding(
-                level="warning",
-                setting=f"{setting}.velocity",
-                got=f"{velocity:.4g} m/s folds to {folded:.4g} m/s, and moves the range that is"
-                f" found by {shift_m:+.3g} m",
-                need=f"between -{max_velocity:.4g} and {max_velocity:.4g} m/s to be unambiguous",
-                fix="Shorten the interval between chirps, or read the folded velocity.",
-            )
+def _folds(here: xr.Dataset, radar: Radar, when: str) -> Iterator[Finding]:
+    """What folds of one target in one frame."""
+    chirp, interval_s = radar.frame.chirp, radar.frame.interval_s
+    setting = f"scene.targets.{here.target.item()}"
+    there, found = Place(here.range.values, here.velocity.values), seen(here, radar)
+    got = (
+        f"{there.range_m.item():.4g} m at {there.velocity_m_per_s.item():.4g} m/s{when} folds to"
+        f" {found.range_m.item():.4g} m at {found.velocity_m_per_s.item():.4g} m/s"
+    )
+    echo = frequencies(there, radar)
+    if not -0.5 <= echo.doppler_hz.item() * interval_s < 0.5:
+        max_velocity = radar.frame.max_velocity_m_per_s
+        yield Finding(
+            level="warning",
+            setting=f"{setting}.velocity",
+            got=got,
+            need=f"between -{max_velocity:.4g} and {max_velocity:.4g} m/s to be unambiguous",
+            fix="Shorten the interval between chirps, or read the folded velocity.",
         )
-    beat_range_m = range_m + chirp.range_doppler_coupling_m(velocity)
-    if not 0 <= beat_range_m < chirp.max_range_m:
-        span_m = chirp.range_m(chirp.sample_rate_hz)
-        folded_m = beat_range_m % span_m
-        if chirp.sampling == "real":
-            folded_m = min(folded_m, span_m - folded_m)
-        found.append(
-            Finding(
-                level="warning",
-                setting=f"{setting}.position",
-                got=f"range {range_m:.4g} m folds to {folded_m:.4g} m",
-                need=f"below {chirp.max_range_m:.4g} m to be unambiguous",
-                fix="Sample faster or lower the slope, or read the folded range.",
-            )
-        )
-    return found
-
-
-def _late(setting: str, range_m: float, radar: Radar) -> list[Finding]:
-    chirp = radar.frame.chirp
-    delay_s = 2 * range_m / SPEED_OF_LIGHT
-    if delay_s <= chirp.adc_start_s:
-        return []
-    late = int(np.ceil((delay_s - chirp.adc_start_s) * chirp.sample_rate_hz))
-    missed = f"the first {late} samples" if late < chirp.n_samples else "all of it"
-    return [
-        Finding(
+    if not 0 <= echo.beat_hz.item() < chirp.max_beat_frequency_hz:
+        yield Finding(
             level="warning",
             setting=f"{setting}.position",
-            got=f"echo arrives {delay_s * 1e6:.4g} us after ramp start, sampling begins at"
-            f" {chirp.adc_start_s * 1e6:.4g} us",
-            need="a delay of at most adc_start for every sample to hold the echo",
-            fix=f"Start sampling later. A real radar would miss {missed}, the simulation does not.",
+            got=got,
+            need=f"between 0 and {chirp.max_range_m:.4g} m, range-Doppler coupling included, to"
+            " be unambiguous",
+            fix="Sample faster or lower the slope, or read the folded range.",
         )
-    ]
+
+
+def _late(here: xr.Dataset, radar: Radar, when: str) -> Iterator[Finding]:
+    """Whether the echo of one target in one frame comes after the first sample."""
+    chirp = radar.frame.chirp
+    delay_s = 2 * here.range.item() / SPEED_OF_LIGHT
+    if delay_s <= chirp.adc_start_s:
+        return
+    late = int(np.ceil((delay_s - chirp.adc_start_s) * chirp.sample_rate_hz))
+    missed = f"the first {late} samples" if late < chirp.n_samples else "all of it"
+    yield Finding(
+        level="warning",
+        setting=f"scene.targets.{here.target.item()}.position",
+        got=f"echo arrives {delay_s * 1e6:.4g} us after ramp start{when}, sampling begins at"
+        f" {chirp.adc_start_s * 1e6:.4g} us",
+        need="a delay of at most adc_start for every sample to hold the echo",
+        fix=f"Start sampling later. A real radar would miss {missed}, the simulation does not.",
+    )

@@ -1,5 +1,6 @@
 """A point target and how it moves."""
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -8,6 +9,20 @@ from dechirp.core.checks import Vector, positive, vector
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
+
+
+def slow_vector(owner: object, name: str) -> None:
+    """Keep the named field as a vector far below the speed of light, or raise `InvalidSetting`."""
+    vector(owner, name, at_most=math.inf)
+    speed = math.hypot(*getattr(owner, name))
+    # The time light takes back is neglected, an error of the relative size v / c.
+    if speed > SPEED_OF_LIGHT / 1000:
+        raise InvalidSetting(
+            f"{type(owner).__name__}.{name}",
+            got=f"{speed:.4g} m/s",
+            need=f"at most {SPEED_OF_LIGHT / 1000:.6g} m/s, a thousandth of that of light",
+            fix="Check the unit of the velocity.",
+        )
 
 
 @value
@@ -25,18 +40,17 @@ class Target:
     """How the cross section varies: the only kind there is yet."""
 
     def __post_init__(self) -> None:
-        vector(self, "position_m")
-        vector(self, "velocity_m_per_s")
-        positive(self, "rcs_m2")
-        speed = float(np.linalg.norm(self.velocity_m_per_s))
-        # The time light takes back is neglected, an error of the relative size v / c.
-        if speed > SPEED_OF_LIGHT / 1000:
+        if not (self.name is None or (isinstance(self.name, str) and self.name)):
             raise InvalidSetting(
-                "Target.velocity_m_per_s",
-                got=f"{speed:.4g} m/s",
-                need=f"at most {SPEED_OF_LIGHT / 1000:.6g} m/s, a thousandth of that of light",
-                fix="Check the unit of the velocity.",
+                "Target.name",
+                got=repr(self.name),
+                need="a text of at least one letter",
+                fix="Leave it out for a name by its place in the scene.",
             )
+        # Beyond the Moon, and from a grain of dust to a planet: outside, a unit is wrong.
+        vector(self, "position_m", at_most=1e9)
+        positive(self, "rcs_m2", at_least=1e-12, at_most=1e12)
+        slow_vector(self, "velocity_m_per_s")
 
     def position_at_m(self, time_s: float) -> np.ndarray:
         """Position at a time, (3,)."""

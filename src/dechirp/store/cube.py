@@ -16,7 +16,7 @@ from dechirp.radar.radar import Radar
 
 FORMAT_VERSION = 1
 
-_CHUNK_BYTES = 2**26  # a frame, unless it is larger; the codec takes at most 2^31
+_CHUNK_BYTES = 2**25  # a frame, unless it is larger: one chunk is held at a time
 
 
 def write_cube(
@@ -51,7 +51,9 @@ def write_cube(
             array = _empty(store, labelled, n_frames)
             for name in CUBE_AXES[1:]:
                 _add_axis(store, name, labelled[name].values, labelled[name].attrs)
-        array[index] = labelled.values[0]
+        per_chunk = array.chunks[1]
+        for start in range(0, labelled.sizes["chirp"], per_chunk):
+            array[index, start : start + per_chunk] = labelled.values[0, start : start + per_chunk]
         starts_s[index] = labelled.frame.item()
     _add_axis(store, "frame", starts_s, dict(axis("frame", starts_s).attrs))
     for name, dataset in (("detections", detections), ("truth", truth)):

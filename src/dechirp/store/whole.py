@@ -1,6 +1,7 @@
 """Files and folders that are there whole or not at all: written beside, then renamed."""
 
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Collection, Iterator
@@ -30,6 +31,13 @@ def must_be_replaceable(out: Path, *, mark: str, ours: Collection[str]) -> None:
             return
         if not out.is_dir():
             raise _refused(out, got="a file", fix="Give the name of a folder.")
+        here = Path.cwd()
+        if out.resolve() in (here, *here.parents):
+            raise _refused(
+                out,
+                got="the folder you are in, or one above it",
+                fix="It would be replaced as a whole: name a folder in it.",
+            )
         names = {file.name for file in out.iterdir()} - _LEFT_BY_FILE_MANAGERS
         own = sorted(names - set(ours))
         if names and (own or mark not in names):
@@ -58,6 +66,7 @@ def whole_folder(out: Path) -> Iterator[Path]:
     made = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
     before = made.with_name(f"{made.name}.before")
     try:
+        _put_back(place)
         made.mkdir(parents=True)
         yield made
         if place.exists():
@@ -70,6 +79,17 @@ def whole_folder(out: Path) -> Iterator[Path]:
             before.rename(place)
         shutil.rmtree(before, ignore_errors=True)
         shutil.rmtree(made, ignore_errors=True)
+
+
+def _put_back(place: Path) -> None:
+    """Undo what a run that was killed between its two renames left behind."""
+    left = re.compile(rf"{re.escape(f'.{place.name}.')}[0-9a-f]{{8}}\.before")
+    there = place.parent.iterdir() if place.parent.is_dir() else ()
+    for before in [folder for folder in there if left.fullmatch(folder.name)]:
+        if not place.exists():
+            before.rename(place)
+        shutil.rmtree(before, ignore_errors=True)
+        shutil.rmtree(before.with_suffix(""), ignore_errors=True)
 
 
 def write_whole(out: Path, text: str) -> None:

@@ -42,13 +42,13 @@ def range_std_m(
 
 
 def velocity_std_m_per_s(
-    *, snr: ArrayLike, n_chirps: int, interval_s: float, wavelength_m: float
+    *, snr: ArrayLike, n_chirps: int, interval_s: float, wavelength_m: ArrayLike
 ) -> np.ndarray:
     """Bound on the standard deviation of velocity, lambda / (4 pi T) times that of frequency.
 
     `wavelength_m` is the one at the middle of the sampling window.
     """
-    radians_to_m_per_s = wavelength_m / (4 * np.pi * interval_s)
+    radians_to_m_per_s = np.asarray(wavelength_m) / (4 * np.pi * interval_s)
     variance = frequency_variance(snr=snr, n_points=n_chirps)
     return np.asarray(radians_to_m_per_s * np.sqrt(variance))
 

@@ -89,7 +89,7 @@ def correlated_factor(false_alarm_probability: float, box: Box, *, n_channels: i
         det over the ring = det(I + x R_box) det V_GG,   1 + a = h(x) = [V_GG^-1]_00,
 
     where x is a over the positive eigenvalue. So only matrices of the size of the guard are
-    inverted (81 for 4 x 4 guard cells, against 644 training cells): 1 ms, not 100.
+    inverted (81 for 4 x 4 guard cells, against 644 training cells): 4 ms, not 100.
     """
     law = _Law(box)
     log_pfa = np.log(false_alarm_probability)

@@ -23,6 +23,8 @@ class Settings:
     """None where the file does not say."""
     n_frames: int | None = None
     """Frames the radar was told to send; None where the file does not say."""
+    merged: bool = False
+    """Whether frames of one chirp each were taken as the chirps of one frame."""
     findings: tuple[Finding, ...] = ()
 
 

@@ -71,7 +71,8 @@ def read(file: Path, text: str) -> Settings:
     findings = [assumed(n_rx)] if n_rx > 1 else []
     with values_from(file):
         chirp = _chirp(chip, profile)
-        if n_chirps == 1:
+        merged = n_chirps == 1
+        if merged:
             made = Frame(chirp=chirp, n_chirps=n_frames, interval_s=period_s)
             findings.append(_one_chirp_a_frame(n_frames, period_s))
             n_frames = 1
@@ -83,6 +84,7 @@ def read(file: Path, text: str) -> Settings:
         radar=radar,
         iq="qi" if iq_swap else "iq",
         n_frames=n_frames or None,  # 0: until stopped
+        merged=merged,
         findings=tuple(findings),
     )
 

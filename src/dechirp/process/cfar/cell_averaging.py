@@ -45,7 +45,7 @@ def _ring_means(
     Velocity wraps round; the range box stays within the map.
 
     Two limits: 2 MB moved (0.1 ms) and some 25 additions a cell, eight at a time.
-    Columns slide in float64, where a target 140 dB over the noise leaves the noise whole to
+    Columns slide in float64, where a target 120 dB over the noise leaves the noise whole to
     0.1 %; in float32 it would leave an error of its own size. Rows are then added without
     any subtraction: runs of cells by doubling, a pass over a row that stays in L1.
     """

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from dechirp.core.values import value
-from dechirp.report.compare import Place
 from dechirp.report.figures.style import INK, ORANGE, draw
 from dechirp.report.words import power_db, power_unit
+from dechirp.scene.folding import Place
 
 _MOST_PIXELS = (220, 420)  # velocity, range: as many as a figure of 500 pixels can show
 _MOST_CIRCLES, _FEW_CIRCLES = 200, 20

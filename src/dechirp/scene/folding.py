@@ -1,0 +1,61 @@
+"""What a perfect radar reports of each target: ambiguous ranges and velocities folded."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.radar.radar import Radar
+
+
+class Place(NamedTuple):
+    """Ranges (m) and velocities (m/s) of the same shape."""
+
+    range_m: np.ndarray
+    velocity_m_per_s: np.ndarray
+
+
+class Frequencies(NamedTuple):
+    """Beat and Doppler frequencies (Hz) of the same shape, before sampling folds them."""
+
+    beat_hz: np.ndarray
+    doppler_hz: np.ndarray
+
+
+def seen(truth: xr.Dataset, radar: Radar) -> Place:
+    """Return what a perfect radar reports of the truth, (target, frame): aliases folded.
+
+    Differs from the truth only where a range or velocity is ambiguous. A fold of one moves
+    the other too: ranges are reported less the coupling of the velocity that is reported,
+    and the mirror half of a real spectrum turns the sign of the velocity.
+    """
+    chirp = radar.frame.chirp
+    known = truth.transpose("target", "frame")
+    at = frequencies(Place(known.range.values, known.velocity.values), radar)
+    beat_hz, doppler_hz = at.beat_hz % chirp.sample_rate_hz, at.doppler_hz
+    if chirp.sampling == "real":
+        # The upper half of the spectrum is the mirror of the lower: both frequencies turn.
+        mirrored = beat_hz > chirp.sample_rate_hz / 2
+        beat_hz = np.where(mirrored, chirp.sample_rate_hz - beat_hz, beat_hz)
+        doppler_hz = np.where(mirrored, -doppler_hz, doppler_hz)
+    doppler_hz = wrapped(doppler_hz, 1 / radar.frame.interval_s)
+    delay_hz = beat_hz - doppler_hz
+    return Place(
+        chirp.range_m(1.0) * delay_hz,
+        doppler_hz * SPEED_OF_LIGHT / (2 * (chirp.mean_sampled_frequency_hz - delay_hz)),
+    )
+
+
+def frequencies(place: Place, radar: Radar) -> Frequencies:
+    """Frequencies of echoes at mid-window: f_b = S tau + f_D, f_D = 2 v (f - S tau) / c."""
+    chirp = radar.frame.chirp
+    delay_hz = place.range_m / chirp.range_m(1.0)
+    sent_hz = chirp.mean_sampled_frequency_hz - delay_hz
+    doppler_hz = 2 * place.velocity_m_per_s * sent_hz / SPEED_OF_LIGHT
+    return Frequencies(delay_hz + doppler_hz, doppler_hz)
+
+
+def wrapped(amount: np.ndarray, period: float) -> np.ndarray:
+    """Return amounts within half a period of zero, whole periods taken off."""
+    return (amount + period / 2) % period - period / 2

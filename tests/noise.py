@@ -1,0 +1,25 @@
+"""Noise for tests: added to an echo, or alone."""
+
+import numpy as np
+import xarray as xr
+
+import dechirp as dc
+from dechirp.echoes.impairments.white_noise import add_white_noise
+
+
+def noisy(clean: xr.DataArray, snr_db: float, rng: np.random.Generator) -> xr.DataArray:
+    """The echo with white noise at a ratio per sample."""
+    cube = clean.copy()
+    echo_w = float(np.mean(abs(clean.values) ** 2))
+    add_white_noise(cube.values, echo_w / 10 ** (snr_db / 10), rng)
+    return cube
+
+
+def noise_cube(radar: dc.Radar, rng: np.random.Generator) -> xr.DataArray:
+    """One frame of nothing but noise of unit power."""
+    chirp = radar.frame.chirp
+    shape = (1, radar.frame.n_chirps, radar.array.n_rx, chirp.n_samples)
+    kind = np.complex64 if chirp.sampling == "complex" else np.float32
+    cube = xr.DataArray(np.zeros(shape, kind), dims=("frame", "chirp", "rx", "sample"))
+    add_white_noise(cube.values, 1.0, rng)
+    return cube
