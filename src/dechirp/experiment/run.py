@@ -14,6 +14,7 @@ from dechirp.experiment.scenario import Scenario, check_chain
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.process.chain import detect, power_map, threshold_map
+from dechirp.process.peaks import MOST_PEAKS
 from dechirp.process.remarks import remarks
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
@@ -91,11 +92,13 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     chain = scenario.chain
     numbers = _numbers(source)
     found = []
-    for number, cube in zip(numbers, _one_by_one(source), strict=True):
-        columns = detect(cube, radar, chain)
-        found.append(columns.assign(frame=columns.frame + number))
-        if progress is not None:
-            progress(len(found), len(numbers))
+    with warnings.catch_warnings(record=True) as crowded:
+        warnings.simplefilter("always", PhysicsWarning)
+        for number, cube in zip(numbers, _one_by_one(source), strict=True):
+            columns = detect(cube, radar, chain)
+            found.append(columns.assign(frame=columns.frame + number))
+            if progress is not None:
+                progress(len(found), len(numbers))
     # Only now: held through the detection, these two maps would be a fourth cube in memory.
     first = next(_one_by_one(source)).isel(frame=0)
     power = power_map(first, radar, chain)
@@ -110,11 +113,27 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
         detections=xr.concat(found, "detection"),
         truth=None if scenario.scene is None else _truth(scenario, radar),
         budget=None if scenario.scene is None else link_budget(scenario, radar),
-        findings=(*findings, *remarks(radar, chain)),
+        findings=(*findings, *remarks(radar, chain), *_crowded(len(crowded))),
         timing_s={
             "simulate" if scenario.scene is not None else "open": opened - started,
             "process": finished - opened,
         },
+    )
+
+
+def _crowded(n_frames: int) -> tuple[Finding, ...]:
+    """What is said when frames had more peaks than are kept."""
+    if not n_frames:
+        return ()
+    return (
+        Finding(
+            level="warning",
+            setting="chain.cfar",
+            got=f"more than {MOST_PEAKS} peaks over threshold in {n_frames} frames, of which the"
+            " strongest are kept",
+            need=f"at most {MOST_PEAKS} in a frame",
+            fix="Lower the false-alarm probability.",
+        ),
     )
 
 

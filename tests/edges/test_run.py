@@ -1,4 +1,4 @@
-"""The link budget of a run agrees with the map that the run makes."""
+"""What a run says of itself: its link budget agrees with its map, its findings with its peaks."""
 
 from dataclasses import replace
 
@@ -32,3 +32,12 @@ def test_the_budget_says_how_high_the_echo_stands_in_the_map(radar, n_rx, sampli
     # PHYSICS 1.3 for one look; eight added looks need less of each.
     assert lines["SNR needed"] == pytest.approx({1: 13.183, 8: 5.96}[n_rx], abs=0.02)
     assert lines["margin"] == pytest.approx(lines["SNR in the map"] - lines["SNR needed"])
+
+
+def test_a_run_tells_that_it_kept_only_the_strongest_peaks(radar):
+    cfar = dc.Cfar(estimator=dc.CellAveraging(), offset=0.5)
+    chain = dc.Chain(range_window="rectangular", cfar=cfar)
+    scenario = dc.Scenario(radar=radar, scene=dc.Scene(), chain=chain, n_frames=2)
+    (finding,) = dc.run(scenario).findings
+    assert (finding.level, finding.setting) == ("warning", "chain.cfar")
+    assert "in 2 frames" in finding.got
