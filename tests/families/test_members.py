@@ -11,7 +11,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.echoes.impairments.base import Impairment
-from dechirp.formats.base import Format, Match
+from dechirp.formats.base import Fit, Format
 from dechirp.process.cfar.base import NoiseEstimator
 from noise import noise_cube
 
@@ -107,6 +107,6 @@ def test_each_format_refuses_a_file_of_something_else(tmp_path, kind):
     member = example(Format.members()[kind])
     picture = tmp_path / "picture.png"
     picture.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 8)
-    assert member.recognise(picture) == Match.NO
+    assert member.recognise(picture) == Fit.NO
     with pytest.raises(dc.RecordingError):
         dc.open(picture, format=kind, axes=("chirp", "sample"))

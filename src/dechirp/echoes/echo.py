@@ -7,7 +7,6 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.checks import whole
-from dechirp.core.conventions import CUBE_AXES, axis
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
 from dechirp.core.memory import must_fit
@@ -15,6 +14,7 @@ from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.echoes.kernels.direct import add_echoes
 from dechirp.radar.budget import echo_amplitude
+from dechirp.radar.cube import labelled_cube
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene, surprises
 
@@ -155,17 +155,4 @@ def _empty_cube(radar: Radar, n_frames: int, dtype: np.dtype[np.complexfloating]
         needed_bytes=CUBES_HELD * float(np.prod(shape, dtype=float)) * kind.itemsize,
         fix="Simulate fewer frames, chirps, receivers or samples.",
     )
-    return xr.DataArray(
-        np.zeros(shape, kind),
-        dims=CUBE_AXES,
-        coords={
-            "frame": axis("frame", np.array([frame.start_s(i) for i in range(n_frames)])),
-            "chirp": axis("chirp", np.arange(frame.n_chirps) * frame.interval_s),
-            "rx": axis("rx", np.arange(radar.array.n_rx)),
-            "sample": axis(
-                "sample", chirp.adc_start_s + np.arange(chirp.n_samples) / chirp.sample_rate_hz
-            ),
-        },
-        name="cube",
-        attrs={"units": "sqrt(W)", "convention": "beat = Tx x conj(Rx), receding positive"},
-    )
+    return labelled_cube(np.zeros(shape, kind), radar, units="sqrt(W)")

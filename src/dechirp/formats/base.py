@@ -18,7 +18,7 @@ from dechirp.radar.radar import Radar
 IQ_ORDERS = ("iq", "qi")
 
 
-class Match(IntEnum):
+class Fit(IntEnum):
     """How well the content of a file fits a format; the highest is chosen."""
 
     NO = 0
@@ -62,7 +62,7 @@ class Format(Family):
     """Which of axes, encoding and iq the format needs to be told, or may be."""
 
     @abstractmethod
-    def recognise(self, path: Path) -> Match:
+    def recognise(self, path: Path) -> Fit:
         """How well the content of an existing file or folder fits."""
 
     @abstractmethod

@@ -16,7 +16,7 @@ import numpy as np
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
-from dechirp.formats.base import Contents, Format, Match, Told, foreign
+from dechirp.formats.base import Contents, Fit, Format, Told, foreign
 from dechirp.formats.settings.base import Settings
 from dechirp.formats.settings.read import find_settings, read_settings
 
@@ -30,9 +30,9 @@ class Dca1000(Format):
     suffixes: ClassVar[tuple[str, ...]] = (".bin",)
     options: ClassVar[tuple[str, ...]] = ("iq",)
 
-    def recognise(self, path: Path) -> Match:
+    def recognise(self, path: Path) -> Fit:
         """Tell by nothing in the content being of another kind; bare samples have no mark."""
-        return Match.POSSIBLE if path.is_file() and foreign(path) is None else Match.NO
+        return Fit.POSSIBLE if path.is_file() and foreign(path) is None else Fit.NO
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""

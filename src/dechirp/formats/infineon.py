@@ -10,7 +10,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.values import value
-from dechirp.formats.base import Contents, Format, Match, Told
+from dechirp.formats.base import Contents, Fit, Format, Told
 from dechirp.formats.npy import mapped
 from dechirp.formats.settings.read import read_settings
 from dechirp.formats.settings.receivers import with_receivers
@@ -23,9 +23,9 @@ _SAMPLES, _CONFIG = "radar.npy", "config.json"
 class Infineon(Format):
     """The folder itself, the folder that holds it alone, or its `radar.npy`."""
 
-    def recognise(self, path: Path) -> Match:
+    def recognise(self, path: Path) -> Fit:
         """Tell by the files of the folder."""
-        return Match.OWN if _folders(path) else Match.NO
+        return Fit.OWN if _folders(path) else Fit.NO
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""

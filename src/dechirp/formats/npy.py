@@ -9,7 +9,7 @@ import numpy as np
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import RecordingError
 from dechirp.core.values import value
-from dechirp.formats.base import Contents, Format, Match, Told
+from dechirp.formats.base import Contents, Fit, Format, Told
 from dechirp.formats.encodings import LIMITS, to_full_scale
 from dechirp.formats.settings.base import Iq
 from dechirp.formats.settings.read import find_settings, read_settings
@@ -31,12 +31,12 @@ class Npy(Format):
     suffixes: ClassVar[tuple[str, ...]] = (".npy",)
     options: ClassVar[tuple[str, ...]] = ("axes", "encoding", "iq")
 
-    def recognise(self, path: Path) -> Match:
+    def recognise(self, path: Path) -> Fit:
         """Tell by the first bytes."""
         if not path.is_file():
-            return Match.NO
+            return Fit.NO
         with path.open("rb") as file:
-            return Match.CONTAINER if file.read(len(MAGIC)) == MAGIC else Match.NO
+            return Fit.CONTAINER if file.read(len(MAGIC)) == MAGIC else Fit.NO
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""

@@ -9,15 +9,15 @@ from typing import cast
 import numpy as np
 import xarray as xr
 
-from dechirp.core.conventions import CUBE_AXES, axis
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.memory import must_fit
 from dechirp.core.values import value
-from dechirp.formats.base import IQ_ORDERS, Contents, Format, Match, Told, foreign
+from dechirp.formats.base import IQ_ORDERS, Contents, Fit, Format, Told, foreign
 from dechirp.formats.encodings import LIMITS
 from dechirp.formats.settings.base import Iq, Settings
 from dechirp.formats.settings.read import read_settings
+from dechirp.radar.cube import labelled_cube
 from dechirp.radar.radar import Radar
 
 
@@ -74,29 +74,15 @@ class Recording:
         samples = np.empty(shape, dtype)
         for index, number in enumerate(self.frame_numbers):
             samples[index] = self.contents.frame(number)
-        return self._labelled(samples, first=self.frame_numbers.start)
+        return labelled_cube(
+            samples, self.radar, units="full scale", first_frame=self.frame_numbers.start
+        )
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Cubes of one frame each, decoded one after the other; raises as `cube` does."""
         for number in self.frame_numbers:
-            yield self._labelled(self.contents.frame(number)[None], first=number)
-
-    def _labelled(self, samples: np.ndarray, *, first: int) -> xr.DataArray:
-        frame = self.radar.frame
-        n_frames, n_chirps, n_rx, n_samples = samples.shape
-        starts_s = [frame.start_s(index) for index in range(first, first + n_frames)]
-        fast_s = frame.chirp.adc_start_s + np.arange(n_samples) / frame.chirp.sample_rate_hz
-        return xr.DataArray(
-            samples,
-            dims=CUBE_AXES,
-            coords={
-                "frame": axis("frame", np.array(starts_s)),
-                "chirp": axis("chirp", np.arange(n_chirps) * frame.interval_s),
-                "rx": axis("rx", np.arange(n_rx)),
-                "sample": axis("sample", fast_s),
-            },
-            attrs={"units": "full scale", "sign": "beat = Tx x conj(Rx); receding is positive"},
-        )
+            samples = self.contents.frame(number)[None]
+            yield labelled_cube(samples, self.radar, units="full scale", first_frame=number)
 
 
 def open(
@@ -211,7 +197,7 @@ def _format(path: Path, wanted: str | None) -> tuple[str, Format]:
             raise FileNotFoundError(2, "no such file or folder")
         if path.is_file() and path.stat().st_size == 0:
             got = "an empty file (0 bytes)"
-            matches = dict.fromkeys(formats, Match.NO)
+            matches = dict.fromkeys(formats, Fit.NO)
         else:
             got = _looks(path)
             matches = {kind: member.recognise(path) for kind, member in formats.items()}
@@ -220,8 +206,8 @@ def _format(path: Path, wanted: str | None) -> tuple[str, Format]:
     best = wanted or max(matches, key=lambda kind: matches[kind])
     # Bare samples fit any name; a name that claims a format of its own must keep to it.
     claimed = path.suffix.lower() in formats[best].suffixes
-    if matches[best] > Match.POSSIBLE or (
-        matches[best] == Match.POSSIBLE and (wanted is not None or claimed)
+    if matches[best] > Fit.POSSIBLE or (
+        matches[best] == Fit.POSSIBLE and (wanted is not None or claimed)
     ):
         return best, formats[best]
     said = wanted or next(

@@ -1,0 +1,40 @@
+"""Samples with their labels: what a cube is, whether simulated or recorded."""
+
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.conventions import CUBE_AXES, axis
+from dechirp.radar.radar import Radar
+
+
+def labelled_cube(
+    samples: np.ndarray,
+    radar: Radar,
+    *,
+    units: Literal["sqrt(W)", "full scale"],
+    first_frame: int = 0,
+) -> xr.DataArray:
+    """Label samples (frame, chirp, rx, sample), not copied, with the times of the radar.
+
+    Coordinates: start of each frame and chirp, and of each sample since the start of the
+    ramp, all in s; `first_frame` is the number of the first frame.
+    """
+    frame, chirp = radar.frame, radar.frame.chirp
+    n_frames, n_chirps, n_rx, n_samples = samples.shape
+    starts_s = [frame.start_s(number) for number in range(first_frame, first_frame + n_frames)]
+    return xr.DataArray(
+        samples,
+        dims=CUBE_AXES,
+        coords={
+            "frame": axis("frame", np.array(starts_s)),
+            "chirp": axis("chirp", np.arange(n_chirps) * frame.interval_s),
+            "rx": axis("rx", np.arange(n_rx)),
+            "sample": axis(
+                "sample", chirp.adc_start_s + np.arange(n_samples) / chirp.sample_rate_hz
+            ),
+        },
+        name="cube",
+        attrs={"units": units, "convention": "beat = Tx x conj(Rx), receding positive"},
+    )
