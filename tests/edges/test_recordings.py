@@ -12,6 +12,7 @@ import numpy as np
 import psutil
 import pytest
 
+import dechirp as dc
 from dechirp.core.errors import NotEnoughMemory, RecordingError
 from dechirp.experiment.run import run
 from dechirp.experiment.scenario import Scenario, Source
@@ -760,3 +761,19 @@ def test_the_content_decides_over_the_name(tmp_path):
     recording = open_recording(file, radar=radar(), axes="chirp,rx,sample", encoding="int16")
 
     assert recording.format == "npy"
+
+
+def test_a_recorded_cube_and_a_simulated_one_are_the_same_thing(tmp_path, radar):
+    target = dc.Target(position_m=(20, 1, 0), rcs_m2=10)
+    simulated = dc.simulate(dc.Scene(targets=[target]), radar, seed=1, n_frames=2)
+    np.save(tmp_path / "cube.npy", simulated.values)
+    recorded = dc.open(
+        tmp_path / "cube.npy",
+        radar=radar,
+        axes=("frame", "chirp", "rx", "sample"),
+        encoding="full-scale",
+    ).cube
+
+    units = {"units": simulated.attrs["units"]}
+    assert recorded.assign_attrs(units).identical(simulated)
+    assert dc.detect(recorded, radar).identical(dc.detect(simulated, radar))
