@@ -8,8 +8,13 @@ for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
 
 import pytest
 import xarray as xr
+from hypothesis import settings
 
 import dechirp as dc
+
+# The same examples in every run; slow machines are not failures.
+settings.register_profile("fixed", derandomize=True, deadline=None)
+settings.load_profile("fixed")
 
 
 @pytest.fixture(scope="session")

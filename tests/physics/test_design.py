@@ -342,3 +342,10 @@ def test_a_design_needs_requirements_once_and_a_rule_it_knows():
         design(REPORT, rule="guess")
     with pytest.raises(InvalidSetting, match="speed_of_light"):
         design(REPORT, speed_of_light_m_per_s=340.0)
+
+
+def test_a_ramp_wider_than_all_automotive_bands_is_a_finding_under_either_rule():
+    for rule in ("round-trips", "constraints"):
+        made = design(max_range_m=100, range_resolution_m=1e-3, max_velocity_m_per_s=10, rule=rule)
+        assert not made.met
+        assert made.radar.frame.chirp.ramp_bandwidth_hz <= 5e9 * (1 + 1e-9)

@@ -22,15 +22,15 @@ def start_frequency_hz(asked: Requirements, swept_hz: float) -> float:
 def outside_band(asked: Requirements, swept_hz: float) -> list[Broken]:
     """Band as a broken limit, where the ramp is wider than all of it.
 
-    Without a band, a carrier among them is held to the end of the 77-81 GHz band.
+    Without a band, a carrier from 76 to 81 GHz has the 5 GHz of both automotive bands.
     """
     if asked.band is not None:
         low_hz, high_hz = BANDS_HZ[asked.band]
         name = f"requirements.band {asked.band}"
     else:
-        low_hz, high_hz = asked.carrier_hz, BANDS_HZ["77-81 GHz"][1]
-        name = f"from {low_hz / 1e9:.6g} GHz to the end of automotive bands at 81 GHz"
-        if not BANDS_HZ["76-77 GHz"][0] <= low_hz < high_hz:
+        low_hz, high_hz = BANDS_HZ["76-77 GHz"][0], BANDS_HZ["77-81 GHz"][1]
+        name = "76-81 GHz, the automotive bands"
+        if not low_hz <= asked.carrier_hz < high_hz:
             return []
     if swept_hz <= high_hz - low_hz:
         return []

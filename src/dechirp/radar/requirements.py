@@ -32,7 +32,7 @@ class Requirements:
     sampling: Literal["complex", "real"] = "complex"
     """Complex: an I/Q mixer. Real: one mixer, half the range at the same sample rate."""
     band: Band | None = None
-    """Band that the whole ramp must stay in; none: below 81 GHz, from 76 GHz on."""
+    """Band that the whole ramp must stay in; none: at most as wide as 76-81 GHz there."""
     rcs_m2: float | None = None
     """Target to detect at the largest range; none: the link budget is not checked."""
     detection_probability: float = 0.9

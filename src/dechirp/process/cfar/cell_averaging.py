@@ -66,13 +66,14 @@ def _ring_means(
             for j in range(n_r):
                 slide_out[j] += row[j]
 
-    inner = np.empty(n_r, np.float32)
     outer = np.empty(n_r, np.float32)
     both = np.empty(n_r, np.float32)
     sides = np.zeros(n_r + 1, np.float32)
     middle = np.zeros(n_r + 1, np.float32)
     work = np.empty((32, n_r + 1), np.float32)
     n_middle = n_r - 2 * half_r
+    left, right = sides[:n_middle], sides[half_r + guard_r + 1 :]
+    centre = middle[train_r:]
     n_corner = 2 * train_v * width
     scale = factors[half_r : n_r - half_r] / np.float32(n_corner + 2 * train_r * (2 * guard_v + 1))
     for v in range(n_v):
@@ -84,21 +85,20 @@ def _ring_means(
             now_out = slide_out[j] + (np.float64(enters[j]) - np.float64(leaves[j]) - change)
             slide_in[j] = now_in
             slide_out[j] = now_out
-            inner[j] = now_in
             outer[j] = now_out
             both[j] = now_in + now_out
         _runs(both, train_r, sides, work)
         _runs(outer, 2 * guard_r + 1, middle, work)
-        left, right = sides[:n_middle], sides[half_r + guard_r + 1 :]
-        centre, line = middle[train_r:], out[v, half_r:]
+        line = out[v, half_r:]
         for j in range(n_middle):
             line[j] = (left[j] + right[j] + centre[j]) * scale[j]
-        _ends(inner[:width], outer[:width], out[v, :half_r], 0, guard_r, guard_v, n_corner, work)
+        near = out[v, :half_r]
+        _ends(slide_in[:width], outer[:width], near, 0, guard_r, guard_v, n_corner, work)
         first = half_r + 1  # place of the first row under test at the far end
         far = out[v, n_r - half_r :]
-        _ends(inner[-width:], outer[-width:], far, first, guard_r, guard_v, n_corner, work)
+        _ends(slide_in[-width:], outer[-width:], far, first, guard_r, guard_v, n_corner, work)
         for j in range(half_r):
-            out[v, j] *= factors[j]
+            near[j] *= factors[j]
             far[j] *= factors[n_r - half_r + j]
     return out
 
