@@ -172,6 +172,9 @@ def test_a_guard_inside_the_main_lobe_is_remarked_upon(radar):
     assert finding.setting == "chain.cfar.n_guard.range"
     assert "4 guard cells inside a main lobe of 32 bins" in finding.got
     assert finding.need.startswith("31")
+    # Without training cells along range, a target's own row is the only one there is.
+    cfar = replace(dc.Chain().cfar, n_training=dc.Cells(range=0, velocity=8))
+    assert remarks(radar, dc.Chain(n_range_bins=4096, cfar=cfar)) == []
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,12 @@ from dechirp.radar.radar import Radar
 
 def remarks(radar: Radar, chain: Chain) -> list[Finding]:
     """What a user should know about the maps this chain makes for a radar."""
-    noise, guard = chain.noise(radar), chain.cfar.n_guard
-    found = [
-        *_guard_remarks("range", guard.range, noise.over_range),
-        *_guard_remarks("velocity", guard.velocity, noise.over_velocity),
-    ]
+    noise, training, guard = chain.noise(radar), chain.cfar.n_training, chain.cfar.n_guard
+    found = []
+    if training.range:
+        found += _guard_remarks("range", guard.range, noise.over_range)
+    if training.velocity:
+        found += _guard_remarks("velocity", guard.velocity, noise.over_velocity)
     chirp, n_rows = radar.frame.chirp, noise.over_range.n_bins // 2 + 1
     if chirp.sampling == "real":
         rows = independent_rows(chirp, noise.over_range)
