@@ -4,12 +4,14 @@ What is known is in the README of each recording; tolerances are a range bin and
 bin of the radar, unless the README gives a wider one.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from dechirp.cli.main import main
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.process.cfar.base import Cells, Cfar
@@ -146,3 +148,16 @@ def test_two_reflectors_are_two_in_every_frame(real_data):
     range_bin = frame.chirp.range_resolution_m
     assert inside.range.values[0::2] == pytest.approx(0.300, abs=range_bin)
     assert inside.range.values[1::2] == pytest.approx(0.457, abs=range_bin)
+
+
+def test_a_changed_radar_keeps_the_order_of_i_and_q_of_its_log(real_data, tmp_path, capsys):
+    capture = real_data / "awr1642_vibrating_pipe" / "vibration_2.bin"
+    words = ["run", str(capture), "--set", "radar.frame.chirp.adc_start=5 us", "--json"]
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--out", str(tmp_path / "out")])
+
+    assert ended.value.code == 0
+    document = json.loads(capsys.readouterr().out)
+    assert not [finding for finding in document["findings"] if finding["setting"] == "iq"]
+    strongest = max(document["detections"], key=lambda row: row["snr_db"])
+    assert strongest["range_m"] == pytest.approx(2.15, abs=0.1)

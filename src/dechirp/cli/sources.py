@@ -72,21 +72,24 @@ def _made(
     source: Path | None, changes: Sequence[str], radar: Path | None, told: Mapping[str, Any]
 ) -> Scenario:
     """Scenario with the changes, made to the radar of the file where there is one."""
-    own_radar = radar is None
     if radar is not None:
         changes = [f"radar={_quoted(radar)}", *changes]
     if source is None:
         return reference(changes)
     if source.suffix.lower() in (".yaml", ".yml"):
         return load(source, changes)
-    path = source.absolute()
-    if own_radar and _of_radar(changes):
-        changes = [f"radar={_quoted(path)}", *changes]  # there must be one to change
+    path, iq, own = source.absolute(), None, None
+    if _of_radar(changes):
+        # There must be a radar to change. Its file also knows the order of I and Q.
+        opened = open_recording(source, **{"radar": radar, **told})
+        iq, own = opened.contents.iq, opened.radar
+        if radar is None:
+            changes = [f"radar={_quoted(path)}", *changes]
 
     def radar_of(file: Path) -> Radar:
-        return open_recording(source, **told).radar if file == path else read_radar(file)
+        return own if own is not None and file == path else read_radar(file)
 
-    made = Scenario(name=source.stem, recording=Source(path=str(path)))
+    made = Scenario(name=source.stem, recording=Source(path=str(path), iq=iq))
     return _changed(made, changes, radar_of) if changes else made
 
 

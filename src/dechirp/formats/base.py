@@ -50,6 +50,8 @@ class Contents:
     frame: Callable[[int], np.ndarray] = field(repr=False)
     """Samples of one frame, (chirp, rx, sample), full scale 1, complex64 or float32."""
     findings: tuple[Finding, ...] = ()
+    iq: Iq | None = None
+    """Order in which the parts of a sample were read, where the format has two."""
 
 
 class Format(Family):

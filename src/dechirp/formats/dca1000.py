@@ -67,7 +67,7 @@ class Dca1000(Format):
             findings += (_assumed_iq(),)
         # 64 chirps tell the sides of the spectrum apart; more would only take time.
         findings += _on_the_wrong_side(_decoded(groups[0, :64], iq), iq)
-        return Contents(radar=radar, n_frames=n_frames, frame=frame, findings=findings)
+        return Contents(radar=radar, n_frames=n_frames, frame=frame, findings=findings, iq=iq)
 
 
 def _decoded(groups: np.ndarray, iq: str) -> np.ndarray:
