@@ -7,7 +7,10 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
+from dechirp.process.cfar.base import Noise
+from dechirp.process.peaks import peaks
 from dechirp.process.remarks import remarks
+from dechirp.process.spectrum import Transform
 from dechirp.theory.detection import detection_probability, threshold
 from noise import noise_cube, noisy
 
@@ -247,3 +250,16 @@ def test_more_peaks_than_anyone_can_use_are_announced_and_the_strongest_kept(rad
     with pytest.warns(dc.PhysicsWarning, match="the strongest 2000 are kept"):
         found = dc.detect(cube, radar, dc.Chain(range_window="rectangular", cfar=cfar))
     assert 0 < found.sizes["detection"] <= 2000
+
+
+@pytest.mark.parametrize("n_bins", [64, 65])
+def test_a_sidelobe_beyond_the_end_of_an_axis_counts_as_near(n_bins):
+    transform = Transform(window="rectangular", n_points=n_bins, n_bins=n_bins)
+    noise = Noise(over_range=transform, over_velocity=transform)
+    threshold = np.full((n_bins, n_bins), 1e-6, np.float32)
+    # Two cells apart round the end, and as far apart as cells can be: sidelobe and target.
+    for place, is_target in ((n_bins - 1, False), (1 + n_bins // 2, True)):
+        power = np.zeros((n_bins, n_bins), np.float32)
+        power[1, 30], power[place, 30] = 1.0, 0.02
+        found = peaks(power, threshold, noise)
+        assert len(found) == 1 + is_target

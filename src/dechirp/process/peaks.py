@@ -41,6 +41,8 @@ def peaks(power: np.ndarray, threshold: np.ndarray, noise: Noise) -> np.ndarray:
         np.sqrt(threshold[found[:, 0], found[:, 1]]),
         sidelobe_amplitude(noise.over_velocity),
         sidelobe_amplitude(noise.over_range),
+        noise.over_velocity.n_bins,
+        noise.over_range.n_bins,
     )
     return np.asarray(found[keep])
 
@@ -107,19 +109,19 @@ def _outside_sidelobes(
     threshold: np.ndarray,
     over_velocity: np.ndarray,
     over_range: np.ndarray,
+    n_velocity_bins: int,
+    n_range_bins: int,
 ) -> np.ndarray:
     n = len(found)
     keep = np.ones(n, np.bool_)
-    # Both axes of a transform wrap round: n_bins is even or odd, the envelope n_bins // 2 + 1.
-    last_v, last_r = len(over_velocity) - 1, len(over_range) - 1
     for i in range(1, n):
         for k in range(i):
             if not keep[k]:
                 continue
             dv = abs(found[i, 0] - found[k, 0])
             dr = abs(found[i, 1] - found[k, 1])
-            dv = min(dv, abs(2 * last_v - dv), last_v)
-            dr = min(dr, abs(2 * last_r - dr), last_r)
+            # Sidelobes wrap round both axes of a transform.
+            dv, dr = min(dv, n_velocity_bins - dv), min(dr, n_range_bins - dr)
             lobe = amplitude[k] * over_velocity[dv] * over_range[dr]
             if amplitude[i] < lobe + threshold[i]:
                 keep[i] = False
