@@ -1,6 +1,7 @@
 """The reference target is found as often as theory allows, and nothing else is."""
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from dechirp.process.peaks import peaks
 from dechirp.process.remarks import remarks
 from dechirp.process.spectrum import Transform
 from dechirp.theory.detection import detection_probability, threshold
+from dechirp.theory.windows import Window
 from noise import noise_cube, noisy
 
 
@@ -57,15 +59,15 @@ def test_the_peak_rises_over_the_noise_as_the_transforms_add(reference, clean):
 
 def test_a_strong_target_is_one_detection_under_any_window(reference, clean):
     rng = np.random.default_rng(23)
-    for window in ("rectangular", "hamming", "hann", "blackman", "blackman-harris"):
+    for window in get_args(Window):
         extra = 0
-        for _ in range(40):
+        for _ in range(20):
             found = dc.detect(noisy(clean, 0, rng), reference.radar, chain_with(window))
             truly = abs(found.range - 50) < 1
             assert int(truly.sum()) == 1
             extra += int((~truly).sum())
-        # Noise adds 0.28 false alarms a map: 11 in 40 maps; 36 or more once in 1e8.
-        assert extra < 36
+        # Noise adds 0.28 false alarms a map: 5.6 in 20 maps; 23 or more once in 3e7.
+        assert extra < 23
 
 
 def test_two_targets_two_and_a_half_cells_apart_are_two(reference):
@@ -93,7 +95,7 @@ def test_a_tone_on_a_bin_is_found_as_often_as_theory_says(radar, n_rx):
     radar = replace(radar, frame=frame, array=array)
     snr, pfa, n_trials = 4.0, 1e-3, 3000
     # A factor for the sum over receivers, which theory gives; the map holds their mean.
-    cfar = dc.Cfar(estimator=dc.CellAveraging(), offset=threshold(pfa, n_channels=n_rx) / n_rx)
+    cfar = dc.Cfar(estimator=dc.CellAveraging(), offset=threshold(pfa, n_summed=n_rx) / n_rx)
     chain = chain_with("rectangular", cfar=cfar)
     turns = np.arange(64)
     tone = np.exp(2j * np.pi * (5 * turns[:, None] + 20 * turns) / 64)[:, None, :]
@@ -108,7 +110,7 @@ def test_a_tone_on_a_bin_is_found_as_often_as_theory_says(radar, n_rx):
 
     # The mean of 644 cells scatters by 4 %, which moves the probability by 0.001; the
     # standard error of the trials is at most 0.009.
-    expected = float(detection_probability(snr, pfa, n_channels=n_rx))
+    expected = float(detection_probability(snr, pfa, n_summed=n_rx))
     assert hits / n_trials == pytest.approx(expected, abs=0.001 + 5 * 0.009)
 
 

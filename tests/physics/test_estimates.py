@@ -7,33 +7,8 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.units import decibels
-from dechirp.theory.bounds import range_std_m as known_velocity_range_std_m
-from dechirp.theory.bounds import uncoupled_range_std_m, velocity_std_m_per_s
+from dechirp.radar.accuracy import standard_errors
 from noise import noisy
-
-
-def bounds(radar, snr):
-    """Smallest standard deviations of range and velocity at a ratio after integration."""
-    chirp, frame = radar.frame.chirp, radar.frame
-    velocity = velocity_std_m_per_s(
-        snr=snr,
-        n_chirps=frame.n_chirps,
-        interval_s=frame.interval_s,
-        wavelength_m=chirp.wavelength_m,
-    )
-    range_m = known_velocity_range_std_m(
-        snr=snr,
-        n_samples=chirp.n_samples,
-        sample_rate_hz=chirp.sample_rate_hz,
-        slope_hz_per_s=chirp.slope_hz_per_s,
-    )
-    coupled = uncoupled_range_std_m(
-        range_std_m=range_m,
-        velocity_std_m_per_s=velocity,
-        mid_window_frequency_hz=chirp.mid_window_frequency_hz,
-        slope_hz_per_s=chirp.slope_hz_per_s,
-    )
-    return float(coupled), float(velocity)
 
 
 def errors(clean, radar, truth, snr_db, n_trials, seed):
@@ -67,7 +42,10 @@ def test_estimates_of_the_reference_target_reach_the_bound(reference, clean, snr
     )
 
     for error, std, bound in zip(
-        (range_m, velocity), (range_std, velocity_std), bounds(radar, snr), strict=True
+        (range_m, velocity),
+        (range_std, velocity_std),
+        standard_errors(radar.frame, snr=snr),
+        strict=True,
     ):
         assert np.sqrt(np.mean(error**2)) <= 1.15 * bound
         assert abs(np.mean(error)) < 0.3 * bound
@@ -93,7 +71,10 @@ def test_several_receivers_and_real_samples_reach_their_bounds_too(radar, sampli
     # 600 trials: 5.8 % for squares, 2.9 % for the root-mean-square, 4.1 % of the bound for
     # the mean; five of each.
     for error, std, bound in zip(
-        (range_m, velocity), (range_std, velocity_std), bounds(radar, snr), strict=True
+        (range_m, velocity),
+        (range_std, velocity_std),
+        standard_errors(radar.frame, snr=snr),
+        strict=True,
     ):
         assert np.sqrt(np.mean(error**2)) == pytest.approx(bound, rel=0.15)
         assert abs(np.mean(error)) < 0.25 * bound

@@ -210,22 +210,22 @@ def test_real_samples_double_the_variance_at_the_same_ratio_per_sample():
     assert (by_real / by_complex) ** 2 == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("n_channels", [1, 2, 8])
-def test_powers_of_several_receivers_are_detected_as_marcum_says(n_channels):
+@pytest.mark.parametrize("n_summed", [1, 2, 8])
+def test_powers_of_several_receivers_are_detected_as_marcum_says(n_summed):
     # Poisson mixture of gamma tails, term by term, in forty digits.
     with mpmath.workdps(40):
         snr, pfa = mpmath.mpf(10) ** mpmath.mpf("0.7"), mpmath.mpf("1e-6")
-        start = mpmath.mpf(threshold(1e-6, n_channels=n_channels))
-        t = mpmath.findroot(lambda x: mpmath.gammainc(n_channels, x, regularized=True) - pfa, start)
-        mean = n_channels * snr
+        start = mpmath.mpf(threshold(1e-6, n_summed=n_summed))
+        t = mpmath.findroot(lambda x: mpmath.gammainc(n_summed, x, regularized=True) - pfa, start)
+        mean = n_summed * snr
         exact = mpmath.nsum(
             lambda j: mpmath.exp(-mean) * mean**j / mpmath.factorial(j)
-            * mpmath.gammainc(n_channels + j, t, regularized=True),
+            * mpmath.gammainc(n_summed + j, t, regularized=True),
             [0, 200],
         )  # fmt: skip
-    found = float(detection_probability(float(snr), 1e-6, n_channels=n_channels))
+    found = float(detection_probability(float(snr), 1e-6, n_summed=n_summed))
     assert found == pytest.approx(float(exact), rel=1e-9)
-    needed = required_snr(found, 1e-6, n_channels=n_channels)
+    needed = required_snr(found, 1e-6, n_summed=n_summed)
     assert needed == pytest.approx(float(snr), rel=1e-6)
     # PHYSICS: ten looks added need 5.267 dB each for 0.9 at 1e-6.
-    assert decibels(required_snr(0.9, 1e-6, n_channels=10)) == pytest.approx(5.267, abs=5e-4)
+    assert decibels(required_snr(0.9, 1e-6, n_summed=10)) == pytest.approx(5.267, abs=5e-4)

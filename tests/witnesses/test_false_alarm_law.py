@@ -7,10 +7,11 @@ from scipy.optimize import brentq
 
 from dechirp.process.cfar.base import Cells, Noise, Ring
 from dechirp.process.spectrum import Transform
-from dechirp.theory.cfar import correlated_factor, independent_factor
+from dechirp.theory.cfar import cell_averaging_factor
+from dechirp.theory.correlated import correlated_factor
 
 
-def by_eigenvalues(box, a, n_channels):
+def by_eigenvalues(box, a, n_summed):
     """False-alarm probability of a factor a N, from the eigenvalues of the whole ring."""
     covariance = np.kron(box.range_covariance, box.velocity_covariance)
     weights = np.full((len(box.range_covariance), len(box.velocity_covariance)), -a)
@@ -23,9 +24,9 @@ def by_eigenvalues(box, a, n_channels):
     values = np.linalg.eigvalsh(root.conj().T @ (weights.ravel()[used, None] * root))
     top = values.max()
     mu = -values[values < top] / top
-    sums = [n_channels * np.sum((mu / (1 + mu)) ** i) for i in range(n_channels)]
-    terms = [np.exp(-n_channels * np.sum(np.log1p(mu)))]
-    for j in range(1, n_channels):
+    sums = [n_summed * np.sum((mu / (1 + mu)) ** i) for i in range(n_summed)]
+    terms = [np.exp(-n_summed * np.sum(np.log1p(mu)))]
+    for j in range(1, n_summed):
         terms.append(sum(sums[i] * terms[j - i] for i in range(1, j + 1)) / j)
     return sum(terms)
 
@@ -39,10 +40,10 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("n_channels", [1, 2, 8])
+@pytest.mark.parametrize("n_summed", [1, 2, 8])
 @pytest.mark.parametrize("place", [0, 5, 14])
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_the_factor_gives_its_probability_by_the_eigenvalues_of_the_ring(case, place, n_channels):
+def test_the_factor_gives_its_probability_by_the_eigenvalues_of_the_ring(case, place, n_summed):
     window, n_bins, doppler_window, n_velocity_bins = case
     noise = Noise(
         over_range=Transform(window=window, n_points=2200, n_bins=n_bins),
@@ -51,9 +52,9 @@ def test_the_factor_gives_its_probability_by_the_eigenvalues_of_the_ring(case, p
     ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
     box = ring.box(noise, place)
 
-    factor = correlated_factor(1e-6, box, n_channels=n_channels)
+    factor = correlated_factor(1e-6, box, n_summed=n_summed)
 
-    found = by_eigenvalues(box, factor / box.n_training, n_channels)
+    found = by_eigenvalues(box, factor / box.n_training, n_summed)
     # Eigenvalues of a matrix of 645 rows that is nearly singular when padded.
     assert found == pytest.approx(1e-6, rel=1e-6)
 
@@ -65,7 +66,7 @@ def test_the_ring_of_the_reference_has_644_cells():
         over_velocity=Transform(window="rectangular", n_points=128, n_bins=128),
     )
     assert ring.box(noise, 14).n_training == 644
-    assert independent_factor(1e-6, n_training=644) == pytest.approx(13.965, abs=5e-4)
+    assert cell_averaging_factor(1e-6, n_training=644) == pytest.approx(13.965, abs=5e-4)
 
 
 def test_independent_cells_are_a_case_of_the_correlated_law():
@@ -75,32 +76,30 @@ def test_independent_cells_are_a_case_of_the_correlated_law():
         over_velocity=Transform(window="rectangular", n_points=32, n_bins=32),
     )
     box = ring.box(noise, 4)
-    for n_channels in (1, 3):
-        exact = independent_factor(1e-4, n_training=box.n_training, n_channels=n_channels)
-        found = correlated_factor(1e-4, box, n_channels=n_channels)
+    for n_summed in (1, 3):
+        exact = cell_averaging_factor(1e-4, n_training=box.n_training, n_summed=n_summed)
+        found = correlated_factor(1e-4, box, n_summed=n_summed)
         assert found == pytest.approx(exact, rel=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("n_training", "pfa", "n_channels", "factor"),
+    ("n_training", "pfa", "n_summed", "factor"),
     [(12, 1e-4, 1, 13.853216280382604), (48, 1e-6, 1, 16.009028743839554),
      (24, 1e-5, 4, 5.065662368138686), (32, 1e-6, 8, 3.807)],
 )  # fmt: skip
-def test_published_factors(n_training, pfa, n_channels, factor):
-    found = independent_factor(pfa, n_training=n_training, n_channels=n_channels)
+def test_published_factors(n_training, pfa, n_summed, factor):
+    found = cell_averaging_factor(pfa, n_training=n_training, n_summed=n_summed)
     assert found == pytest.approx(factor, rel=1e-6 if factor != 3.807 else 2e-4)
 
 
 @pytest.mark.parametrize("n_training", [1, 16, 644, 10_000])
-@pytest.mark.parametrize("n_channels", [1, 2, 16])
+@pytest.mark.parametrize("n_summed", [1, 2, 16])
 @pytest.mark.parametrize("pfa", [1e-12, 1e-6, 0.5])
-def test_the_independent_law_holds_in_forty_digits(n_training, n_channels, pfa):
-    factor = independent_factor(pfa, n_training=n_training, n_channels=n_channels)
+def test_the_independent_law_holds_in_forty_digits(n_training, n_summed, pfa):
+    factor = cell_averaging_factor(pfa, n_training=n_training, n_summed=n_summed)
     mp.dps = 40
-    a, shape = mpf(factor) / n_training, n_training * n_channels
-    found = sum(
-        binomial(shape + j - 1, j) * a**j / (1 + a) ** (shape + j) for j in range(n_channels)
-    )
+    a, shape = mpf(factor) / n_training, n_training * n_summed
+    found = sum(binomial(shape + j - 1, j) * a**j / (1 + a) ** (shape + j) for j in range(n_summed))
     assert float(found) == pytest.approx(pfa, rel=1e-9)
 
 
@@ -111,7 +110,7 @@ def test_hann_windows_make_the_independent_factor_alarm_half_again_as_often():
     )
     ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
     box = ring.box(noise, 14)
-    naive = independent_factor(1e-6, n_training=box.n_training)
+    naive = cell_averaging_factor(1e-6, n_training=box.n_training)
 
     def excess(log_pfa):
         return correlated_factor(np.exp(log_pfa), box) - naive

@@ -1,10 +1,11 @@
-"""Checks that values make of their fields when they are made."""
+"""Checks that values make of their fields, and functions of their arguments."""
 
 import math
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dechirp.core.errors import InvalidSetting
 
@@ -61,6 +62,43 @@ def whole(where: str, number: Any, *, at_least: int, at_most: int) -> None:
         )
 
 
+def probability(where: str, number: float) -> None:
+    """Raise `InvalidSetting`, about the setting `where`, unless 0 < number < 1."""
+    if not 0 < number < 1:
+        raise InvalidSetting(
+            where, got=number, need="between 0 and 1, both excluded", fix="Give a probability."
+        )
+
+
+def detection_above_false_alarms(
+    detection_probability: float, false_alarm_probability: float
+) -> None:
+    """Raise `InvalidSetting` unless 0 < false-alarm probability < detection probability < 1."""
+    probability("detection_probability", detection_probability)
+    probability("false_alarm_probability", false_alarm_probability)
+    if not detection_probability > false_alarm_probability:
+        raise InvalidSetting(
+            "detection_probability",
+            got=detection_probability,
+            need=f"above the false-alarm probability, {false_alarm_probability}",
+            fix="Noise alone exceeds the threshold more often than that.",
+        )
+
+
+def ratios(where: str, array: ArrayLike) -> np.ndarray:
+    """Keep an array as floats, or raise `InvalidSetting` unless all are finite and 0 or more."""
+    found = np.asarray(array, dtype=float)
+    _must_be_ratios(where, found, found >= 0, "finite, 0 or more")
+    return found
+
+
+def positive_ratios(where: str, array: ArrayLike) -> np.ndarray:
+    """Keep an array as floats, or raise `InvalidSetting` unless all are finite and above 0."""
+    found = np.asarray(array, dtype=float)
+    _must_be_ratios(where, found, found > 0, "finite and above 0")
+    return found
+
+
 def vector(owner: object, name: str, *, at_most: float) -> None:
     """Keep the named field as three floats, none larger, or raise `InvalidSetting`."""
     where = f"{type(owner).__name__}.{name}"
@@ -77,6 +115,14 @@ def vectors(owner: object, name: str, *, at_most: float) -> None:
             where, got=rows, need="at least one position (x, y, z)", fix="Give one, as [[x, y, z]]."
         )
     object.__setattr__(owner, name, made)
+
+
+def _must_be_ratios(where: str, array: np.ndarray, right: np.ndarray, need: str) -> None:
+    wrong = array[~(right & np.isfinite(array))]
+    if wrong.size:
+        raise InvalidSetting(
+            where, got=wrong.flat[0], need=need, fix="Give a ratio of powers, not dB."
+        )
 
 
 def _vector(where: str, row: Any, at_most: float) -> Vector:

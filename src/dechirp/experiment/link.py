@@ -75,7 +75,7 @@ def _processing(
     pfa = chain.cfar.false_alarm_probability
     if pfa is None:
         return lines
-    need = required_snr(DETECTION_PROBABILITY, pfa, n_channels=n_rx)
+    need = required_snr(DETECTION_PROBABILITY, pfa, n_summed=n_rx)
     why = f"Pd {DETECTION_PROBABILITY:g} at Pfa {pfa:g}, steady target"
     return (*lines, _level("SNR needed", need, "dB", why), _step("margin", in_map / need, ""))
 

@@ -6,8 +6,8 @@ from scipy.special import gammaincinv
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.process.cfar.base import Noise, Ring
 from dechirp.process.refine import Tones
+from dechirp.radar.accuracy import standard_errors
 from dechirp.radar.frame import Frame
-from dechirp.theory.bounds import range_std_m, uncoupled_range_std_m, velocity_std_m_per_s
 
 
 def between_bins(
@@ -75,27 +75,11 @@ def estimates(tones: Tones, snr: np.ndarray, frame: Frame) -> dict[str, np.ndarr
     doppler_hz = ((tones.slow + np.pi) % (2 * np.pi) - np.pi) / (2 * np.pi * frame.interval_s)
     beat_hz = tones.fast * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
     wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - beat_hz)
-    velocity_std = velocity_std_m_per_s(
-        snr=snr,
-        n_chirps=frame.n_chirps,
-        interval_s=frame.interval_s,
-        wavelength_m=wavelength_m,
-    )
-    range_std = range_std_m(
-        snr=snr,
-        n_samples=chirp.n_samples,
-        sample_rate_hz=chirp.sample_rate_hz,
-        slope_hz_per_s=chirp.slope_hz_per_s,
-    )
+    range_std, velocity_std = standard_errors(frame, snr=snr, wavelength_m=wavelength_m)
     return {
         "range": chirp.range_m(1.0) * beat_hz,
         "velocity": doppler_hz * wavelength_m / 2,
         "snr": snr,
-        "range_std": uncoupled_range_std_m(
-            range_std_m=range_std,
-            velocity_std_m_per_s=velocity_std,
-            mid_window_frequency_hz=chirp.mid_window_frequency_hz,
-            slope_hz_per_s=chirp.slope_hz_per_s,
-        ),
+        "range_std": range_std,
         "velocity_std": velocity_std,
     }

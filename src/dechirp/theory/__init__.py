@@ -1,1 +1,1 @@
-"""What is known without a radar: detection, false alarms, bounds, windows."""
+"""What is known without a radar: detection, CFAR, bounds on estimates, intervals, windows."""

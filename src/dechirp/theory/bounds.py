@@ -2,10 +2,13 @@
 
 `snr` is the ratio after integration over all samples and chirps without windows,
 N M A^2 / E|w|^2 for complex samples, half of that for real ones: the bounds are then the
-same for both. Amplitude, phase and both frequencies are unknown.
+same for both. Amplitude, phase and both frequencies are unknown. For an angle it is the
+ratio in one element of the array.
 
 Below an `snr` of about 15 dB estimates jump to noise peaks now and then and are far worse
 than the bound (Rife and Boorstyn 1974).
+
+Ratios are above 0, linear, of any shape; results have the shape to which arrays broadcast.
 """
 
 import numpy as np
@@ -67,3 +70,59 @@ def uncoupled_range_std_m(
     """
     coupling_s = mid_window_frequency_hz / slope_hz_per_s
     return np.hypot(range_std_m, coupling_s * np.asarray(velocity_std_m_per_s, dtype=float))
+
+
+def angle_std_rad(
+    *, snr: ArrayLike, positions_m: ArrayLike, wavelength_m: float, angle_rad: ArrayLike
+) -> np.ndarray:
+    r"""Bound on the standard deviation of the angle of one target, for elements on a line.
+
+    .. math::
+
+        \sigma_\theta = \frac{\lambda}{2 \pi \cos\theta \sqrt{2 \chi \sum_i (x_i - \bar x)^2}}
+
+    which for L elements d apart is sqrt(6 / (chi L (L^2 - 1))) / (2 pi (d / lambda) cos theta).
+
+    Parameters
+    ----------
+    snr : array
+        Chi, the ratio in one element after range-Doppler processing.
+    positions_m : array (n,)
+        Along the line, in any order; of a virtual array, transmitter plus receiver.
+    wavelength_m : float
+        At the middle of the sampling window.
+    angle_rad : array
+        Theta, from the normal of the line.
+
+    Returns
+    -------
+    array, rad
+        Infinite where the elements share one position, since they then tell no angle.
+
+    References
+    ----------
+    P. Stoica and A. Nehorai, MUSIC, maximum likelihood, and Cramer-Rao bound, IEEE Trans.
+    ASSP 37(5), 1989, for one source. H. L. Van Trees, Optimum Array Processing, 2002.
+    """
+    positions = np.asarray(positions_m, dtype=float)
+    spread_m2 = np.sum((positions - positions.mean()) ** 2)
+    aperture = 2 * np.pi / wavelength_m * np.cos(angle_rad)
+    with np.errstate(divide="ignore"):
+        std = 1.0 / (aperture * np.sqrt(2 * np.asarray(snr, dtype=float) * spread_m2))
+    return np.asarray(std)
+
+
+def monopulse_std_rad(
+    *, snr: ArrayLike, beamwidth_rad: ArrayLike, slope: float = 1.6
+) -> np.ndarray:
+    """Standard deviation of a monopulse angle near the axis, theta / (k sqrt(2 snr)).
+
+    `snr` is the ratio in the sum beam, all elements included, `beamwidth_rad` its half-power
+    width and `slope` that of the difference over the sum, times the width. With 1.6 a
+    uniformly weighted line reaches `angle_std_rad`.
+
+    References
+    ----------
+    D. K. Barton, Radar System Analysis and Modeling, 2005.
+    """
+    return np.asarray(np.asarray(beamwidth_rad) / (slope * np.sqrt(2 * np.asarray(snr))))

@@ -1,187 +1,176 @@
-"""False-alarm law of cell averaging, for independent and for correlated cells.
+"""CFAR in noise: the factor for a false-alarm probability, and back.
 
-The cell under test and the training cells are squared magnitudes of jointly Gaussian,
-circular amplitudes, each summed over K channels. An alarm is
+A factor is the threshold over the statistic that names it: the mean of the training cells
+(cell averaging), the k-th smallest of them (ordered statistic), the larger or the smaller of
+the means of their two halves (greatest of, smallest of). Noise is independent from cell to
+cell and its power exponential: a square-law detector. For a window or zero padding, which tie
+cells together, see `theory.correlated`.
 
-    z_0 > a (z_1 + ... + z_N),   a = factor / N,
+The parameters mean the same in all functions:
 
-an indefinite quadratic form. Let 1 and -mu_1, -mu_2, ... be its eigenvalues relative to the
-only positive one. Given the training sum, z_0 is a gamma variate of K, so that with
-M(s) = prod_j (1 + s mu_j)^-K
+false_alarm_probability : float
+    For the cell under test, above 0 and below 1.
+factor : array
+    A ratio of powers, above 0; any shape, which the result has as well.
+n_training : int
+    Training cells, N, at least 1; in both halves together, and even, where there are halves.
+n_summed : int
+    Powers that are summed in each cell, K: receivers, or pulses.
+rank : int
+    Which training cell in order of power, k: 1 for the smallest, N for the largest.
 
-    Pfa = sum_{j < K} (-1)^j M^(j)(1) / j!
+Each raises `InvalidSetting` if one of them is out of these bounds. For 2 to 10 000 training
+cells and false-alarm probabilities from 1e-12 to 0.1, factors are good to 1e-12 of their value
+and probabilities to 1e-9 of theirs.
 
-For independent cells every mu is a, and for K = 1 this is (1 + a)^-N (Finn & Johnson 1968).
-For correlated ones and K = 1 it is prod 1 / (1 + mu_j); where the cell under test is
-independent of the training cells, mu_j = a l_j with l_j the eigenvalues of their covariance.
+References
+----------
+H. M. Finn and R. S. Johnson, Adaptive detection mode with threshold control as a function of
+spatially sampled clutter-level estimates, RCA Review 29, 1968. V. G. Hansen and
+J. H. Sawyers, Detectability loss due to greatest-of selection in a cell-averaging CFAR, IEEE
+Trans. AES 16(1), 1980. G. V. Trunk, Range resolution of targets using automatic detectors,
+IEEE Trans. AES 14(5), 1978. H. Rohling, Radar CFAR thresholding in clutter and multiple
+target situations, IEEE Trans. AES 19(4), 1983. P. P. Gandhi and S. A. Kassam, Analysis of
+CFAR processors in nonhomogeneous background, IEEE Trans. AES 24(4), 1988.
 """
 
-from dataclasses import dataclass
-from math import lgamma
+import math
+from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq, newton
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from dechirp.core.errors import InvalidSetting
+from dechirp.core.checks import positive_ratios, probability
+from dechirp.theory.training import exceeds, falls_below, half_of, n_powers, step_rates
 
 
-def independent_factor(
-    false_alarm_probability: float, *, n_training: int, n_channels: int = 1
+def cell_averaging_factor(
+    false_alarm_probability: float, *, n_training: int, n_summed: int = 1
 ) -> float:
-    """Threshold over the mean of independent training cells.
+    """Threshold over the mean of the training cells.
 
-    One channel: N (Pfa^(-1/N) - 1). K summed channels: the root of
-    Pfa = sum_{j<K} C(NK + j - 1, j) a^j / (1 + a)^(NK + j), relative to the mean of the
-    summed cells (K = 8, N = 32, 1e-6: 3.807).
+    One power: N (Pfa^(-1/N) - 1). K summed powers: the root of
+    Pfa = sum_{j<K} C(NK + j - 1, j) a^j / (1 + a)^(NK + j), a = factor / N, relative to the
+    mean of the summed cells (K = 8, N = 32, 1e-6: 3.807).
     """
-    log_pfa = np.log(false_alarm_probability)
-    if n_channels == 1:
-        return float(n_training * np.expm1(-log_pfa / n_training))
-    shape = n_training * n_channels
+    probability("false_alarm_probability", false_alarm_probability)
+    shape = n_powers(n_training, n_summed)
+    if n_summed == 1:
+        return float(n_training * np.expm1(-np.log(false_alarm_probability) / n_training))
+    growth = np.log1p((shape - 1) / np.arange(1, n_summed))
 
     def excess(log_a: float) -> float:
-        j = np.arange(n_channels)
-        choose = [lgamma(shape + i) - lgamma(shape) - lgamma(i + 1) for i in j]
-        terms = choose + j * log_a - (shape + j) * np.log1p(np.exp(log_a))
-        return float(logsumexp(terms) - log_pfa)
+        # Logarithms of a / (1 + a) and 1 / (1 + a), for the smallest probabilities as well.
+        go, stop = -np.logaddexp(0, -log_a), -np.logaddexp(0, log_a)
+        found = shape * stop + logsumexp(np.concatenate([[0], np.cumsum(growth + go)]))
+        return float(found - np.log(false_alarm_probability))
 
-    return n_training * float(np.exp(brentq(excess, -60.0, 60.0, xtol=1e-13)))
+    return n_training * math.exp(brentq(excess, -60.0, 700.0, xtol=1e-14))
 
 
-@dataclass(frozen=True)
-class Box:
-    """Covariance of the cells in and around a training ring, as a product of two axes.
+def ordered_statistic_factor(
+    false_alarm_probability: float, *, n_training: int, rank: int
+) -> float:
+    """Threshold over the k-th smallest training cell (N = 24, k = 18, 1e-6: 16.293).
 
-    A box of range by velocity cells holds the ring; the guard cells and the cell under test
-    are the rest of the box. White noise after a separable transform has the covariance
-    `range_covariance` x `velocity_covariance` there.
+    The root of Pfa = prod_{i<k} (N - i) / (N - i + factor).
     """
-
-    range_covariance: np.ndarray
-    """(n, n), Hermitian, ones on the diagonal."""
-    velocity_covariance: np.ndarray
-    """(m, m), the same."""
-    guard_range: slice
-    """Rows of the box that the guard takes, cell under test included."""
-    guard_velocity: slice
-    under_test: tuple[int, int]
-    """Place of the cell under test in the box, (range, velocity)."""
-
-    @property
-    def n_training(self) -> int:
-        """Cells of the ring."""
-        box = len(self.range_covariance) * len(self.velocity_covariance)
-        return box - self._n_guard(self.guard_range) * self._n_guard(self.guard_velocity)
-
-    @staticmethod
-    def _n_guard(along: slice) -> int:
-        return int(along.stop - along.start)
-
-
-def correlated_factor(false_alarm_probability: float, box: Box, *, n_channels: int = 1) -> float:
-    """Threshold over the mean of the training cells of a box, by the exact law.
-
-    The law needs det(I + x R) over the ring, for R the covariance. A ring is no product,
-    but the box is: with V = (I + x R_box)^-1, whose eigenvectors are products, and G the
-    guard with the cell under test, Schur's complement gives
-
-        det over the ring = det(I + x R_box) det V_GG,   1 + a = h(x) = [V_GG^-1]_00,
-
-    where x is a over the positive eigenvalue. So only matrices of the size of the guard are
-    inverted (81 for 4 x 4 guard cells, against 644 training cells): 4 ms, not 100.
-    """
-    law = _Law(box)
-    log_pfa = np.log(false_alarm_probability)
-    independent = independent_factor(
-        false_alarm_probability, n_training=box.n_training, n_channels=n_channels
+    probability("false_alarm_probability", false_alarm_probability)
+    rates = step_rates(n_training, rank)
+    log_pfa = math.log(false_alarm_probability)
+    # As if every step were as short as the first, or as long as the last.
+    step = math.expm1(-log_pfa / rank)
+    return _root(
+        lambda factor: float(np.sum(np.log1p(factor / rates))) + log_pfa,
+        float(rates[-1]) * step,
+        float(rates[0]) * step,
     )
-    start = np.log(independent / box.n_training)
-
-    def excess(log_x: float) -> float:
-        return law.log_probability(float(np.exp(log_x)), n_channels) - log_pfa
-
-    try:
-        log_x, found = newton(excess, start, x1=start + 0.1, tol=1e-8, full_output=True, disp=False)
-    except np.linalg.LinAlgError:
-        log_x, found = np.nan, None
-    # Correlation moves the factor by a tenth or two, unless the guard is so small that the
-    # training cells foretell the cell under test.
-    if found is None or not found.converged or not abs(log_x - start) < 5:
-        raise InvalidSetting(
-            "Cfar.n_guard",
-            got="too small for this window and zero padding",
-            need="guard cells beyond the main lobe of the window",
-            fix="Widen the guard, or pad less.",
-        )
-    return law.a(float(np.exp(log_x))) * box.n_training
 
 
-class _Law:
-    """det V_GG and h(x) of `correlated_factor`, from the eigenvectors of the two axes."""
+def greatest_of_factor(false_alarm_probability: float, *, n_training: int) -> float:
+    """Threshold over the larger mean of the two halves (N = 16, 1e-6: 19.356).
 
-    def __init__(self, box: Box) -> None:
-        range_values, range_vectors = np.linalg.eigh(box.range_covariance)
-        velocity_values, velocity_vectors = np.linalg.eigh(box.velocity_covariance)
-        self._eigenvalues = np.outer(
-            np.clip(range_values, 0, None), np.clip(velocity_values, 0, None)
-        )
-        in_range = range_vectors[box.guard_range]
-        in_velocity = velocity_vectors[box.guard_velocity]
-        # Outer products of each eigenvector over the guard: V_GG is a weighted sum of them.
-        self._range = np.einsum("ai,bi->abi", in_range, in_range.conj())
-        self._velocity = np.einsum("cj,dj->cdj", in_velocity, in_velocity.conj())
-        row = box.under_test[0] - box.guard_range.start
-        self._n_guard = len(in_range) * len(in_velocity)
-        self._cut = row * len(in_velocity) + box.under_test[1] - box.guard_velocity.start
+    The root of Pfa = 2 (1 + T)^-n I_{1 / (2 + T)}(n, n), with n = N / 2, T = factor / n and
+    I the regularised incomplete beta function: the usual alternating sum without its
+    cancellation.
+    """
+    half_of(n_training)
+    # The larger mean is from one to two times the mean of all.
+    all_cells = cell_averaging_factor(false_alarm_probability, n_training=n_training)
+    log_pfa = math.log(false_alarm_probability)
 
-    def _on_guard(self, weights: np.ndarray) -> np.ndarray:
-        """Sum of weights_ij u_i u_i^H x v_j v_j^H over the guard, (..., guard, guard)."""
-        by_velocity = np.einsum("...ij,cdj->...icd", weights, self._velocity)
-        block = np.einsum("abi,...icd->...acbd", self._range, by_velocity, optimize=True)
-        return block.reshape(*weights.shape[:-2], self._n_guard, self._n_guard)
+    def excess(factor: float) -> float:
+        found = greatest_of_false_alarm_probability(factor, n_training=n_training)
+        return log_pfa - math.log(found)
 
-    def a(self, x: float) -> float:
-        """A of a root x: h(x) - 1."""
-        inverse = np.linalg.inv(self._on_guard(1 / (1 + x * self._eigenvalues)))
-        return float(inverse[self._cut, self._cut].real - 1)
+    return _root(excess, all_cells / 2, all_cells)
 
-    def log_probability(self, x: float, n_channels: int) -> float:
-        """Natural logarithm of the false-alarm probability at the root x."""
-        return self._one_channel(x) if n_channels == 1 else self._channels(x, n_channels)
 
-    def _one_channel(self, x: float) -> float:
-        """Ln of (h - 1) / (x h' det over the ring)."""
-        spread = 1 / (1 + x * self._eigenvalues)
-        block = self._on_guard(spread)
-        column = np.linalg.solve(block, np.eye(self._n_guard)[:, self._cut])
-        h = column[self._cut].real
-        slope = column.conj() @ self._on_guard(self._eigenvalues * spread**2) @ column
-        log_det = np.linalg.slogdet(block)[1] - np.sum(np.log(spread))
-        return float(np.log(h - 1) - np.log(x * slope.real) - log_det)
+def smallest_of_factor(false_alarm_probability: float, *, n_training: int) -> float:
+    """Threshold over the smaller mean of the two halves (N = 16, 1e-6: 41.057).
 
-    def _channels(self, x: float, n_channels: int) -> float:
-        """Ln of the sum over derivatives, from q(s) = prod (1 + s mu_j) around s = 1.
+    The root of Pfa = 2 sum_{k<n} C(n + k - 1, k) (2 + T)^-(n + k), with n = N / 2 and
+    T = factor / n.
+    """
+    probability("false_alarm_probability", false_alarm_probability)
+    half = half_of(n_training)
+    log_pfa = math.log(false_alarm_probability)
 
-        q(s) = det over the ring at s x, times (a - (h(s x) - 1)) / (a (1 - s)). Its logarithm
-        is analytic within |s - 1| < 1 + 1 / mu_max, about 5 or more, so its Taylor
-        coefficients follow from a few points on the unit circle around s = 1; those of the
-        lower half are conjugates of the upper.
-        """
-        n_upper = 8 + n_channels
-        turn = np.exp(1j * np.pi * (np.arange(n_upper) + 0.5) / n_upper)
-        a = self.a(x)
-        spread = 1 / (1 + (1 + turn)[:, None, None] * x * self._eigenvalues)
-        block = self._on_guard(spread)
-        h = np.linalg.inv(block)[:, self._cut, self._cut]
-        sign, log_det = np.linalg.slogdet(block)
-        log_q = np.log(sign * (h - 1 - a) / (a * turn)) + log_det
-        log_q -= np.sum(np.log(spread), axis=(1, 2))
-        log_q = log_q.real + 1j * np.unwrap(log_q.imag)
-        taylor = [float(np.mean(log_q * turn**-j).real) for j in range(n_channels)]
-        # M = q^-K; its terms (-1)^j M^(j)(1) / j! follow from those of log q, all positive.
-        power = [-n_channels * (-1) ** j * j * taylor[j] for j in range(n_channels)]
-        terms = [1.0]
-        for j in range(1, n_channels):
-            terms.append(sum(power[i] * terms[j - i] for i in range(1, j + 1)) / j)
-        return float(-n_channels * taylor[0] + np.log(sum(terms)))
+    def excess(factor: float) -> float:
+        found = smallest_of_false_alarm_probability(factor, n_training=n_training)
+        return log_pfa - math.log(found)
+
+    # At least as many alarms as over the mean of one half, at most twice as many.
+    one_half = cell_averaging_factor(false_alarm_probability, n_training=half)
+    twice = cell_averaging_factor(false_alarm_probability / 2, n_training=half)
+    return _root(excess, one_half, twice)
+
+
+def cell_averaging_false_alarm_probability(
+    factor: ArrayLike, *, n_training: int, n_summed: int = 1
+) -> np.ndarray:
+    """Probability that noise exceeds factor times the mean of the training cells."""
+    shape = n_powers(n_training, n_summed)
+    a = positive_ratios("factor", factor) / n_training
+    if n_summed == 1:
+        return np.exp(-n_training * np.log1p(a))
+    return exceeds(n_summed, a, shape)
+
+
+def ordered_statistic_false_alarm_probability(
+    factor: ArrayLike, *, n_training: int, rank: int
+) -> np.ndarray:
+    """Probability that noise exceeds factor times the k-th smallest training cell."""
+    rates = step_rates(n_training, rank)
+    factors = positive_ratios("factor", factor)
+    logs = [np.sum(np.log1p(one / rates)) for one in factors.flat]
+    return np.exp(-np.reshape(logs, factors.shape))
+
+
+def greatest_of_false_alarm_probability(factor: ArrayLike, *, n_training: int) -> np.ndarray:
+    """Probability that noise exceeds factor times the larger mean of the two halves."""
+    half = half_of(n_training)
+    t = positive_ratios("factor", factor) / half
+    # E exp(-T x), x the sum of the larger half. Either is; weighted so, it is a gamma variate
+    # again, 1 + T times smaller, and must still exceed the other.
+    return np.asarray(2 * np.exp(-half * np.log1p(t)) * exceeds(half, 1 + t, half))
+
+
+def smallest_of_false_alarm_probability(factor: ArrayLike, *, n_training: int) -> np.ndarray:
+    """Probability that noise exceeds factor times the smaller mean of the two halves."""
+    half = half_of(n_training)
+    t = positive_ratios("factor", factor) / half
+    return np.asarray(2 * np.exp(-half * np.log1p(t)) * falls_below(half, 1 + t, half))
+
+
+def _root(excess: Callable[[float], float], low: float, high: float) -> float:
+    """Positive root between bounds, which may be the root but for rounding."""
+    found = brentq(
+        lambda log: excess(math.exp(log)),
+        math.log(low) - 1e-3,
+        math.log(high) + 1e-3,
+        xtol=1e-15,
+    )
+    return math.exp(found)

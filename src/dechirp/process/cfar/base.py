@@ -11,7 +11,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.values import value
 from dechirp.process.spectrum import Transform
-from dechirp.theory.cfar import Box
+from dechirp.theory.correlated import Box
 
 # Places of the cell under test in the box for which the factor is found exactly. Boxes that
 # reach farther than 15 rows have it interpolated between them, within 0.1 % of the factor.

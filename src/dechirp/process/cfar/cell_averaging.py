@@ -5,7 +5,8 @@ import numpy as np
 
 from dechirp.core.values import value
 from dechirp.process.cfar.base import NoiseEstimator, Ring
-from dechirp.theory.cfar import Box, correlated_factor, independent_factor
+from dechirp.theory.cfar import cell_averaging_factor
+from dechirp.theory.correlated import Box, correlated_factor
 
 
 @value
@@ -26,10 +27,10 @@ class CellAveraging(NoiseEstimator):
     def factor(self, false_alarm_probability: float, box: Box, *, n_channels: int) -> float:
         """Exact factor: closed form for independent cells, quadratic form for others."""
         if _is_identity(box.range_covariance) and _is_identity(box.velocity_covariance):
-            return independent_factor(
-                false_alarm_probability, n_training=box.n_training, n_channels=n_channels
+            return cell_averaging_factor(
+                false_alarm_probability, n_training=box.n_training, n_summed=n_channels
             )
-        return correlated_factor(false_alarm_probability, box, n_channels=n_channels)
+        return correlated_factor(false_alarm_probability, box, n_summed=n_channels)
 
 
 def _is_identity(covariance: np.ndarray) -> bool:

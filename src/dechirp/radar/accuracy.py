@@ -1,0 +1,42 @@
+"""How well a frame can measure: the Cramer-Rao bounds of range and velocity of one target."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dechirp.radar.frame import Frame
+from dechirp.theory.bounds import range_std_m, uncoupled_range_std_m, velocity_std_m_per_s
+
+
+def standard_errors(
+    frame: Frame, *, snr: ArrayLike, wavelength_m: ArrayLike | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest standard deviations of range (m) and velocity (m/s), neither known beforehand.
+
+    Parameters
+    ----------
+    frame : Frame
+    snr : array
+        Ratio after integration over all samples, chirps and receivers; any shape.
+    wavelength_m : array, optional
+        Of the echo; that of mid-window without it.
+    """
+    chirp = frame.chirp
+    velocity_std = velocity_std_m_per_s(
+        snr=snr,
+        n_chirps=frame.n_chirps,
+        interval_s=frame.interval_s,
+        wavelength_m=chirp.wavelength_m if wavelength_m is None else wavelength_m,
+    )
+    known_velocity = range_std_m(
+        snr=snr,
+        n_samples=chirp.n_samples,
+        sample_rate_hz=chirp.sample_rate_hz,
+        slope_hz_per_s=chirp.slope_hz_per_s,
+    )
+    range_std = uncoupled_range_std_m(
+        range_std_m=known_velocity,
+        velocity_std_m_per_s=velocity_std,
+        mid_window_frequency_hz=chirp.mid_window_frequency_hz,
+        slope_hz_per_s=chirp.slope_hz_per_s,
+    )
+    return range_std, velocity_std

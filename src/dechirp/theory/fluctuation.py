@@ -1,0 +1,66 @@
+"""A target as a number of events: steady, or fluctuating as in Swerling's cases 1 to 4.
+
+Let events come at random, on average one in each unit of noise power. Noise summed over K
+powers reaches as far as the K-th event. A target in it makes the sum reach J events further:
+J is Poisson, of mean K snr, for a steady target. A target that fluctuates as a gamma variate
+makes J negative binomial, of the same mean and of the shape of that variate. The shapes:
+
+==========  =========  ================================================================
+`swerling`  shape      target
+==========  =========  ================================================================
+0           infinite   steady
+1           1          many scatterers, constant over the powers that are summed
+2           K          many scatterers, independent from power to power
+3           2          one strong scatterer among many, constant over the powers
+4           2 K        one strong scatterer among many, independent from power to power
+==========  =========  ================================================================
+
+References
+----------
+P. Swerling, Probability of detection for fluctuating targets, 1954 (IRE Trans. IT-6, 1960).
+D. A. Shnidman, Expanded Swerling target models, IEEE Trans. AES 39(3), 2003.
+"""
+
+import math
+
+import numpy as np
+from scipy.special import betainc, gammainc, gammaincc, gammainccinv, gammaincinv
+
+from dechirp.core.checks import whole
+
+RARE = 1e-30
+"""Counts rarer than this are left out of sums: a probability of 1e-12 keeps all its digits."""
+
+
+def shape_of(swerling: int, n_summed: int) -> float:
+    """Shape of the count of a target; raises `InvalidSetting` if a number is out of bounds."""
+    whole("swerling", swerling, at_least=0, at_most=4)
+    whole("n_summed", n_summed, at_least=1, at_most=2**31 - 1)
+    return (math.inf, 1, n_summed, 2, 2 * n_summed)[swerling]
+
+
+def at_least(j: np.ndarray, mean: float, shape: float) -> np.ndarray:
+    """P(J >= j) for j > 0, any shape of array."""
+    if math.isinf(shape):
+        return np.asarray(gammainc(j, mean))
+    return np.asarray(betainc(j, shape, mean / (shape + mean)))
+
+
+def fewer_than(j: np.ndarray, mean: float, shape: float) -> np.ndarray:
+    """P(J < j) for j > 0, any shape of array."""
+    if math.isinf(shape):
+        return np.asarray(gammaincc(j, mean))
+    return np.asarray(betainc(shape, j, shape / (shape + mean)))
+
+
+def span(mean: float, shape: float) -> tuple[int, int]:
+    """Counts between which J lies, but for a chance of `RARE` at each end."""
+    low = high = mean
+    if shape < math.inf:
+        low = mean / shape * float(gammaincinv(shape, RARE))
+        high = mean / shape * float(gammainccinv(shape, RARE))
+    # Chernoff's bounds of the two tails of a Poisson count.
+    log_rare = -math.log(RARE)
+    below = math.sqrt(2 * log_rare * low)
+    above = log_rare / 3 + math.sqrt(log_rare**2 / 9 + 2 * log_rare * high)
+    return max(math.floor(low - below), 0), math.ceil(high + above)

@@ -1,0 +1,363 @@
+"""Detection in known noise, against published values, mpmath, closed forms and dice.
+
+The package sums the mixture by parts, over few terms. The witness here sums it as it is
+written, over all j, in 120 digits: slow, but another way to the same number.
+"""
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import gammainc, gammaincc
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.units import decibels, from_decibels
+from dechirp.theory.approximations import albersheim_snr, shnidman_snr
+from dechirp.theory.binary_integration import m_of_n
+from dechirp.theory.detection import (
+    coherent_detection_probability,
+    coherent_required_snr,
+    detection_probability,
+    exceedance_probability,
+    required_snr,
+    threshold,
+)
+
+CASES = range(5)
+
+
+def by_mixture(snr, limit, *, n_summed, swerling):
+    """Sum of w(j) Q(N + j, T), as one minus the sum of w(j) P(N + j, T), which ends."""
+    with mpmath.workdps(120):
+        chi, t, n = mpmath.mpf(snr), mpmath.mpf(limit), n_summed
+        mean, shape = n * chi, (None, 1, n, 2, 2 * n)[swerling]
+        weight = mpmath.exp(-mean) if swerling == 0 else (shape / (shape + mean)) ** shape
+        below = mpmath.gammainc(n, 0, t, regularized=True)
+        step = mpmath.exp(n * mpmath.log(t) - t - mpmath.loggamma(n + 1))
+        missed, j = mpmath.mpf(0), 0
+        while below > mpmath.mpf("1e-40"):
+            missed += weight * below
+            below -= step
+            j += 1
+            step *= t / (n + j)
+            growth = mean if swerling == 0 else (shape + j - 1) * mean / (shape + mean)
+            weight *= growth / j
+        return float(1 - missed), float(missed)
+
+
+# PHYSICS 1.3, for a detection probability of 0.9 at 1e-6, in dB.
+@pytest.mark.parametrize(
+    ("n_summed", "needed_db"),
+    [(1, (13.183, 21.144, 21.144, 17.296, 17.296)), (10, (5.267, 13.500, 6.292, 9.601, 5.806))],
+)
+def test_nine_looks_in_ten_at_1e_6_take_the_published_ratios(n_summed, needed_db):
+    found = [required_snr(0.9, 1e-6, n_summed=n_summed, swerling=case) for case in CASES]
+
+    np.testing.assert_allclose(decibels(found), needed_db, atol=5e-4)
+
+
+@pytest.mark.parametrize("swerling", CASES)
+@pytest.mark.parametrize("n_summed", [1, 3, 100, 10_000])
+def test_detection_follows_the_mixture_from_minus_30_to_40_decibels(n_summed, swerling):
+    for pfa in (1e-12, 1e-4, 0.5):
+        limit = threshold(pfa, n_summed=n_summed)
+        for snr in from_decibels([-30.0, -17.0, -10.0, 0.0, 13.0, 40.0]):
+            exact, missed = by_mixture(snr, limit, n_summed=n_summed, swerling=swerling)
+
+            found = float(exceedance_probability(snr, limit, n_summed=n_summed, swerling=swerling))
+
+            # Largest seen 3e-14, as for the incomplete gamma function of noise alone.
+            assert found == pytest.approx(exact, rel=1e-12)
+            assert 1 - found == pytest.approx(missed, abs=1e-15, rel=1e-12)
+
+
+@pytest.mark.parametrize("swerling", CASES)
+def test_a_probability_of_1e_140_and_less_keeps_its_digits(swerling):
+    # 400 times the noise: 1e-144 for a weak target of case 1, less for the others.
+    exact = by_mixture_of_small(0.1, 400.0, swerling=swerling)
+
+    found = float(exceedance_probability(0.1, 400.0, n_summed=2, swerling=swerling))
+
+    assert 0 < found < 1e-140
+    assert found == pytest.approx(exact, rel=1e-12)
+
+
+def test_a_threshold_far_above_the_noise_is_exceeded_by_strong_targets_only():
+    limit = 1e4
+    snr = limit * np.array([0.03, 0.1, 1.0, 10.0, 1000.0])
+
+    found = exceedance_probability(snr, limit, swerling=1)
+
+    # The logarithm itself is right to about T times 1e-16.
+    np.testing.assert_allclose(found, np.exp(-limit / (1 + snr)), rtol=1e-11)
+
+
+def by_mixture_of_small(snr, limit, *, swerling):
+    """The mixture for two powers, term by term; its terms fall below 1e-250 by j = 2000."""
+    with mpmath.workdps(40):
+        mean, shape, t = 2 * mpmath.mpf(snr), (None, 1, 2, 2, 4)[swerling], mpmath.mpf(limit)
+        weight = mpmath.exp(-mean) if swerling == 0 else (shape / (shape + mean)) ** shape
+        above, step, total = (1 + t) * mpmath.exp(-t), t**2 / 2 * mpmath.exp(-t), mpmath.mpf(0)
+        for j in range(1, 2000):
+            total += weight * above
+            above += step
+            step *= t / (j + 2)
+            growth = mean if swerling == 0 else (shape + j - 1) * mean / (shape + mean)
+            weight *= growth / j
+        return float(total)
+
+
+@pytest.mark.parametrize("pfa", [1e-12, 1e-6, 1e-2])
+def test_one_power_of_a_rayleigh_target_is_detected_with_a_root_of_the_false_alarm_rate(pfa):
+    snr = from_decibels([-30.0, 0.0, 20.0, 40.0])
+
+    for swerling in (1, 2):
+        found = detection_probability(snr, pfa, swerling=swerling)
+        np.testing.assert_allclose(found, pfa ** (1 / (1 + snr)), rtol=1e-13)
+
+
+@pytest.mark.parametrize("n_summed", [2, 10, 1000, 10_000])
+def test_targets_that_fluctuate_over_the_sum_follow_the_closed_forms_of_swerling(n_summed):
+    n, pfa = n_summed, 1e-6
+    t = threshold(pfa, n_summed=n)
+    snr = from_decibels([-20.0, -10.0, 0.0, 10.0, 40.0])
+
+    # Case 1, in logarithms: the power of N - 1 overflows for weak targets.
+    turn = 1 + 1 / (n * snr)
+    log_share = (n - 1) * np.log(turn) + np.log(gammainc(n - 1, t / turn)) - t / (1 + n * snr)
+    case_1 = gammaincc(n - 1, t) + np.exp(log_share)
+    found = detection_probability(snr, pfa, n_summed=n, swerling=1)
+    # N times 1e-16 is what the closed form itself loses.
+    np.testing.assert_allclose(found, case_1, rtol=1e-10)
+
+    # Case 2: noise of a larger power.
+    found = detection_probability(snr, pfa, n_summed=n, swerling=2)
+    np.testing.assert_allclose(found, gammaincc(n, t / (1 + snr)), rtol=1e-11)
+
+
+@pytest.mark.parametrize("n_summed", [1, 2])
+def test_a_dominant_scatterer_follows_the_closed_form_of_swerling(n_summed):
+    n, t = n_summed, threshold(1e-6, n_summed=n_summed)
+    snr = from_decibels([-3.0, 10.0, 25.0])
+    half = n * snr / 2
+
+    exact = (1 + 1 / half) ** (n - 2) * (1 + t / (1 + half) - (n - 2) / half)
+    exact *= np.exp(-t / (1 + half))
+
+    found = detection_probability(snr, 1e-6, n_summed=n, swerling=3)
+    np.testing.assert_allclose(found, exact, rtol=1e-12)
+
+
+def test_one_power_fluctuates_alike_whether_over_the_sum_or_within_it():
+    snr = from_decibels(np.arange(-30.0, 41.0, 10.0))
+
+    for over, within in ((1, 2), (3, 4)):
+        np.testing.assert_array_equal(
+            detection_probability(snr, 1e-6, swerling=over),
+            detection_probability(snr, 1e-6, swerling=within),
+        )
+
+
+@pytest.mark.parametrize("swerling", CASES)
+@pytest.mark.parametrize("n_summed", [1, 8])
+def test_thrown_dice_exceed_the_threshold_as_often_as_theory_says(n_summed, swerling):
+    rng = np.random.default_rng(1_954 + swerling)
+    n_trials, pfa = 100_000, 1e-2
+    snr = required_snr(0.6, pfa, n_summed=n_summed, swerling=swerling)
+    # Scatterers: a power of 1 is exponential, of one strong among many gamma of shape 2.
+    over_the_sum = (n_trials, 1) if swerling in (1, 3) else (n_trials, n_summed)
+    shape = 1.0 if swerling in (1, 2) else 2.0
+    power = rng.gamma(shape, 1 / shape, over_the_sum) if swerling else np.ones(over_the_sum)
+    parts = rng.normal(scale=math.sqrt(0.5), size=(n_trials, n_summed, 2))
+    noise = parts[..., 0] + 1j * parts[..., 1]
+
+    summed = np.sum(np.abs(np.sqrt(snr * power) + noise) ** 2, axis=1)
+    hits = np.count_nonzero(summed > threshold(pfa, n_summed=n_summed))
+
+    # 5.5 standard errors: ten such draws fail once in 3 million.
+    assert hits / n_trials == pytest.approx(0.6, abs=5.5 * math.sqrt(0.24 / n_trials))
+
+
+numbers_of_powers = st.integers(0, 400).map(lambda k: round(10 ** (k / 100)))
+false_alarms = st.floats(-12, -1).map(lambda lg: 10**lg)
+ratios_db = st.floats(-30, 40)
+cases = st.sampled_from(CASES)
+# A probability is right to 1e-12 of itself; so are comparisons of two.
+ROUNDING = 2e-12
+
+
+@settings(max_examples=300)
+@given(n_summed=numbers_of_powers, pfa=false_alarms, snr_db=ratios_db, swerling=cases)
+def test_detection_is_a_probability_not_below_that_of_a_false_alarm(
+    n_summed, pfa, snr_db, swerling
+):
+    found = detection_probability(from_decibels(snr_db), pfa, n_summed=n_summed, swerling=swerling)
+
+    assert pfa * (1 - ROUNDING) <= found <= 1
+
+
+@settings(max_examples=200)
+@given(n_summed=numbers_of_powers, pfa=false_alarms, start_db=ratios_db, swerling=cases)
+def test_more_power_is_detected_more_often(n_summed, pfa, start_db, swerling):
+    snr = from_decibels(start_db + np.array([-1.0, -0.1, 0.0, 1e-6, 0.1, 1.0]))
+
+    found = detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling)
+
+    assert np.all(found[1:] >= found[:-1] * (1 - ROUNDING))
+
+
+@settings(max_examples=200)
+@given(n_summed=numbers_of_powers, pfa=false_alarms, snr_db=ratios_db, swerling=cases)
+def test_a_lower_threshold_detects_more_and_alarms_more(n_summed, pfa, snr_db, swerling):
+    low, high = (
+        float(
+            detection_probability(from_decibels(snr_db), rate, n_summed=n_summed, swerling=swerling)
+        )
+        for rate in (pfa, 1.1 * pfa)
+    )
+
+    assert high >= low * (1 - ROUNDING)
+
+
+@settings(max_examples=100)
+@given(
+    n_summed=numbers_of_powers,
+    pfa=false_alarms,
+    pd=st.floats(0.11, 0.999999),
+    swerling=cases,
+)
+def test_the_required_ratio_is_detected_as_often_as_wanted(n_summed, pfa, pd, swerling):
+    snr = required_snr(pd, pfa, n_summed=n_summed, swerling=swerling)
+
+    found = detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling)
+
+    assert found == pytest.approx(pd, rel=1e-11)
+    assert 1 - found == pytest.approx(1 - pd, rel=1e-8)
+
+
+@pytest.mark.parametrize("swerling", CASES)
+@pytest.mark.parametrize("n_summed", [1, 10_000])
+def test_the_required_ratio_is_found_at_the_ends_of_what_floats_can_say(n_summed, swerling):
+    for pfa in (1e-12, 0.5):
+        for pd in (np.nextafter(pfa, 1), np.nextafter(1, 0)):
+            snr = required_snr(pd, pfa, n_summed=n_summed, swerling=swerling)
+
+            found = float(detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling))
+
+            assert snr > 0
+            assert found == pytest.approx(pd, rel=1e-12)
+
+
+@pytest.mark.parametrize("swerling", CASES)
+@pytest.mark.parametrize("n_summed", [1, 30, 10_000])
+def test_a_target_of_no_power_is_detected_as_often_as_noise(n_summed, swerling):
+    for pfa in (1e-12, 1e-6, 0.5):
+        found = detection_probability(0.0, pfa, n_summed=n_summed, swerling=swerling)
+        assert found == pytest.approx(pfa, rel=1e-12)
+
+
+def test_detection_keeps_the_shape_of_the_ratios():
+    assert detection_probability(np.ones((2, 3, 1)), 1e-6, swerling=1).shape == (2, 3, 1)
+    assert detection_probability(1.0, 1e-6).shape == ()
+    assert detection_probability([], 1e-6).shape == (0,)
+    assert coherent_detection_probability(np.ones((2, 3)), 1e-6).shape == (2, 3)
+
+
+def test_a_known_phase_takes_12_6_decibels_and_one_does_no_better():
+    assert decibels(coherent_required_snr(0.9, 1e-6)) == pytest.approx(12.60, abs=0.005)
+    for pd in (0.01, 0.5, 0.9, 0.999):
+        snr = coherent_required_snr(pd, 1e-6)
+        assert float(coherent_detection_probability(snr, 1e-6)) == pytest.approx(pd, rel=1e-12)
+        assert snr < required_snr(pd, 1e-6)
+    assert float(coherent_detection_probability(0.0, 1e-12)) == pytest.approx(1e-12, rel=1e-12)
+
+
+def test_the_formulas_of_albersheim_and_shnidman_give_their_published_ratios():
+    assert decibels(albersheim_snr(0.9, 1e-6)) == pytest.approx(13.114, abs=6e-4)
+    assert decibels(albersheim_snr(0.9, 1e-4)) == pytest.approx(11.674317174, abs=1e-8)
+    assert decibels(shnidman_snr(0.9, 1e-6)) == pytest.approx(13.12, abs=0.005)
+    assert decibels(shnidman_snr(0.9, 1e-6, swerling=1)) == pytest.approx(21.35, abs=0.005)
+    four_powers = shnidman_snr(0.9, 1e-6, n_summed=4, swerling=1)
+    assert decibels(four_powers) == pytest.approx(16.5565068708, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("pds", "within_db"),
+    [((0.3, 0.5, 0.7, 0.9), (-0.34, 0.34)), ((0.2,), (-0.9, 0.05)), ((0.1,), (-4.1, 0.0))],
+)
+def test_albersheim_is_as_near_the_exact_ratio_as_stated(pds, within_db):
+    off_db = [
+        decibels(albersheim_snr(pd, pfa, n_summed=n) / required_snr(pd, pfa, n_summed=n))
+        for pd in pds
+        for pfa in (1e-7, 1e-5, 1e-3)
+        for n in (1, 5, 100, 8096)
+    ]
+
+    assert within_db[0] <= min(off_db)
+    assert max(off_db) <= within_db[1]
+
+
+@pytest.mark.parametrize(
+    ("swerling", "within_db"), [(0, 0.3), (1, 1.2), (2, 1.2), (3, 0.9), (4, 0.6)]
+)
+def test_shnidman_is_as_near_the_exact_ratio_as_stated(swerling, within_db):
+    for pd in (0.1, 0.5, 0.77, 0.87, 0.88, 0.97, 0.99):
+        for pfa in (1e-9, 1e-6, 1e-3):
+            for n in (1, 2, 39, 40, 100):
+                near = shnidman_snr(pd, pfa, n_summed=n, swerling=swerling)
+                exact = required_snr(pd, pfa, n_summed=n, swerling=swerling)
+                assert decibels(near / exact) == pytest.approx(0.0, abs=within_db)
+
+
+def test_m_of_n_is_the_sum_over_the_binomial_law():
+    for p in (1e-9, 0.1, 0.9):
+        for n in (1, 4, 20):
+            for m in range(1, n + 1):
+                total = math.fsum(
+                    math.comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(m, n + 1)
+                )
+                assert float(m_of_n(p, m=m, n=n)) == pytest.approx(total, rel=1e-12)
+
+
+def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
+    p = np.array([[0.0, 0.2, 1.0]])
+
+    np.testing.assert_allclose(m_of_n(p, m=1, n=3), 1 - (1 - p) ** 3, rtol=1e-14)
+    np.testing.assert_allclose(m_of_n(p, m=3, n=3), p**3, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: threshold(0.0), "false_alarm_probability"),
+        (lambda: threshold(1e-6, n_summed=0), "n_summed"),
+        (lambda: detection_probability(-10.0, 1e-6), "not dB"),
+        (lambda: detection_probability([1.0, math.nan], 1e-6), "nan"),
+        (lambda: detection_probability(math.inf, 1e-6), "finite"),
+        (lambda: detection_probability(1.0, 1e-6, n_summed=2.5), "n_summed"),
+        (lambda: detection_probability(1.0, 1e-6, swerling=5), "swerling"),
+        (lambda: detection_probability([], 1e-6, swerling=-1), "swerling"),
+        (lambda: exceedance_probability(1.0, 0.0), "threshold"),
+        (lambda: exceedance_probability(1.0, math.inf), "threshold"),
+        (lambda: required_snr(1e-6, 1e-6, swerling=1), "above the false-alarm probability"),
+        (lambda: required_snr(1.0, 1e-6), "detection_probability"),
+        (lambda: required_snr(0.9, 1e-6, n_summed=0), "n_summed"),
+        (lambda: required_snr(0.9, 1e-6, swerling=1.0), "swerling"),
+        (lambda: coherent_detection_probability(-1.0, 1e-6), "not dB"),
+        (lambda: coherent_required_snr(1e-7, 1e-6), "above the false-alarm probability"),
+        (lambda: albersheim_snr(0.9, 1.0), "false_alarm_probability"),
+        (lambda: albersheim_snr(0.01, 1e-3), "exact"),
+        (lambda: albersheim_snr(0.9, 1e-6, n_summed=0), "n_summed"),
+        (lambda: shnidman_snr(1e-7, 1e-6), "false-alarm probability"),
+        (lambda: shnidman_snr(0.9, 1e-6, swerling=7), "swerling"),
+        (lambda: m_of_n(1.1, m=1, n=2), "from 0 to 1"),
+        (lambda: m_of_n(0.5, m=3, n=2), "from 1 to 2"),
+        (lambda: m_of_n(0.5, m=0, n=2), "from 1 to 2"),
+    ],
+)
+def test_what_no_detector_can_have_is_refused(call, says):
+    with pytest.raises(InvalidSetting, match=says):
+        call()
