@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from dechirp.echoes.impairments.white_noise import WhiteNoise
     from dechirp.experiment.run import Result, run
     from dechirp.experiment.scenario import Scenario, Source, load, reference
+    from dechirp.experiment.verify.certificate import Certificate, verify
     from dechirp.formats.recording import Recording, open
     from dechirp.process.cfar.base import Cells, Cfar
     from dechirp.process.cfar.cell_averaging import CellAveraging
@@ -50,6 +51,7 @@ _WHERE = {
     "echoes.impairments.white_noise": "WhiteNoise",
     "experiment.run": "Result run",
     "experiment.scenario": "Scenario Source load reference",
+    "experiment.verify.certificate": "Certificate verify",
     "formats.recording": "Recording open",
     "process.cfar.base": "Cells Cfar",
     "process.cfar.cell_averaging": "CellAveraging",
@@ -70,6 +72,7 @@ __all__ = [
     "Array",
     "CellAveraging",
     "Cells",
+    "Certificate",
     "Cfar",
     "Chain",
     "Chirp",
@@ -104,6 +107,7 @@ __all__ = [
     "simulate",
     "threshold_map",
     "truth",
+    "verify",
 ]
 
 

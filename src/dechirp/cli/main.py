@@ -72,6 +72,11 @@ def _app() -> App:
         help="Find the waveform that meets requirements, with every formula.",
     )
     app.command(
+        "dechirp.cli.verify:verify",
+        name="verify",
+        help="Measure every claim of the reference report against theory, and write the paper.",
+    )
+    app.command(
         "dechirp.cli.list:list_members",
         name="list",
         help="List what settings choose by kind: detectors, impairments, formats.",

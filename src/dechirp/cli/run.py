@@ -73,7 +73,7 @@ def run(
         seed=seed,
         told={name: given for name, given in told.items() if given is not None},
     )
-    with progress(quiet=quiet) as report:
+    with progress("frames", quiet=quiet) as report:
         result = run_scenario(scenario, progress=report)
     document = _write(result, source=source, out=out)
     if as_json:

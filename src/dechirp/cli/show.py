@@ -53,16 +53,16 @@ class Report(Protocol):
     """What a long run calls."""
 
     def __call__(self, done: int, total: int, /) -> None:
-        """Say how many frames are done, and how many there are."""
+        """Say how many parts are done, and how many there are."""
 
 
 @contextmanager
-def progress(*, quiet: bool) -> Iterator[Report | None]:
-    """Bar on standard error for a run of several frames; none where nobody would see it."""
+def progress(of: str, *, quiet: bool) -> Iterator[Report | None]:
+    """Bar on standard error for work in several parts; none where nobody would see it."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress("frames", *columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("frames", visible=False)
+    with Progress(of, *columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(of, visible=False)
         yield lambda done, total: bar.update(task, completed=done, total=total, visible=total > 1)

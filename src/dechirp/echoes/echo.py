@@ -21,6 +21,8 @@ from dechirp.scene.scene import Scene, surprises
 # Cubes that simulating and processing hold at once, at most.
 CUBES_HELD = 3
 
+_DOUBLE: np.dtype[np.complexfloating] = np.dtype(np.complex128)
+
 
 def simulate(
     scene: Scene,
@@ -75,14 +77,26 @@ def simulate(
     kind = _cube_type(dtype)
     for finding in surprises(scene, radar, n_frames=n_frames):
         warnings.warn(str(finding), PhysicsWarning, stacklevel=2)
-    cube = _empty_cube(radar, n_frames, kind)
+    cube = clean_echoes(scene, radar, n_frames=n_frames, dtype=kind)
+    for impairment in (ThermalNoise(),) if impairments is None else impairments:
+        impairment.apply(cube, scene=scene, radar=radar, rng=rng)
+    return cube
+
+
+def clean_echoes(
+    scene: Scene,
+    radar: Radar,
+    *,
+    n_frames: int = 1,
+    dtype: np.dtype[np.complexfloating] = _DOUBLE,
+) -> xr.DataArray:
+    """Echoes alone, before any impairment, and without a word on what surprises."""
+    cube = _empty_cube(radar, n_frames, dtype)
     amplitudes = echo_amplitude(radar) * np.sqrt([target.rcs_m2 for target in scene.targets])
     for index in range(n_frames if scene.targets else 0):
         start_s = radar.frame.start_s(index)
         positions_m = scene.positions_m(start_s)
         _add_frame(cube.values[index], amplitudes, positions_m, scene.velocities_m_per_s(), radar)
-    for impairment in (ThermalNoise(),) if impairments is None else impairments:
-        impairment.apply(cube, scene=scene, radar=radar, rng=rng)
     return cube
 
 

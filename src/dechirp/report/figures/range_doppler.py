@@ -4,12 +4,11 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from dechirp.core.values import value
-from dechirp.report.figures.style import INK, ORANGE, draw
+from dechirp.report.figures.style import COLORS, INK, ORANGE, draw
 from dechirp.report.words import power_db, power_unit
 from dechirp.scene.folding import Place
 
@@ -17,11 +16,6 @@ _MOST_PIXELS = (220, 420)  # velocity, range: as many as a figure of 500 pixels 
 _MOST_CIRCLES, _FEW_CIRCLES = 200, 20
 _LARGEST_SPAN_DB = 80.0
 _CLOSE_UP_CELLS = (16, 24)  # on each side, velocity and range
-
-# Light to dark through blue: one hue, the same for colour-blind readers, and it prints.
-_COLORS = LinearSegmentedColormap.from_list(
-    "noise-to-peak", ["#f6f9fb", "#d3e5f0", "#92c1dc", "#3f8fc0", "#155a96", "#072b55"], N=128
-)
 
 
 @value
@@ -92,7 +86,7 @@ def _map(marked: MarkedMap, part: xr.DataArray, *, label: str, circle_points: fl
         axes.grid(False)
         image = axes.imshow(
             level_db,
-            cmap=_COLORS,
+            cmap=COLORS,
             vmin=lowest_db,
             vmax=highest_db,
             extent=(left, right, bottom, top),

@@ -8,11 +8,17 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup, escape
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, told apart by colour-blind readers, darkened for thin lines.
 INK, MUTED, PALE = "#1d2733", "#66727f", "#c9d0d7"
 BLUE, ORANGE = "#0868ac", "#c8500a"
+
+# Light to dark through blue: one hue, the same for colour-blind readers, and it prints.
+COLORS = LinearSegmentedColormap.from_list(
+    "noise-to-peak", ["#f6f9fb", "#d3e5f0", "#92c1dc", "#3f8fc0", "#155a96", "#072b55"], N=128
+)
 
 WIDTH_IN = 5.2  # 500 CSS pixels: two side by side at 1280, and 11 px letters stay legible at 400
 _STYLE: dict[Any, Any] = {

@@ -1,0 +1,109 @@
+"""`dechirp verify`: the reference report, claim by claim, and a paper that shows it."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from dechirp.cli.options import Json, Quiet
+
+# Read as text: the parser of the command line would take 1.5 for a whole number.
+_Whole = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+
+
+def verify(
+    *,
+    trials: _Whole = None,
+    full: Annotated[bool, Parameter(show_default=False)] = False,
+    out: Path = Path("dechirp-verify"),
+    as_json: Json = False,
+    quiet: Quiet = False,
+    seed: _Whole = None,
+) -> int:
+    """Measure every claim of the reference report against theory, and write the paper.
+
+    Ends with status 1 if a claim fails.
+
+    Parameters
+    ----------
+    trials
+        Of each statistical claim; one that needs more to decide takes what it needs.
+    full
+        The long certificate: 10,000 trials, false alarms at 1e-6 as well.
+    out
+        Folder for the paper and its numbers. Earlier ones in it are replaced.
+    seed
+        Seed of all noise; 1 without it.
+    """
+    import dechirp
+    from dechirp.cli.show import progress
+    from dechirp.experiment.verify.certificate import verify as certify
+    from dechirp.experiment.verify.document import document
+    from dechirp.report.paper import render
+    from dechirp.store.tables import json_text
+    from dechirp.store.texts import check_out, write_texts
+
+    n_trials = None if trials is None else _number("--trials", trials, at_least=1)
+    start = 1 if seed is None else _number("--seed", seed, at_least=0)
+    check_out(out, _FILES)
+    with progress("trials", quiet=quiet) as report:
+        certificate = certify(trials=n_trials, full=full, seed=start, progress=report)
+    found = {
+        "version": dechirp.__version__,
+        **document(certificate),
+        "files": {name: str(out / name) for name in _FILES},
+    }
+    text = json_text(found)
+    write_texts(out, dict(zip(_FILES, (text, render(found)), strict=True)))
+    if as_json:
+        print(text, end="")
+    elif not quiet:
+        _show(found, out)
+    return 0 if certificate.passed else 1
+
+
+_FILES = ("verify.json", "report.html")
+
+
+def _number(option: str, text: str, *, at_least: int) -> int:
+    from dechirp.core.checks import whole
+    from dechirp.core.errors import InvalidSetting
+
+    try:
+        number = int(text)
+    except ValueError:
+        raise InvalidSetting(
+            option,
+            got=text,
+            need=f"a whole number of at least {at_least}",
+            fix="Write its digits alone.",
+        ) from None
+    whole(option, number, at_least=at_least, at_most=2**63 - 1)
+    return number
+
+
+def _show(found: dict[str, Any], out: Path) -> None:
+    from dechirp.cli.show import console, table
+    from dechirp.report.amounts import shown
+
+    screen = console()
+    claims = table("", left=["claim", ""], right=["published", "measured"])
+    for column in claims.columns[:2]:
+        column.no_wrap = True
+    for claim in found["claims"]:
+        first = shown(claim)
+        verdict = "holds" if claim["passed"] else "FAILS"
+        claims.add_row(claim["id"], verdict, first.published, first.measured)
+    screen.print(claims)
+    failed = [
+        (claim["id"], check["name"], shown(check))
+        for claim in found["claims"]
+        for check in claim["checks"]
+        if not check["passed"]
+    ]
+    for name, what, check in failed:
+        interval = f" ({check.interval})" if check.interval else ""
+        screen.print(f"{name}, {what}: {check.measured}{interval}, required {check.required}.")
+    n_passed = sum(claim["passed"] for claim in found["claims"])
+    screen.print(f"{n_passed} of {len(found['claims'])} claims hold.")
+    screen.print(f"Paper: {out / 'report.html'}", soft_wrap=True)

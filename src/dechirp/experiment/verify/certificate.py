@@ -1,0 +1,168 @@
+"""`verify`: every claim of the reference report, measured against the claim and against theory."""
+
+import datetime
+import os
+import platform
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from time import perf_counter
+
+from loky import ProcessPoolExecutor
+
+from dechirp.core.checks import whole
+from dechirp.core.values import value
+from dechirp.experiment.verify import detection, estimates, false_alarms, resolution, waveform
+from dechirp.experiment.verify.claim import Claim
+from dechirp.experiment.verify.corrections import Correction, corrections
+from dechirp.experiment.verify.curves import Curve, curves
+from dechirp.experiment.verify.tables import Table, tables
+from dechirp.experiment.verify.trials import Job, run_all, trials_for_rms
+
+CLAIMS = (
+    "chirp_linearity",
+    "beat_frequency_50m",
+    "range_stationary_100m",
+    "range_doppler_peak",
+    "integration_gain",
+    "corner_200m_100mps",
+    "echo_power_50m",
+    "direction_of_motion",
+    "blind_doppler",
+    "false_alarms_minus10db",
+    "detection_at_minus24db",
+    "snr_limit",
+    "false_alarm_rate",
+    "range_rmse",
+    "velocity_rmse",
+    "two_targets_resolved",
+)
+"""Their ids, in the order of the report."""
+
+FULL_TRIALS = 10_000
+_LIBRARIES = ("numpy", "scipy", "numba", "xarray")
+
+
+@value
+class Certificate:
+    """What was certified, with what it rests on."""
+
+    claims: tuple[Claim, ...]
+    """In the order of `CLAIMS`."""
+    corrections: tuple[Correction, ...]
+    """Where the report contradicts itself or is wrong."""
+    tables: tuple[Table, ...]
+    """The report's tables 5, 6 and 7, as published and as computed here."""
+    curves: tuple[Curve, ...]
+    """What the detection and resolution claims were read from."""
+    seed: int
+    trials: int | None
+    """As asked for; none: as many as each claim needs."""
+    full: bool
+    date: str
+    versions: dict[str, str]
+    machine: str
+    timing_s: dict[str, float]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every claim did."""
+        return all(claim.passed for claim in self.claims)
+
+
+def verify(
+    *,
+    trials: int | None = None,
+    full: bool = False,
+    seed: int = 1,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Certificate:
+    """Measure every claim of the reference report.
+
+    Parameters
+    ----------
+    trials : int, optional
+        Of each statistical claim. One whose interval needs more of them to decide takes what
+        it needs: a certificate does not become weaker to be quicker.
+    full : bool
+        10,000 trials where `trials` does not say, and false alarms at 1e-6 over 3e9 cells of
+        each detector: a quarter of an hour on two cores. Without it, under two minutes.
+    seed : int
+        The same seed gives the same numbers, for any number of workers.
+    executor : Executor, optional
+        Where the trials run: any of `concurrent.futures`; without it, one process a core.
+    progress : callable, optional
+        Called with the number of blocks of trials done and of all.
+
+    Raises
+    ------
+    InvalidSetting
+        If `trials` or `seed` is no whole number, or negative.
+    """
+    whole("seed", seed, at_least=0, at_most=2**63 - 1)
+    if trials is not None:
+        whole("trials", trials, at_least=1, at_most=100_000_000)
+    started = perf_counter()
+    with _workers(executor) as workers:
+        results = run_all(_jobs(trials, full=full), seed=seed, executor=workers, progress=progress)
+    measured = perf_counter()
+    found = [
+        *waveform.claims(results),
+        *estimates.claims(results, detection.by_snr(results)),
+        *detection.claims(results),
+        *false_alarms.claims(results, full=full),
+        *resolution.claims(results),
+    ]
+    by_id = {claim.id: claim for claim in found}
+    return Certificate(
+        claims=tuple(by_id[name] for name in CLAIMS),
+        corrections=corrections(),
+        tables=tables(by_id),
+        curves=curves(results),
+        seed=seed,
+        trials=trials,
+        full=full,
+        date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        versions=_versions(),
+        machine=f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        timing_s={"trials": measured - started, "claims": perf_counter() - measured},
+    )
+
+
+def _jobs(trials: int | None, *, full: bool) -> dict[str, Job]:
+    """All trials: so many as their claims need, or as asked if that is more."""
+    least = trials or (FULL_TRIALS if full else 0)
+    n_errors = trials_for_rms(estimates.SPREAD, at_most=estimates.MOST_OF_BOUND)
+    return {
+        **waveform.jobs(),
+        **detection.jobs(max(least, n_errors), least),
+        **estimates.jobs(least),
+        **false_alarms.jobs(full=full),
+        **resolution.jobs(least),
+    }
+
+
+@contextmanager
+def _workers(executor: Executor | None) -> Iterator[Executor]:
+    """The executor that was given, or one process a core with one thread each."""
+    if executor is not None:
+        yield executor
+        return
+    threads = {f"{pool}_NUM_THREADS": "1" for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+    own = ProcessPoolExecutor(max_workers=os.cpu_count(), env=threads)
+    try:
+        yield own
+    finally:
+        own.shutdown(wait=True, kill_workers=True)
+
+
+def _versions() -> dict[str, str]:
+    known = {"python": platform.python_version()}
+    for name in ("dechirp", *_LIBRARIES):
+        try:
+            known[name] = version(name)
+        except PackageNotFoundError:  # imported from a folder, not installed
+            continue
+    return known

@@ -1,0 +1,106 @@
+"""Measured shares with their intervals, beside the curves of theory."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from dechirp.core.values import value
+from dechirp.report.figures.style import BLUE, INK, MUTED, ORANGE, draw
+from dechirp.report.words import fixed
+from dechirp.theory import intervals
+
+_COLORS = (BLUE, "#00795a", ORANGE)
+_MARKERS = "osD"
+
+
+@value
+class Gap:
+    """Two ratios at which the same share is reached, dB."""
+
+    low_db: float
+    high_db: float
+    share: float
+
+
+def detection(curves: Sequence[Mapping[str, Any]], *, confidence: float, gap: Gap | None) -> Markup:
+    """Draw the share of frames in which the target was found, over its ratio, with theory."""
+
+    def paint(figure: Figure) -> None:
+        axes = _shares(figure, curves, confidence=confidence)
+        axes.set_ylabel("share of frames with the car found")
+        axes.plot([], [], color=INK, linewidth=1.2, label="theory")
+        figure.legend(
+            *axes.get_legend_handles_labels(),
+            loc="outside upper center",
+            ncols=4,
+            columnspacing=1.2,
+            handletextpad=0.4,
+        )
+        if gap is not None:
+            axes.axhline(gap.share, color=MUTED, linewidth=0.6, linestyle=":")
+            axes.annotate(
+                "",
+                xy=(gap.high_db, gap.share),
+                xytext=(gap.low_db, gap.share),
+                arrowprops={"arrowstyle": "<->", "color": INK, "shrinkA": 0, "shrinkB": 0},
+            )
+            axes.text(
+                (gap.low_db + gap.high_db) / 2,
+                gap.share - 0.02,
+                f"{fixed(gap.high_db - gap.low_db, 1)} dB",
+                ha="center",
+                va="top",
+            )
+
+    return draw(paint, label="Probability of detection over the ratio", height_in=3.1)
+
+
+def resolution(
+    curves: Sequence[Mapping[str, Any]], *, confidence: float, required: float | None
+) -> Markup:
+    """Draw the share of trials in which both of two targets were found, over their separation."""
+
+    def paint(figure: Figure) -> None:
+        axes = _shares(figure, curves, confidence=confidence)
+        axes.set_ylabel("share of trials with both found")
+        if required is not None:
+            axes.axhline(required, color=MUTED, linewidth=0.8, linestyle=":", label="required")
+        axes.legend(loc="lower right")
+
+    return draw(paint, label="Share of pairs resolved over their separation", height_in=3.0)
+
+
+def _shares(figure: Figure, curves: Sequence[Mapping[str, Any]], *, confidence: float) -> Axes:
+    axes = figure.subplots()
+    for curve, color, marker in zip(curves, _COLORS, _MARKERS, strict=False):
+        x, hits, trials = (np.asarray(curve[name]) for name in ("x", "hits", "trials"))
+        share = hits / trials
+        ends = np.array(
+            [
+                intervals.binomial(int(k), int(n), confidence=confidence)
+                for k, n in zip(hits, trials, strict=True)
+            ]
+        )
+        if len(curve["theory_x"]):
+            axes.plot(curve["theory_x"], curve["theory"], color=color, linewidth=1.2)
+        else:
+            axes.plot(x, share, color=color, linewidth=0.8, alpha=0.5)
+        axes.errorbar(
+            x,
+            share,
+            yerr=np.maximum([share - ends[:, 0], ends[:, 1] - share], 0.0),
+            color=color,
+            marker=marker,
+            markersize=3.6,
+            linestyle="",
+            elinewidth=0.9,
+            capsize=1.8,
+            label=curve["name"],
+        )
+    axes.set(ylim=(-0.02, 1.05))
+    axes.set_xlabel(curves[0]["over"] if curves else "")
+    return axes

@@ -1,0 +1,173 @@
+"""The figures of the paper: from its document, and from frames simulated with its seed."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+
+from dechirp.core.units import decibels
+from dechirp.experiment.run import Result, run
+from dechirp.experiment.scenario import reference
+from dechirp.experiment.verify import published
+from dechirp.experiment.verify.waveform import synthesised
+from dechirp.process.cfar.base import Cells, Ring
+from dechirp.report.figures import beat, curves, detections, diagrams, range_doppler, waveform
+from dechirp.report.figures import window as cfar_window
+from dechirp.report.view import view_of
+from dechirp.report.words import number
+from dechirp.scene.folding import Place
+
+OURS = "the chain"
+
+
+def plates(document: Mapping[str, Any]) -> dict[str, Markup]:
+    """Draw all figures, by name."""
+    n = document["numbers"]
+    quiet, noisy = (_frame(document["seed"], n[name]) for name in ("quiet_snr_db", "report_snr_db"))
+    chirp = quiet.radar.frame.chirp
+    # A quarter more than the requirements ask for: the rest of the map is noise alone.
+    asked_m = _asked_range_m(document) or n["target_range_m"]
+    reach_m = 1.25 * asked_m
+    _, ramp = synthesised(chirp, chirp.sample_rate_hz)
+    half_way = half_way_db(document)
+    frames = [(n["report_snr_db"], noisy)]
+    if half_way is not None:
+        frames.append((half_way, _frame(document["seed"], half_way)))
+    rules = [_rules(result, snr_db) for snr_db, result in frames]
+    found, pairs = [
+        [curve for curve in document["curves"] if bool(curve["theory_x"]) is against_theory]
+        for against_theory in (True, False)
+    ]
+    resolved = {claim["id"]: claim for claim in document["claims"]}["two_targets_resolved"]
+    return {
+        "data_flow": diagrams.data_flow(),
+        "demodulator": diagrams.demodulator(),
+        "frequencies": waveform.frequencies(
+            start_frequency_hz=n["start_frequency_hz"],
+            bandwidth_hz=n["bandwidth_hz"],
+            chirp_duration_s=n["chirp_duration_s"],
+            delay_s=n["delay_s"],
+            beat_frequency_hz=n["beat_frequency_hz"],
+        ),
+        "spectrogram": waveform.spectrogram(
+            ramp,
+            quiet.cube.values[0, 0, 0],
+            chirp.sample_rate_hz,
+            slope_hz_per_s=chirp.slope_hz_per_s,
+            highest_beat_hz=chirp.beat_frequency_hz(asked_m),
+        ),
+        "window": cfar_window.cells(
+            Ring(
+                n_training=Cells(range=n["training_range"], velocity=n["training_velocity"]),
+                n_guard=Cells(range=n["guard_range"], velocity=n["guard_velocity"]),
+            ),
+            n_training=n["n_training"],
+        ),
+        "spectrum": beat.spectrum(quiet.cube, chirp, quiet.scenario.chain),
+        "map": _map(quiet, reach_m),
+        "noisy_map": _map(noisy, reach_m),
+        "detections": detections.maps(
+            [[decided for decided, _ in of_frame] for of_frame in rules],
+            target=Place(
+                np.array(n["mid_frame_range_m"] + n["coupling_m"]),
+                np.array(n["target_velocity_m_per_s"]),
+            ),
+            reach=(0.5 * n["target_range_m"], 0.15 * n["max_velocity_m_per_s"]),
+        ),
+        "thresholds": detections.thresholds(
+            [line for _, line in rules[0]],
+            around_m=n["target_range_m"],
+            reach_m=0.9 * n["target_range_m"],
+        ),
+        "curves": curves.detection(found, confidence=document["confidence"], gap=_gap(document)),
+        "resolution": curves.resolution(
+            pairs,
+            confidence=document["confidence"],
+            required=(resolved["required"] or {}).get("at_least"),
+        ),
+    }
+
+
+def _frame(seed: int, snr_db: float) -> Result:
+    return run(reference([f"seed={seed}", f"impairments.white-noise.snr={snr_db:g} dB"]))
+
+
+def _asked_range_m(document: Mapping[str, Any]) -> float | None:
+    """Range that the requirements ask for, from their table."""
+    rows = (row for table in document["tables"] for row in table["rows"])
+    return next((row["published"] for row in rows if row["quantity"] == "largest range"), None)
+
+
+def _map(result: Result, reach_m: float) -> Markup:
+    shown = view_of(result)
+    near = range_doppler.MarkedMap(
+        power=result.power.sel(range=slice(0, reach_m)),
+        units=shown.units,
+        found=shown.found,
+        truth=None,  # its cross would hide the peak
+    )
+    return range_doppler.whole(near)
+
+
+def half_way_db(document: Mapping[str, Any]) -> float | None:
+    """Ratio half way between the limit of the chain and that of the report's rule."""
+    gap = _gap(document)
+    return None if gap is None else round((gap.low_db + gap.high_db) / 2, 1)
+
+
+def _gap(document: Mapping[str, Any]) -> curves.Gap | None:
+    """Distance between the limit of the chain, the first check, and the report's, the last."""
+    limits = {claim["id"]: claim["checks"] for claim in document["claims"]}["snr_limit"]
+    low_db, high_db = limits[0]["measured"], limits[-1]["measured"]
+    if low_db is None or high_db is None or not low_db < high_db:
+        return None
+    share = document["numbers"]["detection_probability"]
+    return curves.Gap(low_db=low_db, high_db=high_db, share=share)
+
+
+def _rules(result: Result, snr_db: float) -> tuple[tuple[detections.Decided, detections.Line], ...]:
+    """What the chain and the report's rule make of one frame."""
+    ours = result.power.transpose("velocity", "range")
+    amplitude, their_threshold, over = published.rule(result.cube.values[0])
+    theirs = xr.DataArray(
+        amplitude**2,
+        dims=("velocity", "range"),
+        coords={
+            "velocity": ours.velocity,
+            # It transforms 4,096 points and keeps the first half.
+            "range": np.arange(amplitude.shape[1])
+            * result.radar.frame.chirp.max_range_m
+            / (2 * amplitude.shape[1]),
+        },
+    )
+    at = f"{number(snr_db)} dB"
+    return (
+        _rule(f"{OURS}, {at}", ours, result.threshold.transpose("velocity", "range").values),
+        _rule(f"{published.RULE}, {at}", theirs, their_threshold**2, over=over),
+    )
+
+
+def _rule(
+    title: str, power: xr.DataArray, threshold: np.ndarray, *, over: np.ndarray | None = None
+) -> tuple[detections.Decided, detections.Line]:
+    values = power.values
+    # The median of exponentially distributed noise is ln 2 of its mean.
+    noise = np.median(values) / np.log(2)
+    row = int(np.unravel_index(np.argmax(values), values.shape)[0])
+    range_m = np.asarray(power.range.values)
+    return (
+        detections.Decided(
+            title=title,
+            over=values > threshold if over is None else over,
+            range_m=range_m,
+            velocity_m_per_s=np.asarray(power.velocity.values),
+        ),
+        detections.Line(
+            title=title,
+            range_m=range_m,
+            power_db=decibels(values[row] / noise),
+            threshold_db=decibels(threshold[row] / noise),
+        ),
+    )

@@ -1,0 +1,29 @@
+"""A folder of texts, such as a page and the numbers on it: all of them or none."""
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from dechirp.store.whole import must_be_replaceable, whole_folder
+
+
+def check_out(out: Path, names: Collection[str]) -> None:
+    """Raise `DechirpError` if a folder cannot take files of these names.
+
+    It must be absent, empty or hold nothing but earlier ones, the first name among them. To be
+    asked before a long run.
+    """
+    must_be_replaceable(out, mark=next(iter(names)), ours=names)
+
+
+def write_texts(out: Path, texts: Mapping[str, str]) -> None:
+    """Write each text under its name into a folder, in place of earlier ones.
+
+    Raises
+    ------
+    DechirpError
+        If the folder is somebody else's or cannot be written. It is left as it was then.
+    """
+    check_out(out, texts)
+    with whole_folder(out) as made:
+        for name, text in texts.items():
+            (made / name).write_text(text, encoding="utf-8")

@@ -1,0 +1,186 @@
+"""`dechirp verify`: what a person reads, what a script reads, and what is refused."""
+
+import json
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import pytest
+
+import dechirp as dc
+from dechirp.cli.main import main
+from dechirp.experiment.verify import certificate
+from dechirp.experiment.verify.certificate import CLAIMS, verify
+from dechirp.experiment.verify.document import document
+from dechirp.experiment.verify.trials import Job
+
+CLAIM_KEYS = ["id", "claim", "published", "required", "measured", "limit", "passed"]
+
+
+def few(jobs: dict[str, Job]) -> dict[str, Job]:
+    """The same jobs with a hundredth of their trials, too few to certify anything."""
+    return {
+        name: replace(job, n_trials=max(job.n_trials // 100, 3), n_each=20)
+        for name, job in jobs.items()
+    }
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """Few trials, and no processes."""
+    every = certificate._jobs
+    monkeypatch.setattr(certificate, "_jobs", lambda *given, **told: few(every(*given, **told)))
+    monkeypatch.setattr(certificate, "ProcessPoolExecutor", Threads)
+
+
+class Threads(ThreadPoolExecutor):
+    """One thread in the place of processes."""
+
+    def __init__(self, max_workers, env):
+        super().__init__(1)
+
+    def shutdown(self, wait, kill_workers):
+        super().shutdown(wait=wait)
+
+
+@pytest.fixture
+def call(capsys, tmp_path, monkeypatch):
+    """Call the command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def called(*words):
+        with pytest.raises(SystemExit) as ended:
+            main(["verify", *words])
+        return ended.value.code, *capsys.readouterr()
+
+    return called
+
+
+def test_one_document_says_of_each_claim_what_a_script_needs(call, tmp_path):
+    status, out, err = call("--json", "--seed", "3")
+    found = json.loads(out)
+
+    assert err == ""
+    assert [claim["id"] for claim in found["claims"]] == list(CLAIMS)
+    for claim in found["claims"]:
+        assert list(claim)[: len(CLAIM_KEYS)] == CLAIM_KEYS
+        assert claim["passed"] == all(check["passed"] for check in claim["checks"])
+    assert found["passed"] == all(claim["passed"] for claim in found["claims"])
+    # Thirty trials show no root mean square to 15 %: the answer is no, and status 1.
+    assert (found["passed"], status) == (False, 1)
+    assert (found["seed"], found["version"]) == (3, dc.__version__)
+    assert json.loads((tmp_path / "dechirp-verify" / "verify.json").read_text()) == found
+    assert set(found["files"]) == {path.name for path in (tmp_path / "dechirp-verify").iterdir()}
+
+
+def test_a_person_reads_which_claim_fails_and_by_how_much(call, tmp_path):
+    status, out, _ = call("--out", "here")
+
+    assert status == 1
+    assert "range_rmse" in out
+    assert "FAILS" in out
+    assert "required ≤" in out
+    assert "claims hold" in out
+    assert (tmp_path / "here" / "report.html").exists()
+
+
+def test_when_all_hold_the_status_is_zero(call, monkeypatch):
+    made = verify(seed=2)
+    monkeypatch.setattr(
+        certificate,
+        "verify",
+        lambda **_: replace(made, claims=tuple(_passing(claim) for claim in made.claims)),
+    )
+    status, out, _ = call("--quiet")
+    assert (status, out) == (0, "")
+    status, out, _ = call()
+    assert status == 0
+    assert f"{len(CLAIMS)} of {len(CLAIMS)} claims hold." in out
+
+
+def _passing(claim):
+    checks = tuple(replace(check, at_least=None, at_most=None) for check in claim.checks)
+    return replace(claim, checks=checks)
+
+
+def test_the_same_seed_gives_the_same_certificate_to_the_bit():
+    with ThreadPoolExecutor(2) as crowd:
+        one, many = document(verify(seed=4)), document(verify(seed=4, executor=crowd))
+    for changing in ("date", "timing_s"):
+        del one[changing], many[changing]
+    assert one == many
+    assert document(verify(seed=5))["claims"] != one["claims"]
+
+
+def test_the_tables_keep_the_report_s_numbers_beside_ours():
+    tables = {table["number"]: table for table in document(verify())["tables"]}
+
+    assert list(tables) == [5, 6, 7]
+    waveform = {row["quantity"]: row for row in tables[6]["rows"]}
+    # The report computed with c = 3e8; the exact c gives 0.07 % less and more.
+    assert waveform["bandwidth"]["published"] == 150e6
+    assert waveform["bandwidth"]["here"] == pytest.approx(149.896e6, rel=1e-4)
+    assert waveform["duration of the chirp"]["published"] == pytest.approx(7.3333e-6, rel=1e-5)
+    assert waveform["slope"]["published"] == pytest.approx(2.0455e13, rel=1e-4)
+
+
+def test_the_corrections_carry_the_right_values():
+    found = {one["subject"]: one for one in document(verify())["corrections"]}
+
+    assert found["residual video phase"]["right"].startswith("1.138 cycles")
+    assert found["velocity that the code finds"]["right"].startswith("11.50 m/s")
+    assert found["slope of the ramp"]["right"] == "2.0455e+13 Hz/s"
+    assert found["samples of a chirp"]["right"] == "2200"
+    assert "28.9" in found["amplitude taken as power"]["right"]
+    assert "16.0 dB" in found["amplitude taken as power"]["why"]
+    assert len(found) == 10
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["--trials", "0"], "--trials"),
+        (["--trials", "-5"], "--trials"),
+        (["--trials", "many"], "--trials"),
+        (["--trials", "1.5"], "--trials"),
+        (["--seed", "-1"], "--seed"),
+        (["--seed", "x"], "--seed"),
+        (["claim"], "claim"),
+        (["--fast"], "--fast"),
+    ],
+    ids=" ".join,
+)
+def test_a_wrong_call_says_what_is_needed(call, words, option):
+    status, out, err = call(*words)
+    assert (status, out) == (2, "")
+    assert option in err
+    assert "Traceback" not in err
+    status, out, _ = call("--json", *words)
+    assert status == 2
+    assert option in str(json.loads(out)["errors"])
+
+
+def test_somebody_else_s_folder_is_refused_before_the_trials(call, tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
+    monkeypatch.setattr(certificate, "_jobs", lambda *_, **__: pytest.fail("trials were begun"))
+
+    status, _, err = call("--out", "mine")
+
+    assert status == 2
+    assert "thesis.txt" in err
+
+
+def test_help_imports_nothing_heavy(call):
+    heavy = {"numba", "matplotlib", "loky"}
+    before = heavy & set(sys.modules)
+    status, out, _ = call("--help")
+    assert status == 0
+    assert "--full" in out
+    assert heavy & set(sys.modules) == before
+
+
+@pytest.mark.parametrize("wrong", [{"trials": 0}, {"trials": 2.5}, {"seed": -1}, {"seed": "a"}])
+def test_python_is_refused_the_same(wrong):
+    with pytest.raises(dc.InvalidSetting, match=next(iter(wrong))):
+        verify(**wrong)
