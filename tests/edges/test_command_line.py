@@ -138,6 +138,90 @@ def test_nobody_reading_is_no_error():
         assert process.stderr.read() == b""
 
 
+needs_full = pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="only Linux has a device that is always full"
+)
+FULL = (
+    "standard output is not writable (No space left on device), but must be a place that can"
+    " be written and has room. Send it elsewhere.\n"
+)
+
+
+def redirected(to: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run a process of its own with streams that a shell closes or sends elsewhere."""
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    return subprocess.run(
+        ["/bin/sh", "-c", f'exec "$0" "$@" {to}', sys.executable, *words],
+        env=paths,
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("to", "printed"), [(">&-", False), ("2>&-", True), ("<&- >&- 2>&-", False)]
+)
+def test_with_closed_streams_commands_work_all_the_same(folder, to, printed):
+    ended = redirected(to, "-m", "dechirp", "run", "small.yaml", "--json")
+
+    assert (ended.returncode, ended.stderr) == (0, "")
+    document = (folder / "dechirp-run" / "run.json").read_text()
+    assert ended.stdout == (document if printed else "")
+
+
+def test_a_mistake_does_not_go_to_standard_output_because_standard_error_is_closed():
+    ended = redirected("2>&-", "-m", "dechirp", "lst")
+
+    assert (ended.returncode, ended.stdout) == (2, "")
+
+
+def test_with_standard_output_closed_work_can_be_shared_among_processes(folder):
+    script = """
+import sys
+from dechirp.cli.main import main
+try:
+    main(["list"])
+except SystemExit:
+    from loky import get_reusable_executor
+    executor = get_reusable_executor(max_workers=1)
+    with open("file", "w") as file:  # its number must not be that of standard output
+        executor.submit(print, "from a worker").result()
+    print(executor.submit(abs, -7).result(), file=sys.stderr)
+"""
+    ended = redirected(">&-", "-c", script)
+
+    assert (ended.returncode, ended.stderr) == (0, "7\n")
+    assert (folder / "file").read_text() == ""
+
+
+# A text that waits until the end, one that is written at once, and those of other libraries.
+@needs_full
+@pytest.mark.parametrize("words", [["list", "cfar"], ["run", "--json"], ["--help"], ["--version"]])
+def test_a_full_output_is_a_message(words):
+    ended = redirected(">/dev/full", "-m", "dechirp", *words)
+
+    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", FULL)
+
+
+@needs_full
+@pytest.mark.parametrize("to", ["2>/dev/full", ">/dev/full 2>/dev/full"])
+def test_where_no_message_can_be_written_the_status_tells(to):
+    ended = redirected(to, "-m", "dechirp", "lst")
+
+    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", "")
+
+
+def test_what_fails_but_printing_is_not_called_so(monkeypatch):
+    def fail(_words):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("dechirp.cli.main._status", fail)
+
+    with pytest.raises(OSError, match="Input/output error"):
+        main(["list"])
+
+
 # A run
 
 
@@ -362,6 +446,7 @@ def test_frames_that_a_recording_does_not_have_are_refused(refused, recorded):
         (["run", "--axes", "chirp,sample"], "--axes", "given for a scene", "Leave it out"),
         (["run", "--out", "small.yaml"], "--out", "small.yaml, a file", "Give the name"),
         (["run", "--out", "."], "--out", "., the folder you are in", "It would be"),
+        (["run", "--out", "small.yaml/x"], "--out", "small.yaml/x, not writable", "Name a place"),
         (["run", "--out", ".."], "--out", "..", "It would be"),
         (["design", *FAST, "--set", "limts.idle=1us"], "limts", "not a known", "Did you mean lim"),
         (["design", *FAST, "--set", "limits.idle=1"], "limits.idle", "1", "Units that fit"),

@@ -97,7 +97,7 @@ CHECKS = {
     ),
     "snr_limit": (
         limit_db("rectangular windows", -40.7, published=-24.0, at_most=-40.5, limit=-40.75),
-        limit_db("hann windows", -37.4, at_most=-37.0, limit=-37.42),
+        limit_db("Hann windows", -37.4, at_most=-37.0, limit=-37.42),
         limit_db("the report's rule, for comparison", -24.1, limit=-24.41),
     ),
     "range_rmse": (Check(name="error", unit="m", measured=0.0117, at_most=0.0134, limit=0.0116),),
@@ -141,7 +141,7 @@ def document() -> dict:
                     **frames,
                 ),
                 Curve(name="rectangular windows", hits=(60, 1000), **pairs),
-                Curve(name="hann windows", hits=(35, 610), **pairs),
+                Curve(name="Hann windows", hits=(35, 610), **pairs),
             ),
             seed=3,
             trials=None,
@@ -152,6 +152,7 @@ def document() -> dict:
             timing_s={"trials": 100.0, "claims": 1.0},
         )
     )
+    made["numbers"]["measured_false_alarm_probabilities"] = [1e-4, 1e-6]
     return {"version": "0.1.0", **made}
 
 
@@ -247,6 +248,38 @@ def test_the_numbers_of_the_text_are_those_of_the_document(page, page_of, docume
     for number in (f"{MINUS}40.12 dB", "7.654 MHz", "98.76", "--seed 4321"):
         assert number in text
     assert f"{MINUS}40.70 dB in each sample" not in text and "6.823 MHz" not in text
+
+
+def test_the_abstract_says_at_which_rate_and_under_which_windows(page_of, document):
+    other = deepcopy(document)
+    other["claims"][CLAIMS.index("two_targets_resolved")]["checks"][1]["measured"] = 0.75
+    abstract = re.search(r'<div class="abstract">.*?</div>', page_of(other), re.DOTALL)[0]
+    assert f"<sup>{MINUS}4</sup> and 10<sup>{MINUS}6</sup> in each cell" in abstract
+    counts = re.search(r"in (.{0,20}) trials under rect.* in (.{0,20}) under Hann", words(abstract))
+    assert [text.replace(" ", "") for text in counts.groups()] == ["1000of1000", "750of1000"]
+
+
+def test_what_the_echoes_leave_out_is_said_with_its_size(page):
+    text = words(page)
+    assert f"3.34 {TIMES} 10 {MINUS}8" in text  # 10 m/s over c
+    assert "without approximation" not in text and "exact phase" not in text
+
+
+def test_the_report_is_known_at_second_hand_and_its_rebuilt_detector_is_described(page):
+    introduction = words(re.search(r'<section id="introduction">.*?</section>', page, re.DOTALL)[0])
+    assert "at second hand" in introduction
+    assert "31.6 times the mean amplitude" in introduction
+    assert "the report’s range, 49.98 m" in introduction  # noqa: RUF001
+
+
+def test_the_two_maps_have_one_scale_over_their_noise(drawn):
+    quiet, noisy = (
+        re.findall(r"<text[^>]*>([^<]*)</text>", drawn[name]) for name in ("map", "noisy_map")
+    )
+    assert quiet == noisy
+    assert "power over the mean noise, dB" in quiet
+    # -10 dB, 54.5 dB of gain, 3.5 dB of Hann windows: the scale ends at about 41 dB.
+    assert "40" in quiet and f"{MINUS}100" in quiet
 
 
 def test_where_all_holds_the_paper_says_so_and_names_no_failure(page):
@@ -367,7 +400,7 @@ def test_two_figures_of_a_quantity_show_what_is_between_them():
 
 
 def test_plain_text_is_set_as_print_has_it():
-    assert typographic("at -24 dB and 1e-6, not 2.045e+13") == (
+    assert typographic("at -24 dB and 1e-06, not 2.045e+13") == (
         f"at {MINUS}24 dB and 10⁻⁶, not 2.045 {TIMES} 10¹³"
     )
     assert typographic('10^-341 of "that" is the report\'s') == (

@@ -223,6 +223,56 @@ def test_a_file_in_the_way_is_named(tmp_path):
         check_out(tmp_path / "file" / "out")
 
 
+@pytest.mark.parametrize("place", ["/proc/out", "/proc/deep/out"])
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="only Linux has /proc")
+def test_a_place_that_only_says_that_it_is_writable_is_refused_before_the_work(place):
+    with pytest.raises(DechirpError, match=rf"--out is {place}, not writable \(/proc cannot be"):
+        check_out(Path(place))
+
+
+@pytest.mark.parametrize("link", ["to itself", "to nowhere"])
+def test_a_place_behind_a_link_is_the_one_it_leads_to(tmp_path, link):
+    (tmp_path / "link").symlink_to("link" if link == "to itself" else "new")
+
+    if link == "to itself":
+        with pytest.raises(DechirpError, match="link cannot be written to"):
+            check_out(tmp_path / "link" / "out")
+    else:
+        check_out(tmp_path / "link" / "out")
+
+    assert [left.name for left in tmp_path.iterdir()] == ["link"]
+
+
+def test_a_name_too_long_to_write_beside_is_refused_before_the_work(tmp_path):
+    with pytest.raises(DechirpError, match="File name too long"):
+        check_out(tmp_path / ("o" * 250))  # of 255 that a name may have
+
+
+def test_asking_whether_a_place_can_be_written_leaves_nothing_there(tmp_path, radar):
+    check_out(tmp_path / "out")
+    check_out(tmp_path / "deep" / "out")
+    assert list(tmp_path.iterdir()) == []
+
+    write(tmp_path / "out", radar)
+    check_out(tmp_path / "out")
+
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
+
+
+def test_asking_that_is_interrupted_leaves_nothing_there(tmp_path, monkeypatch):
+    mkdir = Path.mkdir
+
+    def interrupted(path, *args, **kwargs):
+        mkdir(path, *args, **kwargs)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "mkdir", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        check_out(tmp_path / "out")
+
+    assert list(tmp_path.iterdir()) == []
+
+
 def stop(error):
     """Give a `write_cube` that is stopped when half of it is written."""
 

@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import dechirp as dc
 from dechirp.experiment.verify import (
     detection,
     estimates,
     false_alarms,
     published,
     resolution,
+    sensitivity,
+    transforms,
     waveform,
 )
 from dechirp.experiment.verify.looks import COLUMNS, Look, look_at_target, radar
@@ -81,23 +84,23 @@ def test_worse_estimates_fail_their_claims(worse, failed):
 @pytest.mark.parametrize(("shift_db", "passes"), [(0.0, True), (0.15, False), (-0.5, True)])
 def test_the_limit_follows_the_curve_that_is_measured(shift_db, passes):
     rng = np.random.default_rng(3)
-    curve = detection.curve_of_theory("rectangular")
-    snr_db = np.resize(detection.GRID_DB["rectangular"], 6000)
+    curve = sensitivity.curve_of_theory("rectangular")
+    snr_db = np.resize(sensitivity.GRID_DB["rectangular"], 6000)
     hits = rng.random(6000) < curve(snr_db - shift_db)
 
-    found = detection.fit(np.stack([snr_db, hits], axis=-1), curve)
+    found = sensitivity.fit(np.stack([snr_db, hits], axis=-1), curve)
 
     # The interval holds the truth but for 2e-5.
     assert found.low_db < found.theory_db + shift_db < found.high_db
     assert found.high_db - found.low_db < 0.35
-    assert (found.high_db <= detection.BARS_DB["rectangular"]) == passes
+    assert (found.high_db <= sensitivity.BARS_DB["rectangular"]) == passes
 
 
 def test_the_limits_of_theory_are_those_computed_independently():
     # -40.75 dB with the noise estimated from 644 independent cells. Under Hann windows -37.59 dB
     # in known noise, and 0.18 dB for a ring whose cells are worth 170 independent ones.
     for window, limit_db in (("rectangular", -40.75), ("hann", -37.59 + 0.18)):
-        curve = detection.curve_of_theory(window)
+        curve = sensitivity.curve_of_theory(window)
         assert (
             float(curve(np.array(limit_db - 0.015)))
             < 0.9
@@ -106,9 +109,9 @@ def test_the_limits_of_theory_are_those_computed_independently():
 
 
 def test_the_report_s_rule_lies_sixteen_decibels_over_ours():
-    apart_db = 10 * np.log10(detection.needed_by_report() / detection.needed_in_map())
+    apart_db = 10 * np.log10(sensitivity.needed_by_report() / sensitivity.needed_in_map())
     assert apart_db == pytest.approx(16.0, abs=0.1)
-    assert 10 * np.log10(detection.report_threshold()) == pytest.approx(28.95, abs=0.01)
+    assert 10 * np.log10(sensitivity.report_threshold()) == pytest.approx(28.95, abs=0.01)
 
 
 def counted(rng, design, ratio, n):
@@ -119,7 +122,7 @@ def counted(rng, design, ratio, n):
 def test_another_rate_of_false_alarms_fails(ratio, passes):
     rng = np.random.default_rng(4)
     results = {d.name: counted(rng, d, ratio, 356) for d in false_alarms.designs(full=False)}
-    away = ratio * 1e-4 * false_alarms._away((128, 2200)).sum()
+    away = ratio * 1e-4 * false_alarms.away((128, 2200), dc.Chain().cfar.ring).sum()
     results["beside the target"] = np.stack([rng.poisson(away, 200), np.zeros(200)], axis=-1)
 
     found = by_id(false_alarms.claims(results, full=False))
@@ -131,7 +134,7 @@ def test_another_rate_of_false_alarms_fails(ratio, passes):
 def test_one_false_alarm_of_the_fixed_offset_fails():
     rng = np.random.default_rng(5)
     results = {d.name: counted(rng, d, 1.0, 356) for d in false_alarms.designs(full=False)}
-    away = 1e-4 * false_alarms._away((128, 2200)).sum()
+    away = 1e-4 * false_alarms.away((128, 2200), dc.Chain().cfar.ring).sum()
     beside = np.stack([rng.poisson(away, 200), np.zeros(200)], axis=-1)
     beside[7, 1] = 1
     results["beside the target"] = beside
@@ -201,8 +204,8 @@ def test_more_noise_in_the_map_fails_the_gain_and_one_mixer():
     rng = np.random.default_rng(9)
     mean = 1 / (2200 * 128)
     noise = mean * np.array([1.0, 2.0]) * (1 + 2e-3 * rng.standard_normal((40, 2)))
-    good = by_id(waveform.claims({"noise in map": noise}))
-    bad = by_id(waveform.claims({"noise in map": noise * np.array([1.03, 1.0])}))
+    good = by_id(transforms.claims({"noise in map": noise}))
+    bad = by_id(transforms.claims({"noise in map": noise * np.array([1.03, 1.0])}))
 
     assert all(claim.passed for claim in good.values())
     assert {name for name, claim in bad.items() if not claim.passed} == {
@@ -223,7 +226,7 @@ def test_a_wrong_slope_or_power_or_beat_fails(monkeypatch):
 
 
 def test_the_report_reads_its_published_range_and_another_velocity():
-    range_m, velocity = published.strongest(detection.late_echo())
+    range_m, velocity = published.strongest(sensitivity.late_echo())
     # The velocity is what its own axes give, not what it prints.
     assert range_m == pytest.approx(published.RANGE_M, abs=0.005)
     assert velocity == pytest.approx(11.50, abs=0.005)

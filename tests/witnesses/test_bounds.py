@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
 from dechirp.theory.bounds import (
     angle_std_rad,
@@ -140,3 +141,65 @@ def test_bounds_fall_with_points_and_grow_towards_the_line():
     angles = np.linspace(0, 1.57, 100)
     std = angle_std_rad(snr=1.0, positions_m=[0, 1], wavelength_m=2.0, angle_rad=angles)
     assert np.all(np.diff(std) > 0)
+
+
+RANGE = {"snr": 10.0, "n_samples": 128, "sample_rate_hz": 1e7, "slope_hz_per_s": 2e13}
+VELOCITY = {"snr": 10.0, "n_chirps": 64, "interval_s": 35e-6, "wavelength_m": 0.0039}
+UNCOUPLED = {
+    "range_std_m": 0.01,
+    "velocity_std_m_per_s": 0.1,
+    "mid_window_frequency_hz": 77e9,
+    "slope_hz_per_s": 2e13,
+}
+ANGLE = {"snr": 10.0, "positions_m": [0.0, 0.002], "wavelength_m": 0.0039, "angle_rad": 0.1}
+MONOPULSE = {"snr": 10.0, "beamwidth_rad": 0.02, "slope": 1.6}
+POINTS = {"snr": 10.0, "n_points": 64}
+NOT_POSITIVE = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
+
+
+@pytest.mark.parametrize(
+    ("bound", "call", "name", "wrong"),
+    [
+        *((frequency_variance, POINTS, "snr", wrong) for wrong in NOT_POSITIVE),
+        *((range_std_m, RANGE, "snr", wrong) for wrong in NOT_POSITIVE),
+        *((velocity_std_m_per_s, VELOCITY, "snr", wrong) for wrong in NOT_POSITIVE),
+        *((angle_std_rad, ANGLE, "snr", wrong) for wrong in NOT_POSITIVE),
+        *((monopulse_std_rad, MONOPULSE, "snr", wrong) for wrong in NOT_POSITIVE),
+        *((frequency_variance, POINTS, "n_points", n) for n in (1, 0, -4, 2.5, np.nan)),
+        *((range_std_m, RANGE, "n_samples", n) for n in (1, 128.0)),
+        *((velocity_std_m_per_s, VELOCITY, "n_chirps", n) for n in (1, "64")),
+        *((range_std_m, RANGE, "sample_rate_hz", wrong) for wrong in NOT_POSITIVE),
+        *((range_std_m, RANGE, "slope_hz_per_s", wrong) for wrong in NOT_POSITIVE),
+        *((velocity_std_m_per_s, VELOCITY, "interval_s", wrong) for wrong in NOT_POSITIVE),
+        *((velocity_std_m_per_s, VELOCITY, "wavelength_m", wrong) for wrong in NOT_POSITIVE),
+        *((uncoupled_range_std_m, UNCOUPLED, "slope_hz_per_s", wrong) for wrong in NOT_POSITIVE),
+        (uncoupled_range_std_m, UNCOUPLED, "mid_window_frequency_hz", -77e9),
+        (uncoupled_range_std_m, UNCOUPLED, "range_std_m", -0.01),
+        (uncoupled_range_std_m, UNCOUPLED, "velocity_std_m_per_s", np.nan),
+        *((angle_std_rad, ANGLE, "wavelength_m", wrong) for wrong in NOT_POSITIVE),
+        *((angle_std_rad, ANGLE, "angle_rad", wrong) for wrong in (np.pi / 2, -2.0, [0, np.nan])),
+        *((angle_std_rad, ANGLE, "positions_m", wrong) for wrong in ([], 0.0, [0.0, np.inf])),
+        *((monopulse_std_rad, MONOPULSE, "beamwidth_rad", wrong) for wrong in NOT_POSITIVE),
+        *((monopulse_std_rad, MONOPULSE, "slope", wrong) for wrong in NOT_POSITIVE),
+    ],
+)
+def test_a_bound_of_what_cannot_be_is_refused(bound, call, name, wrong):
+    bound(**call)
+    with pytest.raises(InvalidSetting, match=rf"^{name} is .*, but must be .*\."):
+        bound(**call | {name: wrong})
+
+
+def test_no_targets_have_no_bounds_and_the_faintest_have_huge_ones():
+    for bound, call in (
+        (range_std_m, RANGE),
+        (velocity_std_m_per_s, VELOCITY),
+        (angle_std_rad, ANGLE),
+        (monopulse_std_rad, MONOPULSE),
+    ):
+        assert bound(**call | {"snr": []}).shape == (0,)
+        # The smallest and the largest number that a float can say.
+        smallest, largest = 5e-324, np.finfo(float).max
+        faint, loud = bound(**call | {"snr": [smallest, largest]})
+        assert faint > 1e100
+        assert 0 <= loud < 1e-100
+    assert uncoupled_range_std_m(**UNCOUPLED | {"velocity_std_m_per_s": np.inf}) == np.inf

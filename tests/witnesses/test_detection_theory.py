@@ -17,6 +17,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import decibels, from_decibels
 from dechirp.theory.approximations import albersheim_snr, shnidman_snr
 from dechirp.theory.binary_integration import m_of_n
+from dechirp.theory.cfar import cell_averaging_factor, greatest_of_factor
 from dechirp.theory.detection import (
     coherent_detection_probability,
     coherent_required_snr,
@@ -353,6 +354,18 @@ def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
         (lambda: albersheim_snr(0.9, 1e-6, n_summed=0), "n_summed"),
         (lambda: shnidman_snr(1e-7, 1e-6), "false-alarm probability"),
         (lambda: shnidman_snr(0.9, 1e-6, swerling=7), "swerling"),
+        (lambda: threshold("1e-6"), "false_alarm_probability is 1e-6, but must be between"),
+        (lambda: threshold(np.array([1e-6, 1e-4])), "false_alarm_probability"),
+        (lambda: threshold(True), "false_alarm_probability"),
+        (lambda: detection_probability(1.0, [1e-6]), "false_alarm_probability"),
+        (lambda: detection_probability(1.0, None), "false_alarm_probability"),
+        (lambda: detection_probability(1.0, math.nan), "false_alarm_probability"),
+        (lambda: required_snr(np.array([0.5, 0.9]), 1e-6), "detection_probability"),
+        (lambda: required_snr("0.9", 1e-6), "detection_probability"),
+        (lambda: coherent_required_snr(0.9, "1e-6"), "false_alarm_probability"),
+        (lambda: albersheim_snr(0.9, np.array([1e-6])), "false_alarm_probability"),
+        (lambda: cell_averaging_factor("1e-6", n_training=16), "false_alarm_probability"),
+        (lambda: greatest_of_factor([1e-6], n_training=16), "false_alarm_probability"),
         (lambda: m_of_n(1.1, m=1, n=2), "from 0 to 1"),
         (lambda: m_of_n(0.5, m=3, n=2), "from 1 to 2"),
         (lambda: m_of_n(0.5, m=0, n=2), "from 1 to 2"),
@@ -361,3 +374,8 @@ def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
 def test_what_no_detector_can_have_is_refused(call, says):
     with pytest.raises(InvalidSetting, match=says):
         call()
+
+
+def test_a_probability_that_was_computed_is_one_number():
+    found = detection_probability(from_decibels(13.0), np.float64(1e-6))  # without axes
+    assert required_snr(found, 1e-6) == pytest.approx(from_decibels(13.0), rel=1e-9)

@@ -129,9 +129,14 @@ def test_windows_are_those_of_scipy(n):
     np.testing.assert_allclose(kaiser(n, 6.0), theirs.kaiser(n, 6.0), rtol=0, atol=1e-12)
     for window in ("hann", "hamming", "blackman"):
         expected = theirs.get_window(window, n, fftbins=True)
-        # SciPy gives a lone point 1; periodic windows of this package begin with their 0.
-        if n > 1:
-            np.testing.assert_allclose(taper(window, n), expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(taper(window, n), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("window", get_args(Window))
+def test_a_lone_point_is_kept_as_it_is(window):
+    weights = taper(window, 1)
+    np.testing.assert_array_equal(weights, [1.0])
+    assert coherent_gain(weights) == noise_bandwidth_bins(weights) == 1.0
 
 
 @pytest.mark.parametrize("window", get_args(Window))
@@ -178,8 +183,18 @@ def test_weights_are_finite_never_above_one_and_lose_no_less_than_a_rectangle(wi
         lambda: kaiser(64, -1.0),
         lambda: kaiser(64, 1e4),
         lambda: taper("chebyshev-70", 64),
+        lambda: taper(["hann"], 64),
+        lambda: taper("hann", 0),
+        lambda: taper("rectangular", -1),
+        lambda: taper("hann", 64.0),
+        lambda: taper("hann", "64"),
+        lambda: taper("hann", np.array([64])),
+        lambda: taper("taylor-30", True),
     ],
 )
 def test_a_window_that_cannot_be_is_refused(make):
+    # Even where an equal number, as 64 for 64.0 and 1 for True, has been asked for before.
+    taper("hann", 64)
+    taper("taylor-30", 1)
     with pytest.raises(InvalidSetting):
         make()

@@ -1,7 +1,8 @@
 """`dechirp`: find the command, run it, and say in one way what was wrong with the call.
 
 A command is loaded when it is called. Exit status: 0 done, 1 it ran and the answer is no,
-2 the call or its input is wrong, 130 interrupted.
+2 the call or its input is wrong, or what it prints cannot be written, 130 interrupted,
+141 nobody reads what it prints.
 """
 
 import io
@@ -9,6 +10,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
@@ -16,12 +18,13 @@ from cyclopts import App, CycloptsError, Parameter
 
 import dechirp
 from dechirp.cli.wrong import tell, wrong_call
-from dechirp.core.errors import DechirpError
+from dechirp.core.errors import DechirpError, Mistake
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command line, that of the process without arguments; ends in SystemExit."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    _stand_in_for_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # not every terminal has a minus sign
@@ -33,10 +36,58 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         print("Interrupted; nothing was written.", file=sys.stderr)
         status = 128 + signal.SIGINT
     except BrokenPipeError:
-        # Nobody reads any more; Python would say so when it flushes at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_streams()
         status = 128 + 13
+    except OSError as error:
+        if _streams_can_be_written():
+            raise
+        with suppress(OSError):
+            tell([_unwritable(error)], as_json=False)
+        _give_up_streams()
+        status = 2
     raise SystemExit(status)
+
+
+def _stand_in_for_closed_streams() -> None:
+    """Print into nothing where a stream was closed, as by `>&-`; Python has None for it."""
+    if sys.stdout is not None and sys.stderr is not None:
+        return
+    # Of the numbers 0 to 2 those that are free, or the next file would be printed to.
+    while (nowhere := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(nowhere, True)  # the workers of `verify` start with them
+    stand_in = os.fdopen(nowhere, "w", encoding="utf-8")
+    sys.stdout = sys.stdout or stand_in
+    sys.stderr = sys.stderr or stand_in
+
+
+def _streams_can_be_written() -> bool:
+    """Whether both streams take what is in their buffers, and one line more.
+
+    A long text that failed is in no buffer; the line shows that its stream fails.
+    """
+    try:
+        for end in ("", "\n"):
+            for stream in (sys.stdout, sys.stderr):
+                print(end=end, file=stream, flush=True)
+    except OSError:
+        return False
+    return True
+
+
+def _give_up_streams() -> None:
+    """Let what is left to print go nowhere; Python would fail on it when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())
+
+
+def _unwritable(error: OSError) -> Mistake:
+    return Mistake(
+        setting="standard output",
+        got=f"not writable ({error.strerror or error})",
+        need="a place that can be written and has room",
+        fix="Send it elsewhere.",
+    )
 
 
 def _status(words: list[str]) -> int:

@@ -63,8 +63,10 @@ def whole(where: str, number: Any, *, at_least: int, at_most: int) -> None:
 
 
 def probability(where: str, number: float) -> None:
-    """Raise `InvalidSetting`, about the setting `where`, unless 0 < number < 1."""
-    if not 0 < number < 1:
+    """Raise `InvalidSetting`, about the setting `where`, unless one number, 0 < number < 1."""
+    # What the functions of one ratio return is an array without axes, and one number.
+    one = number[()] if isinstance(number, np.ndarray) and number.ndim == 0 else number
+    if not (_is_number(one) and 0 < one < 1):
         raise InvalidSetting(
             where, got=number, need="between 0 and 1, both excluded", fix="Give a probability."
         )
@@ -96,6 +98,25 @@ def positive_ratios(where: str, array: ArrayLike) -> np.ndarray:
     """Keep an array as floats, or raise `InvalidSetting` unless all are finite and above 0."""
     found = np.asarray(array, dtype=float)
     _must_be_ratios(where, found, found > 0, "finite and above 0")
+    return found
+
+
+def numbers(
+    where: str, array: ArrayLike, *, above: float = -math.inf, below: float = math.inf
+) -> np.ndarray:
+    """Keep an array as floats, or raise `InvalidSetting` unless all are finite, within bounds."""
+    found = np.asarray(array, dtype=float)
+    wrong = found[~((above < found) & (found < below))]  # infinite is not below infinity
+    if wrong.size:
+        bounds = [(above, f"above {above:.6g}"), (below, f"below {below:.6g}")]
+        raise InvalidSetting(
+            where,
+            got=wrong.flat[0],
+            need=" and ".join(
+                ["finite", *(says for bound, says in bounds if math.isfinite(bound))]
+            ),
+            fix="Check the sign and the unit.",
+        )
     return found
 
 
@@ -148,4 +169,4 @@ def _within(where: str, number: float, at_least: float, at_most: float) -> None:
 
 
 def _is_number(thing: object) -> bool:
-    return isinstance(thing, int | float | np.number) and not isinstance(thing, bool)
+    return isinstance(thing, int | float | np.integer | np.floating) and not isinstance(thing, bool)

@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup, escape
 
-from dechirp.core.units import from_decibels
+from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
 from dechirp.report.amounts import amount, compared, counted, shown, typographic
 from dechirp.report.equations import typeset
 from dechirp.report.numbering import numbered
@@ -103,8 +103,6 @@ def _derived(claims: Mapping[str, Any], n: Mapping[str, Any]) -> dict[str, Any]:
         _number(limits[-1][name]) - _number(limits[0][name]) for name in ("measured", "limit")
     )
     rates = [_number(check["measured"]) for check in claims["false_alarm_rate"]["checks"]]
-    pairs = claims["two_targets_resolved"]["checks"][0]
-    found = _number(pairs["measured"]) * _number(pairs["trials"])
     return {
         "rule_db": n["report_needed_db"] - n["needed_db"],
         "theory_db": limits_db,
@@ -115,12 +113,19 @@ def _derived(claims: Mapping[str, Any], n: Mapping[str, Any]) -> dict[str, Any]:
         "report_exponent": -round(float(from_decibels(n["report_threshold_db"])) / math.log(10)),
         "lowest_rate": min(rates),
         "highest_rate": max(rates),
-        "pairs_found": round(found) if math.isfinite(found) else None,
+        "pairs_found": [_hits(check) for check in claims["two_targets_resolved"]["checks"]],
         "over_bound": {
             name: _over_limit(claims[f"{name}_rmse"]["checks"][0]) for name in ("range", "velocity")
         },
         "coupling_over_bound": n["coupling_m"] / n["range_bound_m"],
+        "report_offset": float(from_decibels(n["report_offset_db"])),
+        "light_time": abs(n["target_velocity_m_per_s"]) / SPEED_OF_LIGHT,
     }
+
+
+def _hits(check: Mapping[str, Any]) -> int | None:
+    found = _number(check["measured"]) * _number(check["trials"])
+    return round(found) if math.isfinite(found) else None
 
 
 def _over_limit(check: Mapping[str, Any]) -> float:

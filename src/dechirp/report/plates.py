@@ -13,6 +13,7 @@ from dechirp.experiment.scenario import reference
 from dechirp.experiment.verify import published
 from dechirp.experiment.verify.waveform import synthesised
 from dechirp.process.cfar.base import Cells, Ring
+from dechirp.report.amounts import typographic
 from dechirp.report.figures import beat, curves, detections, diagrams, range_doppler, waveform
 from dechirp.report.figures import window as cfar_window
 from dechirp.report.view import view_of
@@ -30,7 +31,7 @@ def plates(document: Mapping[str, Any]) -> dict[str, Markup]:
     # A quarter more than the requirements ask for: the rest of the map is noise alone.
     asked_m = _asked_range_m(document) or n["target_range_m"]
     reach_m = 1.25 * asked_m
-    _, ramp = synthesised(chirp, chirp.sample_rate_hz)
+    ramp = synthesised(chirp, np.arange(chirp.n_samples) / chirp.sample_rate_hz)
     half_way = half_way_db(document)
     frames = [(n["report_snr_db"], noisy)]
     if half_way is not None:
@@ -66,8 +67,7 @@ def plates(document: Mapping[str, Any]) -> dict[str, Markup]:
             n_training=n["n_training"],
         ),
         "spectrum": beat.spectrum(quiet.cube, chirp, quiet.scenario.chain),
-        "map": _map(quiet, reach_m),
-        "noisy_map": _map(noisy, reach_m),
+        **_maps({"map": quiet, "noisy_map": noisy}, reach_m),
         "detections": detections.maps(
             [[decided for decided, _ in of_frame] for of_frame in rules],
             target=Place(
@@ -100,15 +100,27 @@ def _asked_range_m(document: Mapping[str, Any]) -> float | None:
     return next((row["published"] for row in rows if row["quantity"] == "largest range"), None)
 
 
-def _map(result: Result, reach_m: float) -> Markup:
+def _maps(results: Mapping[str, Result], reach_m: float) -> dict[str, Markup]:
+    """Maps over their mean noise, in the same colours."""
+    marked = {name: _marked(result, reach_m) for name, result in results.items()}
+    powers = [one.power.values for one in marked.values()]
+    highest_db = max(
+        float(decibels(power.max() / range_doppler.noise_power(power))) for power in powers
+    )
+    return {
+        name: range_doppler.whole_over_noise(one, highest_db=highest_db)
+        for name, one in marked.items()
+    }
+
+
+def _marked(result: Result, reach_m: float) -> range_doppler.MarkedMap:
     shown = view_of(result)
-    near = range_doppler.MarkedMap(
+    return range_doppler.MarkedMap(
         power=result.power.sel(range=slice(0, reach_m)),
         units=shown.units,
         found=shown.found,
         truth=None,  # its cross would hide the peak
     )
-    return range_doppler.whole(near)
 
 
 def half_way_db(document: Mapping[str, Any]) -> float | None:
@@ -145,7 +157,7 @@ def _rules(result: Result, snr_db: float) -> tuple[tuple[detections.Decided, det
     at = f"{number(snr_db)} dB"
     return (
         _rule(f"{OURS}, {at}", ours, result.threshold.transpose("velocity", "range").values),
-        _rule(f"{published.RULE}, {at}", theirs, their_threshold**2, over=over),
+        _rule(f"{typographic(published.RULE)}, {at}", theirs, their_threshold**2, over=over),
     )
 
 
@@ -153,8 +165,7 @@ def _rule(
     title: str, power: xr.DataArray, threshold: np.ndarray, *, over: np.ndarray | None = None
 ) -> tuple[detections.Decided, detections.Line]:
     values = power.values
-    # The median of exponentially distributed noise is ln 2 of its mean.
-    noise = np.median(values) / np.log(2)
+    noise = range_doppler.noise_power(values)
     row = int(np.unravel_index(np.argmax(values), values.shape)[0])
     range_m = np.asarray(power.range.values)
     return (

@@ -5,7 +5,7 @@ import re
 import shutil
 import uuid
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from dechirp.core.errors import DechirpError, Mistake
@@ -63,7 +63,7 @@ def whole_folder(out: Path) -> Iterator[Path]:
         If it cannot be written, or the disk is full.
     """
     place = out.resolve()
-    made = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
+    made = _beside(place)
     before = made.with_name(f"{made.name}.before")
     try:
         _put_back(place)
@@ -101,7 +101,7 @@ def write_whole(out: Path, text: str) -> None:
         If it cannot be written, or the disk is full.
     """
     place = out.resolve()
-    made = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
+    made = _beside(place)
     try:
         try:
             made.write_text(text, encoding="utf-8")
@@ -113,9 +113,24 @@ def write_whole(out: Path, text: str) -> None:
 
 
 def _must_be_writable(out: Path) -> None:
-    there = next(folder for folder in out.absolute().parents if folder.exists())
-    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        raise PermissionError(13, f"{there} cannot be written to")
+    """Make a folder where one will be needed: /proc says that it is writable, and is not."""
+    place = Path(os.path.realpath(out))
+    # A link that is left leads to itself; no folder can be made in it.
+    there = next(one for one in place.parents if one.exists() or one.is_symlink())
+    trial = there / f"{_beside(place).name}.trying"  # as long as the longest name of a result
+    try:
+        trial.mkdir()
+    except OSError as error:
+        why = f"{there} cannot be written to: {error.strerror}"
+        raise OSError(error.errno, why) from None
+    finally:
+        with suppress(OSError):
+            trial.rmdir()
+
+
+def _beside(place: Path) -> Path:
+    """Hidden name for what will take that place."""
+    return place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
 
 
 def _unwritable(out: Path, error: OSError) -> DechirpError:

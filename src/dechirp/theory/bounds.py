@@ -8,12 +8,17 @@ ratio in one element of the array.
 Below an `snr` of about 15 dB estimates jump to noise peaks now and then and are far worse
 than the bound (Rife and Boorstyn 1974).
 
-Ratios are above 0, linear, of any shape; results have the shape to which arrays broadcast.
+Ratios are above 0, linear, of any shape; results have the shape to which arrays broadcast,
+and are infinite where a ratio is too small for floats. Each function raises `InvalidSetting`
+if a number is not finite, a count below 2, or a ratio, a length, a time, a rate or a slope
+not above 0: a ratio of 0 is no target, of which there is nothing to estimate.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dechirp.core.checks import numbers, positive_ratios, whole
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 
 
@@ -30,7 +35,10 @@ def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
     observations, IEEE Trans. IT 20(5), 1974. S. M. Kay, Fundamentals of Statistical Signal
     Processing I: Estimation Theory, 1993, 3.11.
     """
-    return 6.0 / (np.asarray(snr, dtype=float) * (float(n_points) ** 2 - 1.0))
+    chi = positive_ratios("snr", snr)
+    _must_be_points("n_points", n_points)
+    with np.errstate(over="ignore"):  # infinite below a ratio of 1e-308
+        return np.asarray(6.0 / (chi * (float(n_points) ** 2 - 1.0)))
 
 
 def range_std_m(
@@ -40,8 +48,11 @@ def range_std_m(
 
     Of a target whose velocity is known; see `uncoupled_range_std_m` for one whose is not.
     """
-    radians_to_m = SPEED_OF_LIGHT * sample_rate_hz / (4 * np.pi * slope_hz_per_s)
-    return np.asarray(radians_to_m * np.sqrt(frequency_variance(snr=snr, n_points=n_samples)))
+    _must_be_points("n_samples", n_samples)
+    sample_rate = numbers("sample_rate_hz", sample_rate_hz, above=0)
+    slope = numbers("slope_hz_per_s", slope_hz_per_s, above=0)
+    variance = frequency_variance(snr=snr, n_points=n_samples)
+    return np.asarray(SPEED_OF_LIGHT * sample_rate / (4 * np.pi * slope) * np.sqrt(variance))
 
 
 def velocity_std_m_per_s(
@@ -51,9 +62,11 @@ def velocity_std_m_per_s(
 
     `wavelength_m` is the one at the middle of the sampling window.
     """
-    radians_to_m_per_s = np.asarray(wavelength_m) / (4 * np.pi * interval_s)
+    _must_be_points("n_chirps", n_chirps)
+    interval = numbers("interval_s", interval_s, above=0)
+    wavelength = numbers("wavelength_m", wavelength_m, above=0)
     variance = frequency_variance(snr=snr, n_points=n_chirps)
-    return np.asarray(radians_to_m_per_s * np.sqrt(variance))
+    return np.asarray(wavelength / (4 * np.pi * interval) * np.sqrt(variance))
 
 
 def uncoupled_range_std_m(
@@ -66,10 +79,14 @@ def uncoupled_range_std_m(
     """Bound for a range freed of range-Doppler coupling with the estimated velocity.
 
     The correction v f / S brings (f / S)^2 times the variance of velocity with it: 0.1 mm
-    at -24 dB per sample in the reference scenario, where range has 11.6 mm.
+    at -24 dB per sample in the reference scenario, where range has 11.6 mm. Standard
+    deviations are 0 or more, and may be infinite.
     """
-    coupling_s = mid_window_frequency_hz / slope_hz_per_s
-    return np.hypot(range_std_m, coupling_s * np.asarray(velocity_std_m_per_s, dtype=float))
+    range_std = _standard_deviations("range_std_m", range_std_m)
+    velocity_std = _standard_deviations("velocity_std_m_per_s", velocity_std_m_per_s)
+    frequency = numbers("mid_window_frequency_hz", mid_window_frequency_hz, above=0)
+    slope = numbers("slope_hz_per_s", slope_hz_per_s, above=0)
+    return np.asarray(np.hypot(range_std, frequency / slope * velocity_std))
 
 
 def angle_std_rad(
@@ -92,7 +109,7 @@ def angle_std_rad(
     wavelength_m : float
         At the middle of the sampling window.
     angle_rad : array
-        Theta, from the normal of the line.
+        Theta, from the normal of the line, within pi / 2 of it.
 
     Returns
     -------
@@ -104,12 +121,21 @@ def angle_std_rad(
     P. Stoica and A. Nehorai, MUSIC, maximum likelihood, and Cramer-Rao bound, IEEE Trans.
     ASSP 37(5), 1989, for one source. H. L. Van Trees, Optimum Array Processing, 2002.
     """
-    positions = np.asarray(positions_m, dtype=float)
+    chi = positive_ratios("snr", snr)
+    wavelength = numbers("wavelength_m", wavelength_m, above=0)
+    angle = numbers("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2)
+    positions = numbers("positions_m", positions_m)
+    if positions.ndim != 1 or positions.size == 0:
+        raise InvalidSetting(
+            "positions_m",
+            got=f"an array {positions.shape}",
+            need="one or more positions in a row",
+            fix="Give where each element is along the line.",
+        )
     spread_m2 = np.sum((positions - positions.mean()) ** 2)
-    aperture = 2 * np.pi / wavelength_m * np.cos(angle_rad)
+    aperture = 2 * np.pi / wavelength * np.cos(angle)
     with np.errstate(divide="ignore"):
-        std = 1.0 / (aperture * np.sqrt(2 * np.asarray(snr, dtype=float) * spread_m2))
-    return np.asarray(std)
+        return np.asarray(1.0 / (aperture * np.sqrt(2 * spread_m2) * np.sqrt(chi)))
 
 
 def monopulse_std_rad(
@@ -125,4 +151,20 @@ def monopulse_std_rad(
     ----------
     D. K. Barton, Radar System Analysis and Modeling, 2005.
     """
-    return np.asarray(np.asarray(beamwidth_rad) / (slope * np.sqrt(2 * np.asarray(snr))))
+    chi = positive_ratios("snr", snr)
+    beamwidth = numbers("beamwidth_rad", beamwidth_rad, above=0)
+    return np.asarray(beamwidth / (numbers("slope", slope, above=0) * np.sqrt(2) * np.sqrt(chi)))
+
+
+def _must_be_points(where: str, n: int) -> None:
+    whole(where, n, at_least=2, at_most=2**31 - 1)
+
+
+def _standard_deviations(where: str, array: ArrayLike) -> np.ndarray:
+    found = np.asarray(array, dtype=float)
+    wrong = found[~(found >= 0)]
+    if wrong.size:
+        raise InvalidSetting(
+            where, got=wrong.flat[0], need="0 or more", fix="Give a standard deviation."
+        )
+    return found

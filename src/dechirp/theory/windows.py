@@ -3,10 +3,11 @@
 Sums of cosines are periodic (DFT-even): the point that would close the period is left out,
 so that their nulls fall on bins. Chebyshev, Taylor and Kaiser windows are symmetric, first
 weight equal to last: their sidelobes are as designed only then (a periodic Chebyshev window
-of 256 points has -56 dB where -60 dB were asked for). In its middle every window is 1.
+of 256 points has -56 dB where -60 dB were asked for). In its middle every window is 1, and
+so is a lone weight.
 
-`chebyshev`, `taylor` and `kaiser` make `n` weights, at least 1, and raise `InvalidSetting`
-where that or another parameter is out of its bounds.
+`taper`, `chebyshev`, `taylor` and `kaiser` make `n` weights, a whole number of at least 1, and
+raise `InvalidSetting` where that or another parameter is out of its bounds.
 """
 
 from functools import lru_cache
@@ -45,21 +46,26 @@ _TAYLOR_N_BAR_DB: dict[Window, tuple[int, float]] = {
 _KAISER_BETA: dict[Window, float] = {"kaiser-6": 6.0}
 
 
-@lru_cache(maxsize=64)
 def taper(window: Window, n: int) -> np.ndarray:
-    """Weights of the window, (n,), read-only; raises `InvalidSetting` if it has no such name."""
+    """Weights of the window, (n,), read-only; also raises `InvalidSetting` for another name."""
+    if window not in get_args(Window):
+        raise InvalidSetting(
+            "window", got=window, need=" or ".join(get_args(Window)), fix="Choose one of them."
+        )
+    _must_be_points(n)
+    return _taper(window, n)
+
+
+@lru_cache(maxsize=64)
+def _taper(window: Window, n: int) -> np.ndarray:
     if window in _COSINES:
         weights = _cosine_sum(n, _COSINES[window])
     elif window in _CHEBYSHEV_DB:
         weights = chebyshev(n, _CHEBYSHEV_DB[window])
     elif window in _TAYLOR_N_BAR_DB:
         weights = taylor(n, *_TAYLOR_N_BAR_DB[window])
-    elif window in _KAISER_BETA:
-        weights = kaiser(n, _KAISER_BETA[window])
     else:
-        raise InvalidSetting(
-            "window", got=window, need=" or ".join(get_args(Window)), fix="Choose one of them."
-        )
+        weights = kaiser(n, _KAISER_BETA[window])
     weights.flags.writeable = False
     return weights
 
@@ -70,6 +76,8 @@ def _cosine_sum(n: int, coefficients: tuple[float, ...]) -> np.ndarray:
     F. J. Harris, On the use of windows for harmonic analysis with the discrete Fourier
     transform, Proc. IEEE 66(1), 1978.
     """
+    if n == 1:
+        return np.ones(1)  # the formula begins with its null: Hann would have no gain
     phase = 2 * np.pi * np.arange(n) / n
     weights = np.zeros(n)
     for k, coefficient in enumerate(coefficients):

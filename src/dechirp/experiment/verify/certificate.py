@@ -12,8 +12,16 @@ from time import perf_counter
 from loky import ProcessPoolExecutor
 
 from dechirp.core.checks import whole
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
-from dechirp.experiment.verify import detection, estimates, false_alarms, resolution, waveform
+from dechirp.experiment.verify import (
+    detection,
+    estimates,
+    false_alarms,
+    resolution,
+    transforms,
+    waveform,
+)
 from dechirp.experiment.verify.claim import Claim
 from dechirp.experiment.verify.corrections import Correction, corrections
 from dechirp.experiment.verify.curves import Curve, curves
@@ -109,7 +117,8 @@ def verify(
         results = run_all(_jobs(trials, full=full), seed=seed, executor=workers, progress=progress)
     measured = perf_counter()
     found = [
-        *waveform.claims(results),
+        *waveform.claims(),
+        *transforms.claims(results),
         *estimates.claims(results, detection.by_snr(results)),
         *detection.claims(results),
         *false_alarms.claims(results, full=full),
@@ -136,7 +145,7 @@ def _jobs(trials: int | None, *, full: bool) -> dict[str, Job]:
     least = trials or (FULL_TRIALS if full else 0)
     n_errors = trials_for_rms(estimates.SPREAD, at_most=estimates.MOST_OF_BOUND)
     return {
-        **waveform.jobs(),
+        **transforms.jobs(),
         **detection.jobs(max(least, n_errors), least),
         **estimates.jobs(least),
         **false_alarms.jobs(full=full),
@@ -148,6 +157,13 @@ def _jobs(trials: int | None, *, full: bool) -> dict[str, Job]:
 def _workers(executor: Executor | None) -> Iterator[Executor]:
     """The executor that was given, or one process a core with one thread each."""
     if executor is not None:
+        if not isinstance(executor, Executor):
+            raise InvalidSetting(
+                "executor",
+                got=repr(executor),
+                need="an Executor of concurrent.futures, or none",
+                fix="Leave it out for one process a core.",
+            )
         yield executor
         return
     threads = {f"{pool}_NUM_THREADS": "1" for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
@@ -155,7 +171,7 @@ def _workers(executor: Executor | None) -> Iterator[Executor]:
     try:
         yield own
     finally:
-        own.shutdown(wait=True, kill_workers=True)
+        own.shutdown(wait=True)
 
 
 def _versions() -> dict[str, str]:

@@ -4,7 +4,8 @@ import numpy as np
 
 from dechirp.core.units import SPEED_OF_LIGHT, decibels
 from dechirp.core.values import value
-from dechirp.experiment.verify import detection, published
+from dechirp.experiment.verify import published, sensitivity
+from dechirp.experiment.verify.estimates import REFERENCE
 from dechirp.experiment.verify.looks import radar
 
 
@@ -50,22 +51,23 @@ def _samples() -> Correction:
 def _guard() -> Correction:
     wide, narrow = published.RING, published.OTHER_RING
     costs_db = [
-        float(-2 * decibels(1 - published.leakage(detection.late_echo(), ring)))
+        float(-2 * decibels(1 - published.leakage(sensitivity.late_echo(), ring)))
         for ring in (narrow, wide)
     ]
     return Correction(
         subject="guard cells along range",
         published=f"{narrow.n_guard.range} in one place, {wide.n_guard.range} in another",
-        right=f"{wide.n_guard.range} cells of its padded map",
-        why=f"Sidelobes of the target in the ring raise its own threshold: by up to"
-        f" {costs_db[0]:.1f} dB with {narrow.n_guard.range} guard cells, {costs_db[1]:.1f} dB with"
-        f" {wide.n_guard.range}. The rule is measured here with {wide.n_guard.range}.",
+        right=f"{wide.n_guard.range} in a map that is padded like its",
+        why="The report does not decide. Sidelobes of the target in the ring raise its own"
+        f" threshold, by up to {costs_db[0]:.1f} dB with {narrow.n_guard.range} guard cells and"
+        f" {costs_db[1]:.1f} dB with {wide.n_guard.range}; its rule is measured here with the"
+        " latter.",
     )
 
 
 def _slope() -> Correction:
     slope = published.BANDWIDTH_HZ / radar().frame.chirp.ramp_duration_s
-    off_m = 50.0 * (slope / published.ROUNDED_SLOPE_HZ_PER_S - 1)
+    off_m = REFERENCE.range_m * (slope / published.ROUNDED_SLOPE_HZ_PER_S - 1)
     return Correction(
         subject="slope of the ramp",
         published=f"{published.ROUNDED_SLOPE_HZ_PER_S:.0e} Hz/s in one place,"
@@ -117,7 +119,7 @@ def _mirror_image() -> Correction:
 
 def _residual_phase() -> Correction:
     chirp = radar().frame.chirp
-    delay_s = 2 * 50.0 / SPEED_OF_LIGHT
+    delay_s = 2 * REFERENCE.range_m / SPEED_OF_LIGHT
     cycles = chirp.slope_hz_per_s * delay_s**2 / 2
     return Correction(
         subject="residual video phase",
@@ -125,7 +127,7 @@ def _residual_phase() -> Correction:
         right=f"{cycles:.3f} cycles at 50 m",
         why="S τ² / 2 is more than a turn. It does no harm because it hardly changes from"
         f" chirp to chirp: relative to the Doppler frequency by"
-        f" {chirp.beat_frequency_hz(50.0) / chirp.start_frequency_hz:.1e}.",
+        f" {chirp.beat_frequency_hz(REFERENCE.range_m) / chirp.start_frequency_hz:.1e}.",
     )
 
 
@@ -139,14 +141,14 @@ def _direction() -> Correction:
 
 
 def _velocity() -> Correction:
-    range_m, velocity = published.strongest(detection.late_echo())
+    range_m, velocity = published.strongest(sensitivity.late_echo())
     _, axis = published.axes_m_and_m_per_s()
     below = axis[np.searchsorted(axis, velocity) - 1]
     right = radar().frame.velocity_resolution_m_per_s
     return Correction(
-        subject="velocity that the code finds",
+        subject="velocity that is found",
         published=f"{published.VELOCITY_M_PER_S:g} m/s",
-        right=f"{velocity:.2f} m/s from its own axes, without noise",
+        right=f"{velocity:.2f} m/s on its own axes, without noise",
         why=f"Its axis counts both end points, so that it steps {axis[1] - axis[0]:.4f} m/s where"
         f" the transform steps {right:.4f}, and nothing is interpolated: it can say {below:.2f} or"
         f" {velocity:.2f}, not {published.VELOCITY_M_PER_S:g}. Its range, {range_m:.2f} m, is as"
@@ -155,8 +157,8 @@ def _velocity() -> Correction:
 
 
 def _amplitude() -> Correction:
-    threshold = detection.report_threshold()
-    apart = detection.needed_by_report() / detection.needed_in_map()
+    threshold = sensitivity.report_threshold()
+    apart = sensitivity.needed_by_report() / sensitivity.needed_in_map()
     return Correction(
         subject="amplitude taken as power",
         published=f"{published.OFFSET_DB:g} dB over the noise",

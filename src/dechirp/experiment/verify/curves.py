@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dechirp.core.values import value
-from dechirp.experiment.verify import detection, published, resolution
+from dechirp.experiment.verify import detection, published, resolution, sensitivity
 from dechirp.experiment.verify.looks import named
 
 
@@ -32,12 +32,12 @@ _REACH_DB = 2.5  # of the curves of theory, on either side of what was measured
 def curves(results: Mapping[str, np.ndarray]) -> tuple[Curve, ...]:
     """Detection by each window and by the report's rule, and resolution by each window."""
     found = [
-        _against(named(window), trials, detection.curve_of_theory(window))
+        _against(named(window), trials, sensitivity.curve_of_theory(window))
         for window, trials in detection.by_window(results).items()
     ]
     at_limit = results["report at its limit"][:, :2]
     both = np.concatenate([results["report"][:, :2], at_limit])
-    found.append(_against(published.RULE, both, detection.report_curve()))
+    found.append(_against(published.RULE, both, sensitivity.report_curve()))
     for window in resolution.APART_BINS:
         name = f"two targets, {window}"
         trials = np.concatenate([results[name], results[f"{name}, curve"]])
@@ -57,7 +57,7 @@ def counted(name: str, over: str, trials: np.ndarray) -> Curve:
     )
 
 
-def _against(name: str, trials: np.ndarray, theory: detection.Curve) -> Curve:
+def _against(name: str, trials: np.ndarray, theory: sensitivity.DetectionCurve) -> Curve:
     found = counted(name, _SNR, trials)
     fine = np.linspace(found.x[0] - _REACH_DB, found.x[-1] + _REACH_DB, 61)
     return Curve(

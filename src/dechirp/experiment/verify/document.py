@@ -4,13 +4,13 @@ from typing import Any
 
 from dechirp.config.texts import plain
 from dechirp.core.units import SPEED_OF_LIGHT, decibels
-from dechirp.experiment.verify import detection, published
+from dechirp.experiment.verify import published, sensitivity
 from dechirp.experiment.verify.certificate import Certificate
 from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
 from dechirp.experiment.verify.estimates import REFERENCE, bounds, true_place
+from dechirp.experiment.verify.false_alarms import designs
 from dechirp.experiment.verify.looks import radar
 from dechirp.process.chain import Chain
-from dechirp.theory.cfar import cell_averaging_factor
 from dechirp.theory.cfar_detection import cell_averaging_loss
 from dechirp.theory.detection import required_snr
 
@@ -28,7 +28,13 @@ def document(certificate: Certificate) -> dict[str, Any]:
         "corrections": [plain(correction) for correction in certificate.corrections],
         "tables": [plain(table) for table in certificate.tables],
         "curves": [plain(curve) for curve in certificate.curves],
-        "numbers": _numbers(),
+        "numbers": {
+            **_numbers(),
+            "measured_false_alarm_probabilities": sorted(
+                {design.false_alarm_probability for design in designs(full=certificate.full)},
+                reverse=True,
+            ),
+        },
         "machine": certificate.machine,
         "versions": certificate.versions,
         "timing_s": certificate.timing_s,
@@ -80,9 +86,8 @@ def _numbers() -> dict[str, float]:
     cfar = Chain().cfar
     pfa = cfar.false_alarm_probability
     assert pfa is not None
-    noise = Chain(range_window="rectangular", doppler_window="rectangular").noise(radar())
-    n_training = cfar.ring.box(noise, cfar.ring.half_range).n_training
-    factor = cell_averaging_factor(pfa, n_training=n_training)
+    known = sensitivity.detector("rectangular")
+    loss = cell_averaging_loss(sensitivity.DETECTION_PROBABILITY, pfa, n_training=known.n_training)
     delay_s = 2 * REFERENCE.range_m / SPEED_OF_LIGHT
     return {
         "start_frequency_hz": chirp.start_frequency_hz,
@@ -111,23 +116,19 @@ def _numbers() -> dict[str, float]:
         "training_velocity": cfar.n_training.velocity,
         "guard_range": cfar.n_guard.range,
         "guard_velocity": cfar.n_guard.velocity,
-        "n_training": n_training,
+        "n_training": known.n_training,
         "false_alarm_probability": pfa,
-        "detection_probability": detection.DETECTION_PROBABILITY,
-        "factor": factor,
-        "factor_db": float(decibels(factor)),
-        "cfar_loss_db": float(
-            decibels(
-                cell_averaging_loss(detection.DETECTION_PROBABILITY, pfa, n_training=n_training)
-            )
-        ),
+        "detection_probability": sensitivity.DETECTION_PROBABILITY,
+        "factor": known.factor,
+        "factor_db": float(decibels(known.factor)),
+        "cfar_loss_db": float(decibels(loss)),
         "needed_known_noise_db": float(
-            decibels(required_snr(detection.DETECTION_PROBABILITY, pfa))
+            decibels(required_snr(sensitivity.DETECTION_PROBABILITY, pfa))
         ),
-        "needed_db": float(decibels(detection.needed_in_map())),
+        "needed_db": float(decibels(sensitivity.needed_in_map())),
         "report_offset_db": published.OFFSET_DB,
-        "report_threshold_db": float(decibels(detection.report_threshold())),
-        "report_needed_db": float(decibels(detection.needed_by_report())),
+        "report_threshold_db": float(decibels(sensitivity.report_threshold())),
+        "report_needed_db": float(decibels(sensitivity.needed_by_report())),
         "range_bound_m": bounds(published.LOWEST_SNR_DB).range_m,
         "velocity_bound_m_per_s": bounds(published.LOWEST_SNR_DB).velocity_m_per_s,
         "report_snr_db": published.LOWEST_SNR_DB,

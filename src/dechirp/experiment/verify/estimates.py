@@ -190,13 +190,13 @@ def _corner(receding: np.ndarray, approaching: np.ndarray) -> Claim:
             share("found at 200 m, 100 m/s", column(receding, "hit"), at_least=LEAST_FOUND),
             share("found at 200 m, -100 m/s", column(approaching, "hit"), at_least=LEAST_FOUND),
             Check(
-                name="unambiguous range",
+                name="unambiguous range, by design",
                 unit="m",
                 measured=frame.chirp.max_range_m,
                 at_least=published.MAX_RANGE_M,
             ),
             Check(
-                name="unambiguous velocity, either sign",
+                name="unambiguous velocity of either sign, by design",
                 unit="m/s",
                 measured=frame.max_velocity_m_per_s,
                 at_least=published.MAX_VELOCITY_M_PER_S,
@@ -218,7 +218,7 @@ def _direction(receding: np.ndarray, approaching: np.ndarray) -> Claim:
     return Claim(
         id="direction_of_motion",
         claim="The sign of the velocity tells the direction of motion: receding is positive.",
-        checks=(replace(right[0], published="reversed"), right[1]),
+        checks=(replace(right[0], published="approaching is positive"), right[1]),
         note="At 10 m/s either way and -10 dB. The report calls approaching positive, which its"
         " own signals contradict.",
     )
@@ -252,5 +252,5 @@ def _rmse(variable: Literal["range", "velocity"], errors: Mapping[float, np.ndar
         checks=tuple(checks),
         note=f"The axis of the report steps {step:.3f} {('m', 'm/s')[index]} and nothing is"
         " interpolated: its error "
-        + ("is where a cell happens to lie." if index == 0 else "does not follow from its code."),
+        + ("is where a cell happens to lie." if index == 0 else "does not follow from its axes."),
     )

@@ -10,10 +10,11 @@ from dechirp.core.units import decibels, from_decibels
 from dechirp.core.values import value
 from dechirp.experiment.verify import published
 from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
-from dechirp.experiment.verify.detection import late_echo, report_threshold
 from dechirp.experiment.verify.estimates import REFERENCE
 from dechirp.experiment.verify.looks import echo, named, radar, white_noise
+from dechirp.experiment.verify.sensitivity import late_echo, report_threshold
 from dechirp.experiment.verify.trials import Job
+from dechirp.process.cfar.base import Ring
 from dechirp.process.chain import Chain, power_map, threshold_map
 from dechirp.theory import intervals
 from dechirp.theory.windows import Window
@@ -121,7 +122,10 @@ def alarms_beside(rng: np.random.Generator, n_trials: int) -> np.ndarray:
         noise = white_noise(rng, clean.shape)
         ours = _over(noise + amplitude * clean, chain)
         _, _, theirs = published.rule(noise + amplitude * late)
-        counts[trial] = [(over & _away(over.shape)).sum() for over in (ours, theirs)]
+        counts[trial] = [
+            (over & away(over.shape, ring)).sum()
+            for over, ring in ((ours, chain.cfar.ring), (theirs, published.RING))
+        ]
     return counts
 
 
@@ -131,7 +135,7 @@ def _beside() -> Design:
     )
 
 
-def _away(shape: tuple[int, int]) -> np.ndarray:
+def away(shape: tuple[int, int], ring: Ring) -> np.ndarray:
     """Cells (velocity, range) whose ring does not touch the cross of the target's sidelobes."""
     bin_m = radar().frame.chirp.range_m(radar().frame.chirp.sample_rate_hz)
     # The report keeps half of its 4,096 bins, the chain all of its 2,200.
@@ -139,7 +143,6 @@ def _away(shape: tuple[int, int]) -> np.ndarray:
     column = shape[0] // 2 + round(
         REFERENCE.velocity_m_per_s / radar().frame.velocity_resolution_m_per_s
     )
-    ring = Chain().cfar.ring
     far_velocity = abs(np.arange(shape[0]) - column) > ring.half_velocity + 2
     far_range = abs(np.arange(shape[1]) - row) > ring.half_range + 2
     return np.outer(far_velocity, far_range)
@@ -167,10 +170,10 @@ def _over_design(name: str, counts: np.ndarray, expected: float) -> Check:
 
 def _beside_target(counts: np.ndarray) -> Claim:
     design = _beside()
-    n_away = int(_away((radar().frame.n_chirps, design.n_range_bins)).sum())
+    n_away = int(away((radar().frame.n_chirps, design.n_range_bins), Chain().cfar.ring).sum())
     return Claim(
         id="false_alarms_minus10db",
-        claim="With the car at -10 dB, false alarms away from it come at the rate of the design.",
+        claim="With the car at -10 dB, false alarms away from it come within 25 % of the design.",
         checks=(
             _over_design(
                 f"count over that of the design, {design.false_alarm_probability:.0e} a cell",
@@ -197,7 +200,7 @@ def _beside_target(counts: np.ndarray) -> Claim:
 def _rate(results: Mapping[str, np.ndarray], *, full: bool) -> Claim:
     return Claim(
         id="false_alarm_rate",
-        claim="In noise alone false alarms come at the rate that was asked for.",
+        claim="In noise alone false alarms come within 25 % of the rate that was asked for.",
         checks=tuple(
             replace(
                 _over_design(

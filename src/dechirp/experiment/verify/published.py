@@ -15,12 +15,16 @@ from dechirp.process.cfar.cell_averaging import CellAveraging
 from dechirp.process.spectrum import Transform, mean_power, range_doppler
 
 SPEED_OF_LIGHT = 3e8
+START_FREQUENCY_HZ = 77e9
 MAX_RANGE_M = 200.0
 RANGE_RESOLUTION_M = 1.0
 MAX_VELOCITY_M_PER_S = 100.0
 BANDWIDTH_HZ = 150e6
 CHIRP_DURATION_S = 7.3333e-6
 SLOPE_HZ_PER_S = 2.045e13
+SAMPLE_RATE_HZ = 300e6
+N_SAMPLES = 2200
+N_CHIRPS = 128
 ROUNDED_SLOPE_HZ_PER_S = 2e13
 OFFSET_DB = 15.0
 LOWEST_SNR_DB = -24.0
@@ -31,10 +35,10 @@ VELOCITY_M_PER_S = 9.94
 VELOCITY_ERROR_M_PER_S = 0.06
 
 RING = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=12, velocity=4))
-"""Its text has 4 guard cells in one place; 12 is what its results need, see `corrections`."""
+"""The report has 4 guard cells in one place and 12 in another; 12 suits its rule better."""
 OTHER_RING = Ring(n_training=RING.n_training, n_guard=Cells(range=4, velocity=4))
-_OVER_RANGE = Transform(window="rectangular", n_points=2200, n_bins=4096)
-_OVER_VELOCITY = Transform(window="rectangular", n_points=128, n_bins=128)
+_OVER_RANGE = Transform(window="rectangular", n_points=N_SAMPLES, n_bins=4096)
+_OVER_VELOCITY = Transform(window="rectangular", n_points=N_CHIRPS, n_bins=N_CHIRPS)
 _N_KEPT = 2048
 
 
@@ -75,9 +79,10 @@ def _mean_amplitude(amplitude: np.ndarray, ring: Ring) -> np.ndarray:
 
 def axes_m_and_m_per_s() -> tuple[np.ndarray, np.ndarray]:
     """Range and velocity of the cells on the report's axes, both end points counted."""
-    to_m = SPEED_OF_LIGHT * 300e6 * _N_KEPT / (2 * (BANDWIDTH_HZ / (2200 / 300e6)) * 4096)
-    fastest = SPEED_OF_LIGHT / 77e9 / (4 * 2200 / 300e6)
-    return np.linspace(0, to_m, _N_KEPT), np.linspace(-fastest, fastest, 128)
+    duration_s = N_SAMPLES / SAMPLE_RATE_HZ
+    half_m = SPEED_OF_LIGHT * SAMPLE_RATE_HZ / (2 * BANDWIDTH_HZ / duration_s) / 2
+    fastest = SPEED_OF_LIGHT / START_FREQUENCY_HZ / (4 * duration_s)
+    return np.linspace(0, half_m, _N_KEPT), np.linspace(-fastest, fastest, N_CHIRPS)
 
 
 def strongest(samples: np.ndarray) -> tuple[float, float]:

@@ -33,6 +33,10 @@ class Table:
     rows: tuple[Row, ...]
 
 
+def _row(quantity: str, unit: str, said: float | None, here: float) -> Row:
+    return Row(quantity=quantity, unit=unit, published=said, here=here)
+
+
 def tables(claims: Mapping[str, Claim]) -> tuple[Table, ...]:
     """All three; the last one from the claims, by id."""
     return _requirements(), _waveform(), _results(claims)
@@ -46,37 +50,23 @@ def _requirements() -> Table:
         published="required",
         here="reached",
         rows=(
-            Row(quantity="carrier", unit="Hz", published=77e9, here=_carrier_hz()),
-            Row(
-                quantity="largest range",
-                unit="m",
-                published=published.MAX_RANGE_M,
-                here=frame.chirp.max_range_m,
+            _row("carrier", "Hz", published.START_FREQUENCY_HZ, frame.chirp.start_frequency_hz),
+            _row("largest range", "m", published.MAX_RANGE_M, frame.chirp.max_range_m),
+            _row(
+                "width of a range bin",
+                "m",
+                published.RANGE_RESOLUTION_M,
+                frame.chirp.range_resolution_m,
             ),
-            Row(
-                quantity="width of a range bin",
-                unit="m",
-                published=published.RANGE_RESOLUTION_M,
-                here=frame.chirp.range_resolution_m,
+            _row(
+                "largest velocity",
+                "m/s",
+                published.MAX_VELOCITY_M_PER_S,
+                frame.max_velocity_m_per_s,
             ),
-            Row(
-                quantity="largest velocity",
-                unit="m/s",
-                published=published.MAX_VELOCITY_M_PER_S,
-                here=frame.max_velocity_m_per_s,
-            ),
-            Row(
-                quantity="width of a velocity bin",
-                unit="m/s",
-                published=None,
-                here=frame.velocity_resolution_m_per_s,
-            ),
+            _row("width of a velocity bin", "m/s", None, frame.velocity_resolution_m_per_s),
         ),
     )
-
-
-def _carrier_hz() -> float:
-    return radar().frame.chirp.start_frequency_hz
 
 
 def _waveform() -> Table:
@@ -86,56 +76,24 @@ def _waveform() -> Table:
         max_velocity_m_per_s=published.MAX_VELOCITY_M_PER_S,
     ).radar
     chirp = exact.frame.chirp
-    rounded_s = 2 * published.MAX_RANGE_M / published.SPEED_OF_LIGHT
-    bandwidth_hz = published.SPEED_OF_LIGHT / (2 * published.RANGE_RESOLUTION_M)
     return Table(
         number=6,
         title="The waveform that meets them, by 5.5 round trips",
-        published="with c = 3e8 m/s",
+        published="published, c = 3e8 m/s",
         here="designed with the exact c, whole samples",
         rows=(
-            Row(
-                quantity="bandwidth",
-                unit="Hz",
-                published=bandwidth_hz,
-                here=chirp.sampled_bandwidth_hz,
+            _row("bandwidth", "Hz", published.BANDWIDTH_HZ, chirp.sampled_bandwidth_hz),
+            _row(
+                "round trip to the largest range",
+                "s",
+                2 * published.MAX_RANGE_M / published.SPEED_OF_LIGHT,
+                2 * published.MAX_RANGE_M / SPEED_OF_LIGHT,
             ),
-            Row(
-                quantity="round trip to the largest range",
-                unit="s",
-                published=rounded_s,
-                here=2 * published.MAX_RANGE_M / SPEED_OF_LIGHT,
-            ),
-            Row(
-                quantity="duration of the chirp",
-                unit="s",
-                published=5.5 * rounded_s,
-                here=chirp.ramp_duration_s,
-            ),
-            Row(
-                quantity="slope",
-                unit="Hz/s",
-                published=bandwidth_hz / (5.5 * rounded_s),
-                here=chirp.slope_hz_per_s,
-            ),
-            Row(
-                quantity="sample rate",
-                unit="Hz",
-                published=radar().frame.chirp.sample_rate_hz,
-                here=chirp.sample_rate_hz,
-            ),
-            Row(
-                quantity="samples of a chirp",
-                unit="1",
-                published=radar().frame.chirp.n_samples,
-                here=chirp.n_samples,
-            ),
-            Row(
-                quantity="chirps of a frame",
-                unit="1",
-                published=radar().frame.n_chirps,
-                here=exact.frame.n_chirps,
-            ),
+            _row("duration of the chirp", "s", published.CHIRP_DURATION_S, chirp.ramp_duration_s),
+            _row("slope", "Hz/s", published.SLOPE_HZ_PER_S, chirp.slope_hz_per_s),
+            _row("sample rate", "Hz", published.SAMPLE_RATE_HZ, chirp.sample_rate_hz),
+            _row("samples of a chirp", "1", published.N_SAMPLES, chirp.n_samples),
+            _row("chirps of a frame", "1", published.N_CHIRPS, exact.frame.n_chirps),
         ),
     )
 

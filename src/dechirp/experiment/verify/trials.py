@@ -2,7 +2,8 @@
 
 import zlib
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,9 @@ from dechirp.experiment.verify.claim import CONFIDENCE
 
 # Standard deviations between what theory gives and the end of its interval, 4.42.
 Z = float(ndtri((1 + CONFIDENCE) / 2))
+
+MOST_WAITING = 64
+"""Blocks that an executor is given at once: enough for as many workers, little to cancel."""
 
 
 @value
@@ -40,27 +44,37 @@ def run_all(
     The generator of a block follows from the seed, the name of the job and the number of the
     block alone. `progress` is called with the number of blocks done and of all.
     """
-    waiting = {}
-    for name, job in jobs.items():
-        for block, start in enumerate(range(0, job.n_trials, job.n_each)):
-            key = (zlib.crc32(name.encode()), block)
-            sequence = np.random.SeedSequence(seed, spawn_key=key)
-            n = min(job.n_each, job.n_trials - start)
-            waiting[executor.submit(_block, job.work, sequence, n, dict(job.told))] = (name, block)
+    blocks = [
+        (name, block)
+        for name, job in jobs.items()
+        for block in range(-(-job.n_trials // job.n_each))
+    ]
     parts: dict[str, dict[int, np.ndarray]] = {name: {} for name in jobs}
+    running: dict[Future[np.ndarray], tuple[str, int]] = {}
+    next_blocks = iter(blocks)
     try:
-        for done, future in enumerate(as_completed(waiting), start=1):
-            name, block = waiting[future]
-            parts[name][block] = future.result()
+        for done in range(1, len(blocks) + 1):
+            for name, block in islice(next_blocks, MOST_WAITING - len(running)):
+                running[_submit(executor, jobs[name], seed, name, block)] = name, block
+            first = next(iter(wait(running, return_when=FIRST_COMPLETED).done))
+            name, block = running.pop(first)
+            parts[name][block] = first.result()
             if progress is not None:
-                progress(done, len(waiting))
+                progress(done, len(blocks))
     finally:
-        for future in waiting:
+        for future in running:
             future.cancel()
     return {
         name: np.concatenate([part[block] for block in sorted(part)])
         for name, part in parts.items()
     }
+
+
+def _submit(executor: Executor, job: Job, seed: int, name: str, block: int) -> Future[np.ndarray]:
+    key = (zlib.crc32(name.encode()), block)
+    sequence = np.random.SeedSequence(seed, spawn_key=key)
+    n = min(job.n_each, job.n_trials - block * job.n_each)
+    return executor.submit(_block, job.work, sequence, n, dict(job.told))
 
 
 def _block(

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dechirp.core.values import value
+from dechirp.report.amounts import typographic
 from dechirp.report.figures.style import BLUE, INK, MUTED, ORANGE, draw
 from dechirp.report.words import fixed
 from dechirp.theory import intervals
@@ -99,7 +100,7 @@ def _shares(figure: Figure, curves: Sequence[Mapping[str, Any]], *, confidence: 
             linestyle="",
             elinewidth=0.9,
             capsize=1.8,
-            label=curve["name"],
+            label=typographic(curve["name"]),
         )
     axes.set(ylim=(-0.02, 1.05))
     axes.set_xlabel(curves[0]["over"] if curves else "")

@@ -24,7 +24,7 @@ def data_flow() -> Markup:
     boxes = [
         (columns[0], made, "requirements", _MAKES),
         (columns[1], made, "radar: chirp\nand frame", _MAKES),
-        (columns[2], made, "echoes by\nexact phase", _MAKES),
+        (columns[2], made, "echoes from\ntheir phases", _MAKES),
         (columns[3], made, "noise", _MAKES),
         (columns[4], made, "samples,\nchirp by chirp", _MAKES),
         (columns[4], read, "range\ntransform", _READS),

@@ -31,12 +31,40 @@ class MarkedMap:
     truth: Place | None
 
 
+@value
+class _Scale:
+    """What the colours stand for."""
+
+    lowest_db: float
+    highest_db: float
+    zero_db: float
+    """Level that is shown as zero."""
+    label: str
+
+
 def whole(marked: MarkedMap) -> Markup:
     """Draw the whole map, with the strongest detections circled.
 
     Large maps are drawn from the largest cell of each block, so that no peak is lost.
     """
-    return _map(marked, marked.power, label="Range-Doppler map", circle_points=11)
+    return _map(
+        marked, marked.power, _absolute(marked), label="Range-Doppler map", circle_points=11
+    )
+
+
+def whole_over_noise(marked: MarkedMap, *, highest_db: float) -> Markup:
+    """Draw the whole map over its mean noise, in colours that end `highest_db` above that.
+
+    Maps drawn up to the same level can be compared by eye.
+    """
+    scale = _Scale(
+        lowest_db=-6.0,
+        highest_db=highest_db,
+        zero_db=_noise_db(marked),
+        label="power over the mean noise, dB",
+    )
+    label = "Range-Doppler map over the mean noise"
+    return _map(marked, marked.power, scale, label=label, circle_points=11)
 
 
 def close_up(marked: MarkedMap, *, cell: tuple[int, int]) -> Markup:
@@ -46,7 +74,14 @@ def close_up(marked: MarkedMap, *, cell: tuple[int, int]) -> Markup:
         velocity=_around(row, sizes["velocity"], _CLOSE_UP_CELLS[0]),
         range=_around(column, sizes["range"], _CLOSE_UP_CELLS[1]),
     )
-    return _map(marked, around, label="Range-Doppler map, close-up", circle_points=26)
+    label = "Range-Doppler map, close-up"
+    return _map(marked, around, _absolute(marked), label=label, circle_points=26)
+
+
+def noise_power(power: np.ndarray) -> float:
+    """Estimate the mean power of the noise in a map that is mostly noise."""
+    # The median of exponentially distributed noise is ln 2 of its mean.
+    return float(np.median(power) / np.log(2))
 
 
 def reduced(power: np.ndarray, most: tuple[int, int] = _MOST_PIXELS) -> np.ndarray:
@@ -59,14 +94,20 @@ def reduced(power: np.ndarray, most: tuple[int, int] = _MOST_PIXELS) -> np.ndarr
     return power
 
 
-def _limits_db(marked: MarkedMap) -> tuple[float, float]:
+def _noise_db(marked: MarkedMap) -> float:
+    return float(power_db(np.asarray(noise_power(marked.power.values)), marked.units))
+
+
+def _absolute(marked: MarkedMap) -> _Scale:
     """Colour scale: from 6 dB below the noise to the peak, 20 to 80 dB in all."""
-    power = marked.power.values
-    # The median of exponentially distributed noise is ln 2 of its mean.
-    noise_db = float(power_db(np.median(power) / np.log(2), marked.units))
-    highest = float(power_db(power.max(), marked.units))
-    lowest = max(noise_db - 6, highest - _LARGEST_SPAN_DB)
-    return lowest, max(highest, lowest + 20)
+    highest = float(power_db(marked.power.values.max(), marked.units))
+    lowest = max(_noise_db(marked) - 6, highest - _LARGEST_SPAN_DB)
+    return _Scale(
+        lowest_db=lowest,
+        highest_db=max(highest, lowest + 20),
+        zero_db=0.0,
+        label=f"power, {power_unit(marked.units)}",
+    )
 
 
 def _around(centre: int, size: int, reach: int) -> slice:
@@ -74,10 +115,11 @@ def _around(centre: int, size: int, reach: int) -> slice:
     return slice(first, first + 2 * reach + 1)
 
 
-def _map(marked: MarkedMap, part: xr.DataArray, *, label: str, circle_points: float) -> Markup:
+def _map(
+    marked: MarkedMap, part: xr.DataArray, scale: _Scale, *, label: str, circle_points: float
+) -> Markup:
     part = part.transpose("velocity", "range")
-    level_db = power_db(reduced(part.values), marked.units)
-    lowest_db, highest_db = _limits_db(marked)
+    level_db = power_db(reduced(part.values), marked.units) - scale.zero_db
     left, right = _edges(part.range.values)
     bottom, top = _edges(part.velocity.values)
 
@@ -87,8 +129,8 @@ def _map(marked: MarkedMap, part: xr.DataArray, *, label: str, circle_points: fl
         image = axes.imshow(
             level_db,
             cmap=COLORS,
-            vmin=lowest_db,
-            vmax=highest_db,
+            vmin=scale.lowest_db,
+            vmax=scale.highest_db,
             extent=(left, right, bottom, top),
             origin="lower",
             aspect="auto",
@@ -96,7 +138,7 @@ def _map(marked: MarkedMap, part: xr.DataArray, *, label: str, circle_points: fl
         )
         bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=28)
         bar.outline.set_visible(False)
-        bar.set_label(f"power, {power_unit(marked.units)}")
+        bar.set_label(scale.label)
         axes.set_xlabel("range, m")
         axes.set_ylabel("velocity, m/s (receding positive)")
         axes.set(xlim=(left, right), ylim=(bottom, top), autoscale_on=False)
