@@ -74,6 +74,30 @@ def test_no_unbiased_estimate_of_range_velocity_and_angle_can_do_better(angle, c
     np.testing.assert_allclose(found[2:], [range_m, velocity, bearing], rtol=2e-6)
 
 
+@pytest.mark.parametrize(("cycles", "chirp_cycles"), [(11, 5), (20, 3), (17, 12)])
+def test_of_half_the_ratio_real_samples_have_the_same_bounds(cycles, chirp_cycles):
+    # A cos(phase + w n + v m) in real noise. A whole number of cycles each way, so that the
+    # image of the tone changes the bound by 1 / (N M)^2 or so: 1e-6.
+    n_samples, n_chirps, amplitude, noise_power = 64, 32, 0.7, 0.02
+    n, m = np.arange(n_samples)[:, None], np.arange(n_chirps)
+    phase = 0.4 + 2 * np.pi * (cycles * n / n_samples + chirp_cycles * m / n_chirps)
+    slope = -amplitude * np.sin(phase)
+    jacobian = np.array([np.cos(phase), slope, slope * n, slope * m]).reshape(4, -1)
+    found = np.diag(np.linalg.inv(jacobian @ jacobian.T / noise_power))
+
+    echo_power = np.mean((amplitude * np.cos(phase)) ** 2)
+    snr = n_samples * n_chirps * echo_power / noise_power / 2
+    expected = [frequency_variance(snr=snr, n_points=n) for n in (n_samples, n_chirps)]
+    np.testing.assert_allclose(found[2:], expected, rtol=1e-5)
+
+
+def test_64_samples_by_32_chirps_of_minus_5_decibels_have_the_bounds_of_a_measurement_elsewhere():
+    # There 1.510e-3 and 3.092e-3 rad a sample were measured, by maximum likelihood.
+    snr = 64 * 32 * from_decibels(-5.0)
+    found = [np.sqrt(frequency_variance(snr=snr, n_points=n)) for n in (64, 32)]
+    assert found == pytest.approx([1.504e-3, 3.009e-3], abs=5e-7)
+
+
 def test_a_uniform_line_of_sixteen_elements_knows_an_angle_as_published():
     # 18 dB an element, half a wavelength apart, 20 degrees.
     line = {"positions_m": 0.5 * np.arange(16), "wavelength_m": 1.0}

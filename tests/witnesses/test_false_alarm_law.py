@@ -1,14 +1,17 @@
 """The law of cell averaging against brute force, closed forms, a table and simulation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpmath import binomial, mp, mpf
 from scipy.optimize import brentq
 
+from dechirp.core.errors import InvalidSetting
 from dechirp.process.cfar.base import Cells, Noise, Ring
 from dechirp.process.spectrum import Transform
 from dechirp.theory.cfar import cell_averaging_factor
-from dechirp.theory.correlated import correlated_factor
+from dechirp.theory.correlated import Box, correlated_factor
 
 
 def by_eigenvalues(box, a, n_summed):
@@ -59,6 +62,97 @@ def test_the_factor_gives_its_probability_by_the_eigenvalues_of_the_ring(case, p
     assert found == pytest.approx(1e-6, rel=1e-6)
 
 
+@pytest.mark.parametrize("place", [0, 5, 14])
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_the_mean_of_the_ring_varies_as_that_of_its_independent_cells(case, place):
+    window, n_bins, doppler_window, n_velocity_bins = case
+    noise = Noise(
+        over_range=Transform(window=window, n_points=2200, n_bins=n_bins),
+        over_velocity=Transform(window=doppler_window, n_points=128, n_bins=n_velocity_bins),
+    )
+    ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
+    box = ring.box(noise, place)
+
+    trains = np.ones((len(box.range_covariance), len(box.velocity_covariance)))
+    trains[box.guard_range, box.guard_velocity] = 0
+    # Of powers with a mean of 1: |rho|^2 is their covariance.
+    covariance = abs(np.kron(box.range_covariance, box.velocity_covariance)) ** 2
+    variance = trains.ravel() @ covariance @ trains.ravel() / trains.sum() ** 2
+    assert box.n_independent == pytest.approx(1 / variance, rel=1e-12)
+
+
+def hann_box(n_range, n_velocity):
+    """Cells of noise under Hann windows, those about the cell under test all training."""
+    along = [
+        Transform(window="hann", n_points=4096, n_bins=4096).covariance(n)
+        for n in (n_range, n_velocity)
+    ]
+    middle = (n_range // 2, n_velocity // 2)
+    guard = [slice(cell, cell + 1) for cell in middle]
+    return Box(
+        range_covariance=along[0],
+        velocity_covariance=along[1],
+        guard_range=guard[0],
+        guard_velocity=guard[1],
+        under_test=middle,
+    )
+
+
+def test_hann_windows_leave_a_cell_in_1_944_independent_along_an_axis_and_in_3_78_along_two():
+    # 1 + 2 (4 / 9 + 1 / 36) along an axis; cells at the ends and about the cell under test
+    # have fewer neighbours, one in a thousand here.
+    for box in (hann_box(2000, 1), hann_box(1, 2000)):
+        assert box.n_training / box.n_independent == pytest.approx(1.944, rel=2e-3)
+    box = hann_box(600, 600)
+    assert box.n_training / box.n_independent == pytest.approx(3.78, rel=2e-3)
+
+
+def test_the_approximate_law_of_independent_cells_is_close_to_the_exact_one():
+    ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
+    for window, n_bins, n_velocity_bins, within in (
+        ("hann", 2200, 128, 5e-4),
+        ("hann", 4096, 128, 2e-3),
+        ("rectangular", 4096, 256, 5e-3),
+    ):
+        noise = Noise(
+            over_range=Transform(window=window, n_points=2200, n_bins=n_bins),
+            over_velocity=Transform(window=window, n_points=128, n_bins=n_velocity_bins),
+        )
+        box = ring.box(noise, 14)
+        n_training = round(box.n_independent)
+        assert cell_averaging_factor(1e-6, n_training=n_training) == pytest.approx(
+            correlated_factor(1e-6, box), rel=within
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("range_covariance", np.ones((29, 28))),
+        ("velocity_covariance", np.ones(25)),
+        ("guard_range", slice(-1, 20)),
+        ("guard_range", slice(10, 30)),
+        ("guard_range", slice(20, 10)),
+        ("guard_velocity", slice(None, 17)),
+        ("guard_velocity", slice(8, 17, 2)),
+        ("under_test", (9, 12)),
+        ("under_test", (14, 17)),
+        ("under_test", (14, 12.5)),
+    ],
+    ids=str,
+)
+def test_a_box_that_does_not_hold_its_guard_and_its_cell_under_test_is_refused(name, wrong):
+    box = Box(
+        range_covariance=np.eye(29),
+        velocity_covariance=np.eye(25),
+        guard_range=slice(10, 19),
+        guard_velocity=slice(8, 17),
+        under_test=(14, 12),
+    )
+    with pytest.raises(InvalidSetting, match=rf"^Box\.{name}"):
+        replace(box, **{name: wrong})
+
+
 def test_the_ring_of_the_reference_has_644_cells():
     ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
     noise = Noise(
@@ -66,6 +160,7 @@ def test_the_ring_of_the_reference_has_644_cells():
         over_velocity=Transform(window="rectangular", n_points=128, n_bins=128),
     )
     assert ring.box(noise, 14).n_training == 644
+    assert ring.box(noise, 14).n_independent == pytest.approx(644, rel=1e-12)
     assert cell_averaging_factor(1e-6, n_training=644) == pytest.approx(13.965, abs=5e-4)
 
 
@@ -80,16 +175,6 @@ def test_independent_cells_are_a_case_of_the_correlated_law():
         exact = cell_averaging_factor(1e-4, n_training=box.n_training, n_summed=n_summed)
         found = correlated_factor(1e-4, box, n_summed=n_summed)
         assert found == pytest.approx(exact, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("n_training", "pfa", "n_summed", "factor"),
-    [(12, 1e-4, 1, 13.853216280382604), (48, 1e-6, 1, 16.009028743839554),
-     (24, 1e-5, 4, 5.065662368138686), (32, 1e-6, 8, 3.807)],
-)  # fmt: skip
-def test_published_factors(n_training, pfa, n_summed, factor):
-    found = cell_averaging_factor(pfa, n_training=n_training, n_summed=n_summed)
-    assert found == pytest.approx(factor, rel=1e-6 if factor != 3.807 else 2e-4)
 
 
 @pytest.mark.parametrize("n_training", [1, 16, 644, 10_000])

@@ -131,6 +131,29 @@ def test_few_single_events_are_not_held_less_often_than_stated():
         assert held > 0.9 - FIVE_ERRORS
 
 
+@pytest.mark.parametrize(
+    ("n_expected", "missed_by_high"), [(10, 2.7e-3), (100, 4.9e-5), (1000, 8.0e-6), (3140, 5.4e-6)]
+)
+def test_a_rate_of_single_events_is_missed_this_often_at_a_confidence_of_all_but_1e_5(
+    n_expected, missed_by_high
+):
+    # Events spread evenly over the blocks have the narrowest interval there is for their
+    # total; so these are the most misses that there can be, by the sum over all totals.
+    n_blocks, within = 200, int(12 * np.sqrt(n_expected))
+    totals = np.arange(max(n_expected - within, 0), n_expected + within)
+    ends = np.array(
+        [
+            rate(total // n_blocks + (np.arange(n_blocks) < total % n_blocks), 1 / n_blocks,
+                 confidence=1 - 1e-5)
+            for total in totals
+        ]
+    )  # fmt: skip
+    chance = stats.poisson.pmf(totals, n_expected)
+    assert chance[ends[:, 1] < n_expected].sum() == pytest.approx(missed_by_high, rel=0.02)
+    # The other end keeps its promise of 5e-6.
+    assert chance[ends[:, 0] > n_expected].sum() < 5e-6
+
+
 def test_without_an_event_the_rate_is_below_what_would_have_shown():
     low, high = rate([0, 0, 0, 0], 250.0, confidence=0.9)
     assert low == 0
@@ -179,6 +202,11 @@ def test_intervals_scale_with_their_unit():
         ("values", lambda: mean(np.ones((2, 2)), confidence=0.95)),
         ("counts", lambda: rate([3, -1], 1.0, confidence=0.95)),
         ("exposure", lambda: rate([3, 1], 0.0, confidence=0.95)),
+        ("exposure", lambda: rate([0, 0], -1.0, confidence=0.95)),
+        ("exposure", lambda: rate([3, 1], "7", confidence=0.95)),
+        ("exposure", lambda: rate([3, 1], None, confidence=0.95)),
+        ("exposure", lambda: rate([3, 1], [1.0, 2.0], confidence=0.95)),
+        ("exposure", lambda: rate([3, 1], float("inf"), confidence=0.95)),
     ],
 )
 def test_an_interval_from_nonsense_is_refused(setting, ask):

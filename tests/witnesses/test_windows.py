@@ -11,6 +11,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import decibels
 from dechirp.theory.windows import (
     Window,
+    bin_correlation,
     chebyshev,
     coherent_gain,
     kaiser,
@@ -132,6 +133,28 @@ def test_windows_are_those_of_scipy(n):
         np.testing.assert_allclose(taper(window, n), expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("n", [64, 63])
+def test_a_formula_is_one_in_its_middle_and_a_chebyshev_window_at_its_largest_weight(n):
+    for window in get_args(Window):
+        weights = taper(window, n)
+        periodic = window in ("rectangular", "hann", "hamming", "blackman", "blackman-harris")
+        # Periodic ones have a point in the middle if even, symmetric ones if odd.
+        if periodic == (n % 2 == 0):
+            assert weights[n // 2] == pytest.approx(1.0, rel=1e-12)
+        elif window.startswith("chebyshev"):
+            assert weights.max() == 1.0
+        elif window != "rectangular":
+            assert 0.99 < weights.max() < 1.0
+    assert np.argmax(chebyshev(5000, 60.0)) in (0, 4999)
+
+
+def test_powers_of_neighbouring_bins_under_a_hann_window_are_correlated_by_four_ninths():
+    correlation = bin_correlation(taper("hann", 128), 128, np.arange(64))
+    expected = np.zeros(64)
+    expected[:3] = 1, 4 / 9, 1 / 36
+    np.testing.assert_allclose(abs(correlation) ** 2, expected, atol=1e-12)
+
+
 @pytest.mark.parametrize("window", get_args(Window))
 def test_a_lone_point_is_kept_as_it_is(window):
     weights = taper(window, 1)
@@ -182,6 +205,18 @@ def test_weights_are_finite_never_above_one_and_lose_no_less_than_a_rectangle(wi
         lambda: taylor(6.5, 4, 30.0),
         lambda: kaiser(64, -1.0),
         lambda: kaiser(64, 1e4),
+        lambda: kaiser(64, "6"),
+        lambda: kaiser(64, None),
+        lambda: kaiser(64, float("nan")),
+        lambda: chebyshev(64, "60"),
+        lambda: chebyshev(64, None),
+        lambda: chebyshev(64, 301.0),
+        lambda: taylor(64, 4, [30.0]),
+        lambda: taylor(64, [4], 30.0),
+        lambda: main_lobe_bins("x"),
+        lambda: main_lobe_bins(["hann"]),
+        lambda: main_lobe_bins(None),
+        lambda: taper(np.array(["hann", "hamming"]), 64),
         lambda: taper("chebyshev-70", 64),
         lambda: taper(["hann"], 64),
         lambda: taper("hann", 0),

@@ -27,7 +27,8 @@ def verify(
     Parameters
     ----------
     trials
-        Of each statistical claim; one that needs more to decide takes what it needs.
+        Of each claim on detection, estimates and resolution; one that needs more to decide
+        takes what it needs.
     full
         The long certificate: 10,000 trials, false alarms at 1e-6 as well.
     out

@@ -1,6 +1,7 @@
 """Checks that values make of their fields, and functions of their arguments."""
 
 import math
+import reprlib
 from collections.abc import Iterable
 from typing import Any
 
@@ -50,7 +51,7 @@ def count(owner: object, *names: str, at_least: int = 1, at_most: int = 2**31 - 
         )
 
 
-def whole(where: str, number: Any, *, at_least: int, at_most: int) -> None:
+def whole(where: str, number: Any, *, at_least: int, at_most: int = 2**31 - 1) -> None:
     """Raise `InvalidSetting`, about the setting `where`, unless a number is whole and bounded."""
     is_whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
     if not (is_whole and at_least <= number <= at_most):
@@ -62,22 +63,68 @@ def whole(where: str, number: Any, *, at_least: int, at_most: int) -> None:
         )
 
 
+def number(
+    where: str,
+    x: Any,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+) -> float:
+    """Keep one finite number as a float, or raise `InvalidSetting`, about the setting `where`.
+
+    What is not one real number has axes, is text, None, complex or a truth value.
+    """
+    one = _without_axes(x)
+    found = float(one) if _is_finite(one) else math.nan
+    right = (
+        math.isfinite(found)
+        and (above is None or found > above)
+        and (at_least is None or found >= at_least)
+        and (at_most is None or found <= at_most)
+    )
+    if not right:
+        bounds = [(above, "above"), (at_least, "at least"), (at_most, "at most")]
+        need = [f"{says} {bound:.6g}" for bound, says in bounds if bound is not None]
+        raise InvalidSetting(
+            where,
+            got=x if _is_number(one) else reprlib.repr(x),
+            need=", ".join(["one finite number", *need]),
+            fix="Check the sign and the unit.",
+        )
+    return found
+
+
 def probability(where: str, number: float) -> None:
     """Raise `InvalidSetting`, about the setting `where`, unless one number, 0 < number < 1."""
-    # What the functions of one ratio return is an array without axes, and one number.
-    one = number[()] if isinstance(number, np.ndarray) and number.ndim == 0 else number
+    one = _without_axes(number)
     if not (_is_number(one) and 0 < one < 1):
         raise InvalidSetting(
             where, got=number, need="between 0 and 1, both excluded", fix="Give a probability."
         )
 
 
+def false_alarms(where: str, number: float) -> None:
+    """Raise `InvalidSetting`, about the setting `where`, unless 1e-300 <= number <= 1 - 1e-9.
+
+    Nearer to 0 a threshold may be beyond all floats, nearer to 1 below all rounding errors.
+    """
+    probability(where, number)
+    if not 1e-300 <= number <= 1 - 1e-9:
+        raise InvalidSetting(
+            where,
+            got=number,
+            need="from 1e-300 to 1 - 1e-9",
+            fix="Give one that can be told from 0 and from 1.",
+        )
+
+
 def detection_above_false_alarms(
     detection_probability: float, false_alarm_probability: float
 ) -> None:
-    """Raise `InvalidSetting` unless 0 < false-alarm probability < detection probability < 1."""
+    """Raise `InvalidSetting` unless a false-alarm probability < detection probability < 1."""
     probability("detection_probability", detection_probability)
-    probability("false_alarm_probability", false_alarm_probability)
+    false_alarms("false_alarm_probability", false_alarm_probability)
     if not detection_probability > false_alarm_probability:
         raise InvalidSetting(
             "detection_probability",
@@ -89,14 +136,14 @@ def detection_above_false_alarms(
 
 def ratios(where: str, array: ArrayLike) -> np.ndarray:
     """Keep an array as floats, or raise `InvalidSetting` unless all are finite and 0 or more."""
-    found = np.asarray(array, dtype=float)
+    found = _floats(where, array)
     _must_be_ratios(where, found, found >= 0, "finite, 0 or more")
     return found
 
 
 def positive_ratios(where: str, array: ArrayLike) -> np.ndarray:
     """Keep an array as floats, or raise `InvalidSetting` unless all are finite and above 0."""
-    found = np.asarray(array, dtype=float)
+    found = _floats(where, array)
     _must_be_ratios(where, found, found > 0, "finite and above 0")
     return found
 
@@ -105,7 +152,7 @@ def numbers(
     where: str, array: ArrayLike, *, above: float = -math.inf, below: float = math.inf
 ) -> np.ndarray:
     """Keep an array as floats, or raise `InvalidSetting` unless all are finite, within bounds."""
-    found = np.asarray(array, dtype=float)
+    found = _floats(where, array)
     wrong = found[~((above < found) & (found < below))]  # infinite is not below infinity
     if wrong.size:
         bounds = [(above, f"above {above:.6g}"), (below, f"below {below:.6g}")]
@@ -138,6 +185,23 @@ def vectors(owner: object, name: str, *, at_most: float) -> None:
     object.__setattr__(owner, name, made)
 
 
+def _floats(where: str, array: ArrayLike) -> np.ndarray:
+    """Keep real numbers as floats, or raise `InvalidSetting`: no text, no rows of many lengths."""
+    try:
+        found = np.asarray(array)
+    except ValueError:  # rows of many lengths
+        found = np.asarray(None)
+    # Whole numbers beyond 64 bits are objects to NumPy.
+    if found.dtype.kind in "iuf" or all(_is_finite(one) for one in found.flat):
+        return found.astype(float)
+    raise InvalidSetting(
+        where,
+        got=reprlib.repr(array),
+        need="real numbers, in an array or alone",
+        fix="Give numbers, in rows of one length.",
+    )
+
+
 def _must_be_ratios(where: str, array: np.ndarray, right: np.ndarray, need: str) -> None:
     wrong = array[~(right & np.isfinite(array))]
     if wrong.size:
@@ -166,6 +230,18 @@ def _within(where: str, number: float, at_least: float, at_most: float) -> None:
             need=f"a number from {at_least:g} to {at_most:g}",
             fix="Check the unit.",
         )
+
+
+def _without_axes(thing: Any) -> Any:
+    """What the functions of one ratio return is an array without axes, and one number."""
+    return thing[()] if isinstance(thing, np.ndarray) and thing.ndim == 0 else thing
+
+
+def _is_finite(thing: Any) -> bool:
+    try:
+        return _is_number(thing) and math.isfinite(thing)
+    except OverflowError:  # a whole number beyond all floats
+        return False
 
 
 def _is_number(thing: object) -> bool:

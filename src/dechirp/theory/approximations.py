@@ -17,19 +17,20 @@ def albersheim_snr(
     r"""The snr, in each of the summed powers, at which a steady target is detected so often.
 
     .. math::
-        10 \lg \chi = -5 \lg N + \left(6.2 + \frac{4.54}{\sqrt{N + 0.44}}\right)
+        10 \lg \chi = -5 \lg K + \left(6.2 + \frac{4.54}{\sqrt{K + 0.44}}\right)
         \lg(A + 0.12 A B + 1.7 B),
         \quad A = \ln\frac{0.62}{P_{fa}}, \quad B = \ln\frac{P_d}{1 - P_d}
 
-    Meant for detection probabilities from 0.1 to 0.9, false-alarm probabilities from 1e-7
-    to 1e-3, up to 8096 powers, and a linear detector: amplitudes summed. Against the exact
-    square law it is within 0.34 dB from a detection probability of 0.3 (0.07 dB low for one
-    power, 0.9 and 1e-6), up to 0.9 dB low at 0.2, and up to 4.1 dB low at 0.1.
+    with K the summed powers, Albersheim's N, and chi the snr. Meant for detection
+    probabilities from 0.1 to 0.9, false-alarm probabilities from 1e-7 to 1e-3, up to 8096
+    powers, and a linear detector: amplitudes summed. Against the exact square law it is
+    within 0.34 dB from a detection probability of 0.3 (0.07 dB low for one power, 0.9 and
+    1e-6), up to 0.9 dB low at 0.2, and up to 4.1 dB low at 0.1.
 
     Raises
     ------
     InvalidSetting
-        Unless 0 < false-alarm probability < detection probability < 1 and N is a whole
+        Unless 1e-300 <= false-alarm probability < detection probability < 1 and K is a whole
         number from 1, or if the formula has no answer: near the false-alarm probability.
 
     References
@@ -38,7 +39,7 @@ def albersheim_snr(
     Proc. IEEE 69(7), 1981.
     """
     detection_above_false_alarms(detection_probability, false_alarm_probability)
-    whole("n_summed", n_summed, at_least=1, at_most=2**31 - 1)
+    whole("n_summed", n_summed, at_least=1)
     a = math.log(0.62 / false_alarm_probability)
     b = math.log(detection_probability / (1 - detection_probability))
     argument = a + 0.12 * a * b + 1.7 * b
@@ -62,17 +63,19 @@ def shnidman_snr(
 ) -> float:
     r"""Mean snr, in each of the summed powers, at which a target is detected so often.
 
-    .. math:: \chi = 10^{C/10}\, \eta\, (\eta + 2 \sqrt{N/2 + \alpha - 1/4}) / N
+    .. math:: \chi = 10^{C/10}\, \eta\, (\eta + 2 \sqrt{K/2 + \alpha - 1/4}) / K
 
-    with eta from both probabilities, alpha 1/4 from 40 powers, and C, in dB, what the
-    fluctuation costs; C is 0 for a steady target. Meant for detection probabilities from 0.1
-    to 0.99, false-alarm probabilities from 1e-9 to 1e-3 and up to 100 powers. There it is
-    within 0.3, 1.2, 1.2, 0.9 and 0.6 dB of the exact ratio for the cases 0 to 4.
+    with K the summed powers, Shnidman's N; eta from both probabilities, alpha 1/4 from 40
+    powers, and C, in dB, what the fluctuation costs: it goes with 1 / kappa, kappa being the
+    shape of `theory.fluctuation` and Shnidman's K, and is 0 for a steady target. Meant for
+    detection probabilities from 0.1 to 0.99, false-alarm probabilities from 1e-9 to 1e-3 and
+    up to 100 powers. There it is within 0.3, 1.2, 1.2, 0.9 and 0.6 dB of the exact ratio for
+    the cases 0 to 4.
 
     Raises
     ------
     InvalidSetting
-        Unless 0 < false-alarm probability < detection probability < 1, N is a whole number
+        Unless 1e-300 <= false-alarm probability < detection probability < 1, K is a whole number
         from 1 and `swerling` one of 0 to 4.
 
     References
@@ -81,14 +84,14 @@ def shnidman_snr(
     """
     detection_above_false_alarms(detection_probability, false_alarm_probability)
     shape = shape_of(swerling, n_summed)
-    n, pd = n_summed, detection_probability
+    pd = detection_probability
     eta = _deviation(pd) - _deviation(false_alarm_probability)
-    alpha = 0.0 if n < 40 else 0.25
-    steady = eta * (eta + 2 * math.sqrt(n / 2 + alpha - 0.25)) / n
+    alpha = 0.0 if n_summed < 40 else 0.25
+    steady = eta * (eta + 2 * math.sqrt(n_summed / 2 + alpha - 0.25)) / n_summed
     cost_db = (((17.7006 * pd - 18.4496) * pd + 14.5339) * pd - 3.525) / shape
     if pd > 0.872:
         near_one = math.exp(27.31 * pd - 25.14)
-        alarms = 0.7 * math.log(1e-5 / false_alarm_probability) + (2 * n - 20) / 80
+        alarms = 0.7 * math.log(1e-5 / false_alarm_probability) + (2 * n_summed - 20) / 80
         cost_db += (near_one + (pd - 0.8) * alarms) / shape
     return float(10 ** (cost_db / 10) * steady)
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betainc
 
-from dechirp.core.checks import whole
+from dechirp.core.checks import numbers, whole
 from dechirp.core.errors import InvalidSetting
 
 
@@ -39,9 +39,9 @@ def m_of_n(probability: ArrayLike, *, m: int, n: int) -> np.ndarray:
     ----------
     M. A. Richards, Fundamentals of Radar Signal Processing, 2nd ed., 2014.
     """
-    whole("n", n, at_least=1, at_most=2**31 - 1)
+    whole("n", n, at_least=1)
     whole("m", m, at_least=1, at_most=n)
-    p = np.asarray(probability, dtype=float)
+    p = numbers("probability", probability)
     wrong = ~((p >= 0) & (p <= 1))
     if np.any(wrong):
         raise InvalidSetting(

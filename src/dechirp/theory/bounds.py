@@ -1,9 +1,11 @@
 """Cramer-Rao bounds: the smallest standard deviations that an unbiased estimate can have.
 
-`snr` is the ratio after integration over all samples and chirps without windows,
-N M A^2 / E|w|^2 for complex samples, half of that for real ones: the bounds are then the
-same for both. Amplitude, phase and both frequencies are unknown. For an angle it is the
-ratio in one element of the array.
+`snr` is the ratio after integration over all samples and chirps without windows: N M times
+the mean power of the echo over the mean power of the noise in a sample, half of that for real
+samples. The bounds are then the same for both. The mean power of an echo of amplitude A is
+A^2 in complex samples, and A^2 / 2 in real ones, whose frequency must not be within a few
+bins of 0 or of half the sample rate. Amplitude, phase and both frequencies are unknown. For
+an angle it is the ratio in one element of the array.
 
 Below an `snr` of about 15 dB estimates jump to noise peaks now and then and are far worse
 than the bound (Rife and Boorstyn 1974).
@@ -157,7 +159,7 @@ def monopulse_std_rad(
 
 
 def _must_be_points(where: str, n: int) -> None:
-    whole(where, n, at_least=2, at_most=2**31 - 1)
+    whole(where, n, at_least=2)
 
 
 def _standard_deviations(where: str, array: ArrayLike) -> np.ndarray:

@@ -9,7 +9,7 @@ cells together, see `theory.correlated`.
 The parameters mean the same in all functions:
 
 false_alarm_probability : float
-    For the cell under test, above 0 and below 1.
+    For the cell under test, from 1e-300 to 1 - 1e-9.
 factor : array
     A ratio of powers, above 0; any shape, which the result has as well.
 n_training : int
@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from dechirp.core.checks import positive_ratios, probability
+from dechirp.core.checks import false_alarms, positive_ratios
 from dechirp.theory.training import exceeds, falls_below, half_of, n_powers, step_rates
 
 
@@ -55,7 +55,7 @@ def cell_averaging_factor(
     Pfa = sum_{j<K} C(NK + j - 1, j) a^j / (1 + a)^(NK + j), a = factor / N, relative to the
     mean of the summed cells (K = 8, N = 32, 1e-6: 3.807).
     """
-    probability("false_alarm_probability", false_alarm_probability)
+    false_alarms("false_alarm_probability", false_alarm_probability)
     shape = n_powers(n_training, n_summed)
     if n_summed == 1:
         return float(n_training * np.expm1(-np.log(false_alarm_probability) / n_training))
@@ -77,7 +77,7 @@ def ordered_statistic_factor(
 
     The root of Pfa = prod_{i<k} (N - i) / (N - i + factor).
     """
-    probability("false_alarm_probability", false_alarm_probability)
+    false_alarms("false_alarm_probability", false_alarm_probability)
     rates = step_rates(n_training, rank)
     log_pfa = math.log(false_alarm_probability)
     # As if every step were as short as the first, or as long as the last.
@@ -114,7 +114,7 @@ def smallest_of_factor(false_alarm_probability: float, *, n_training: int) -> fl
     The root of Pfa = 2 sum_{k<n} C(n + k - 1, k) (2 + T)^-(n + k), with n = N / 2 and
     T = factor / n.
     """
-    probability("false_alarm_probability", false_alarm_probability)
+    false_alarms("false_alarm_probability", false_alarm_probability)
     half = half_of(n_training)
     log_pfa = math.log(false_alarm_probability)
 
@@ -123,8 +123,7 @@ def smallest_of_factor(false_alarm_probability: float, *, n_training: int) -> fl
         return log_pfa - math.log(found)
 
     # At least as many alarms as over the mean of one half, at most twice as many.
-    one_half = cell_averaging_factor(false_alarm_probability, n_training=half)
-    twice = cell_averaging_factor(false_alarm_probability / 2, n_training=half)
+    one_half, twice = (half * math.expm1((log - log_pfa) / half) for log in (0, math.log(2)))
     return _root(excess, one_half, twice)
 
 

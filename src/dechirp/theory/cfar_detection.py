@@ -12,7 +12,7 @@ target is exponential itself, it is noise 1 + snr times as strong: Pd is the fal
 probability of factor / (1 + snr).
 
 The parameters mean the same in all functions. `n_training`, `n_summed` and `rank` are those of
-`theory.cfar`, `factor` is one of its factors, a float, and
+`theory.cfar`, `factor` is one of its factors, one number, and
 
 snr : array
     Mean power of the target over that of noise, in each of the powers that are summed; finite,
@@ -23,7 +23,8 @@ swerling : int
 Each function raises `InvalidSetting` if one of them is out of bounds. For 2 to 10 000 training
 cells, false-alarm probabilities from 1e-12 to 0.1 and -30 to 40 dB, probabilities are good to
 1e-9 of their value. Sums have about K snr terms for a steady target, and at most 70 times as
-many for one that fluctuates.
+many for one that fluctuates; `InvalidSetting` is raised before more than 1e8 of them, or 1e6
+for an ordered statistic, where the time goes with their square.
 
 References
 ----------
@@ -39,7 +40,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import betaincinv, gammaincinv
 
-from dechirp.core.checks import detection_above_false_alarms, positive_ratios, ratios
+from dechirp.core.checks import detection_above_false_alarms, number, ratios
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.cfar import (
     cell_averaging_factor,
@@ -59,7 +60,7 @@ def cell_averaging_detection_probability(
     """Probability that a target exceeds factor times the mean of the training cells."""
     chi, of_target = ratios("snr", snr), shape_of(swerling, n_summed)
     of_noise = n_powers(n_training, n_summed)
-    factor = float(positive_ratios("factor", factor))
+    factor = number("factor", factor, above=0)
     a = factor / n_training
     if of_target == n_summed:  # exponential in each power, as noise is
         return cell_averaging_false_alarm_probability(
@@ -87,7 +88,7 @@ def ordered_statistic_detection_probability(
     ten times that for every 5 dB more.
     """
     chi, of_target = ratios("snr", snr), shape_of(swerling, 1)
-    factor = float(positive_ratios("factor", factor))
+    factor = number("factor", factor, above=0)
     rates = step_rates(n_training, rank)
     if of_target == 1:
         return ordered_statistic_false_alarm_probability(
@@ -107,6 +108,7 @@ def ordered_statistic_detection_probability(
         of_target,
         lambda n: _sum_of_geometrics(n, factor / rates),
         span(longest * factor, math.inf)[1],
+        at_most=10**6,
     )
 
 
@@ -220,7 +222,7 @@ def _over_a_half(
     """
     chi, of_target = ratios("snr", snr), shape_of(swerling, 1)
     half = half_of(n_training)
-    factor = float(positive_ratios("factor", factor))
+    factor = number("factor", factor, above=0)
     if of_target == 1:
         return alarms(factor / (1 + chi), n_training=n_training)
     t = factor / half
@@ -240,10 +242,19 @@ def _detected(
     longest: int,
     *,
     n_summed: int = 1,
+    at_most: int = 10**8,
 ) -> np.ndarray:
     """P(M < K + J) for every mean of J: `counts(n)` are P(M = m) for m < n, `longest` is rare."""
     spans = [span(one, shape) for one in mean.flat]
-    pmf = counts(n_summed + min(longest, max((last for _, last in spans), default=0)))
+    n = n_summed + min(longest, max((last for _, last in spans), default=0))
+    if n > at_most:
+        raise InvalidSetting(
+            "snr",
+            got=f"{mean.max() / n_summed:.3g} over a threshold that needs {n:.3g} terms",
+            need=f"so low that the sum has at most {at_most:.0e} terms",
+            fix="Lower it, or train over more cells, or allow more false alarms.",
+        )
+    pmf = counts(n)
     found = []
     for one, (first, last) in zip(mean.flat, spans, strict=True):
         # J is more than m - K surely, perhaps, or hardly ever.
@@ -256,7 +267,9 @@ def _detected(
 def _negative_binomial(n: int, shape: int, a: float) -> np.ndarray:
     """P(M = m) for m < n, where M is Poisson of mean a times a gamma variate of `shape`."""
     m = np.arange(1, n)
-    growth = np.log((shape + m - 1) / m) + math.log(a / (1 + a))
+    # ln of a / (1 + a): a rounding error of the quotient would count once in every term.
+    go = -float(np.logaddexp(0, -math.log(a)))
+    growth = np.log((shape + m - 1) / m) + go
     return np.exp(np.concatenate([[0], np.cumsum(growth)]) - shape * math.log1p(a))
 
 

@@ -15,24 +15,33 @@ M(s) = prod_j (1 + s mu_j)^-K
 For K = 1 this is prod 1 / (1 + mu_j); where the cell under test is independent of the
 training cells, mu_j = a l_j with l_j the eigenvalues of their covariance. For independent
 cells every mu is a: the closed forms of `theory.cfar`.
-"""
 
-from dataclasses import dataclass
+References
+----------
+G. L. Turin, The characteristic function of Hermitian quadratic forms in complex normal
+variables, Biometrika 47, 1960. J. P. Imhof, Computing the distribution of quadratic forms in
+normal variables, Biometrika 48, 1961.
+"""
 
 import numpy as np
 from scipy.optimize import newton
 
+from dechirp.core.checks import whole
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import value
 from dechirp.theory.cfar import cell_averaging_factor
 
 
-@dataclass(frozen=True)
+@value
 class Box:
     """Covariance of the cells in and around a training ring, as a product of two axes.
 
     A box of range by velocity cells holds the ring; the guard cells and the cell under test
     are the rest of the box. White noise after a separable transform has the covariance
-    `range_covariance` x `velocity_covariance` there.
+    `range_covariance` x `velocity_covariance` there. Boxes have no `==` and no hash.
+
+    Raises `InvalidSetting` unless the covariances are square, the guard is whole cells
+    within the box, and the cell under test within the guard.
     """
 
     range_covariance: np.ndarray
@@ -46,15 +55,66 @@ class Box:
     under_test: tuple[int, int]
     """Place of the cell under test in the box, (range, velocity)."""
 
+    def __post_init__(self) -> None:
+        axes = (
+            ("range", self.range_covariance, self.guard_range, self.under_test[0]),
+            ("velocity", self.velocity_covariance, self.guard_velocity, self.under_test[1]),
+        )
+        for axis, covariance, guard, under_test in axes:
+            if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
+                raise InvalidSetting(
+                    f"Box.{axis}_covariance",
+                    got=f"an array {covariance.shape}",
+                    need="square",
+                    fix="Give the covariance of each cell with each along this axis.",
+                )
+            where = f"Box.guard_{axis}"
+            whole(f"{where}.start", guard.start, at_least=0, at_most=len(covariance) - 1)
+            whole(f"{where}.stop", guard.stop, at_least=guard.start + 1, at_most=len(covariance))
+            if guard.step is not None:
+                whole(f"{where}.step", guard.step, at_least=1, at_most=1)
+            whole(
+                f"Box.under_test of {axis}",
+                under_test,
+                at_least=guard.start,
+                at_most=guard.stop - 1,
+            )
+
     @property
     def n_training(self) -> int:
         """Cells of the ring."""
         box = len(self.range_covariance) * len(self.velocity_covariance)
         return box - self._n_guard(self.guard_range) * self._n_guard(self.guard_velocity)
 
+    @property
+    def n_independent(self) -> float:
+        r"""Independent cells whose mean has the variance of that of the ring.
+
+        .. math:: N_\mathrm{eff} = N^2 / \sum_{ij} |\rho_{ij}|^2
+
+        over the N cells of the ring: two squared magnitudes are correlated by the square of
+        what their amplitudes are. Closed forms for so many independent cells, rounded, are an
+        approximate law: in the reference ring, factors for 1e-6 within 0.05 % under Hann
+        windows and 0.5 % padded twofold. The exact factor is `correlated_factor`.
+
+        F. E. Satterthwaite, An approximate distribution of estimates of variance components,
+        Biometrics Bulletin 2(6), 1946.
+        """
+        # A ring is a box less its guard, and each of the two a product.
+        in_range = _sums(self.range_covariance, self.guard_range)
+        in_velocity = _sums(self.velocity_covariance, self.guard_velocity)
+        box, across, guard = in_range * in_velocity
+        return float(self.n_training**2 / (box - 2 * across + guard))
+
     @staticmethod
     def _n_guard(along: slice) -> int:
         return int(along.stop - along.start)
+
+
+def _sums(covariance: np.ndarray, guard: slice) -> np.ndarray:
+    """Sum of |rho|^2 over pairs of cells: in the box, box and guard, guard; (3,)."""
+    power = np.abs(covariance) ** 2
+    return np.array([power.sum(), power[guard].sum(), power[guard, guard].sum()])
 
 
 def correlated_factor(false_alarm_probability: float, box: Box, *, n_summed: int = 1) -> float:

@@ -1,16 +1,16 @@
 """Detection in known noise, by a square-law detector: one look, or powers summed over several.
 
 `snr` is A^2 / E|w|^2 in the cell under test, after integration: the power of the target
-over the mean power of complex noise, a ratio and never dB. Each of the `n_summed` powers, of
-pulses or of receivers, that are summed noncoherently has this ratio; a target that fluctuates
-has it on average. `swerling` is 0 for a steady target, 1 to 4 for Swerling's cases; see
+over the mean power of complex noise, a ratio and never dB. Each of the K powers, `n_summed`,
+of pulses or of receivers, that are summed noncoherently has this ratio; a target that
+fluctuates has it on average. `swerling` is 0 for a steady target, 1 to 4 for Swerling's cases; see
 `theory.fluctuation`.
 
-The sum of N powers, over the mean noise power of one, exceeds T with the probability
+The sum of K powers, over the mean noise power of one, exceeds T with the probability
 
-    Pd = sum_j w(j) Q(N + j, T),   Q the upper incomplete gamma function, regularised,
+    Pd = sum_j w(j) Q(K + j, T),   Q the upper incomplete gamma function, regularised,
 
-where w(j) is the probability that the target is worth j events: Poisson of mean N snr for a
+where w(j) is the probability that the target is worth j events: Poisson of mean K snr for a
 steady target, negative binomial for one that fluctuates. The detectors of this file know the
 noise; what its estimate costs is in `theory.cfar_detection`.
 
@@ -29,20 +29,19 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import erfc, erfcinv, gammainc, gammaincc, gammainccinv
 
-from dechirp.core.checks import detection_above_false_alarms, probability, ratios, whole
-from dechirp.core.errors import InvalidSetting
+from dechirp.core.checks import detection_above_false_alarms, false_alarms, number, ratios, whole
 from dechirp.theory.fluctuation import at_least, fewer_than, shape_of
 
 
 def threshold(false_alarm_probability: float, *, n_summed: int = 1) -> float:
     """Threshold of the sum of powers, over the mean noise power of one.
 
-    -ln Pfa for one power: that of noise is exponential. The sum of N, `n_summed`, is a gamma
-    variate of shape N. Raises `InvalidSetting` unless 0 < false-alarm probability < 1 and N
-    is a whole number from 1.
+    -ln Pfa for one power: that of noise is exponential. The sum of K, `n_summed`, is a gamma
+    variate of shape K. Raises `InvalidSetting` unless the false-alarm probability is from
+    1e-300 to 1 - 1e-9 and K a whole number from 1.
     """
-    probability("false_alarm_probability", false_alarm_probability)
-    whole("n_summed", n_summed, at_least=1, at_most=2**31 - 1)
+    false_alarms("false_alarm_probability", false_alarm_probability)
+    whole("n_summed", n_summed, at_least=1)
     return float(gammainccinv(n_summed, false_alarm_probability))
 
 
@@ -51,7 +50,11 @@ def exceedance_probability(
 ) -> np.ndarray:
     r"""Probability that the sum of powers of target and noise exceeds a threshold.
 
-    .. math:: P = \sum_j w(j)\, Q(N + j, T)
+    .. math:: P = \sum_j w(j)\, Q(K + j, T)
+
+    For a steady target this is Marcum's function, :math:`Q_K(\sqrt{2 K \chi}, \sqrt{2 T})`
+    with chi the snr: the tail beyond 2 T of noncentral chi-square with 2 K degrees of freedom
+    and noncentrality 2 K chi.
 
     Parameters
     ----------
@@ -60,7 +63,7 @@ def exceedance_probability(
     threshold : float
         T, over the mean noise power of one.
     n_summed : int
-        Powers that are summed, N: pulses, or receivers.
+        Powers that are summed, K: pulses, or receivers.
     swerling : int
         0 for a steady target. 1 and 2 fluctuate as a sum of many scatterers, 3 and 4 as one
         strong among many; 1 and 3 are constant over the sum, 2 and 4 independent from power
@@ -70,17 +73,17 @@ def exceedance_probability(
     -------
     array
         The shape of `snr`. Relative error below 1e-12, however small the probability,
-        and absolute below 1e-15 near 1: for N to 1e4, -30 to 40 dB, and thresholds that noise
+        and absolute below 1e-15 near 1: for K to 1e4, -30 to 40 dB, and thresholds that noise
         alone exceeds with 1e-12 to 0.5.
 
     Raises
     ------
     InvalidSetting
-        If a ratio is negative or not finite, the threshold not above zero, N not a whole
-        number from 1, or there is no such case of Swerling's.
+        If a ratio is negative or not finite, the threshold not one finite number
+        above zero, K not a whole number from 1, or there is no such case of Swerling's.
     """
     chi = ratios("snr", snr)
-    law = _Law(threshold, n_summed, swerling)
+    law = _Mixture(threshold, n_summed, swerling)
     found = [law.exceeded(ratio) for ratio in chi.ravel()]
     return np.array(found, dtype=float).reshape(chi.shape)
 
@@ -92,7 +95,7 @@ def detection_probability(
 
     `exceedance_probability` at that threshold, in the shape of `snr`. For one power, 0.9 at
     1e-6 takes 13.18 dB of a steady target, 21.14 dB of Swerling's 1 and 2, and 17.30 dB of
-    3 and 4. Raises `InvalidSetting` as that does, and unless 0 < false-alarm probability < 1.
+    3 and 4. Raises `InvalidSetting` as that does, and as `threshold` does.
     """
     limit = threshold(false_alarm_probability, n_summed=n_summed)
     return exceedance_probability(snr, limit, n_summed=n_summed, swerling=swerling)
@@ -108,12 +111,12 @@ def required_snr(
     """Mean snr, in each of the summed powers, at which a target is detected so often.
 
     The inverse of `detection_probability`, to a relative error of 1e-10. Raises
-    `InvalidSetting` unless 0 < false-alarm probability < detection probability < 1, N is a
-    whole number from 1 and `swerling` one of 0 to 4.
+    `InvalidSetting` unless 1e-300 <= false-alarm probability < detection probability < 1, K
+    is a whole number from 1 and `swerling` one of 0 to 4.
     """
     detection_above_false_alarms(detection_probability, false_alarm_probability)
     limit = threshold(false_alarm_probability, n_summed=n_summed)
-    law = _Law(limit, n_summed, swerling)
+    law = _Mixture(limit, n_summed, swerling)
 
     gain, miss = detection_probability - false_alarm_probability, 1 - detection_probability
 
@@ -135,10 +138,10 @@ def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: floa
 
     What no detector of one power reaches: 0.6 dB less than the square law needs for 0.9 at
     1e-6. `snr` has any shape, as has the result. Raises `InvalidSetting` if a ratio is
-    negative or not finite, or unless 0 < false-alarm probability < 1.
+    negative or not finite, or as `threshold` does.
     """
     chi = ratios("snr", snr)
-    probability("false_alarm_probability", false_alarm_probability)
+    false_alarms("false_alarm_probability", false_alarm_probability)
     return np.asarray(erfc(erfcinv(2 * false_alarm_probability) - np.sqrt(chi)) / 2)
 
 
@@ -146,34 +149,31 @@ def coherent_required_snr(detection_probability: float, false_alarm_probability:
     """The snr at which a target of known phase is detected so often: 12.60 dB for 0.9 at 1e-6.
 
     The inverse of `coherent_detection_probability`. Raises `InvalidSetting` unless
-    0 < false-alarm probability < detection probability < 1.
+    1e-300 <= false-alarm probability < detection probability < 1.
     """
     detection_above_false_alarms(detection_probability, false_alarm_probability)
     amplitude = erfcinv(2 * false_alarm_probability) - erfcinv(2 * detection_probability)
     return float(amplitude**2)
 
 
-_TINY = 1e-300  # keeps the logarithm of a probability that underflows
+_TINY = 5e-324  # keeps the logarithm of a probability that underflows
 
 
-class _Law:
+class _Mixture:
     """The mixture, summed by parts so that every term is positive and few are needed.
 
-    Q(N + j, T) grows with j by p(N + j), the Poisson probabilities of mean T. So
+    Q(K + j, T) grows with j by p(K + j), the Poisson probabilities of mean T. So
 
-        Pd = Q(N, T) + sum_i p(N + i) P(j > i),   1 - Pd = sum_i p(N + i) P(j <= i),
+        Pd = Q(K, T) + sum_i p(K + i) P(j > i),   1 - Pd = sum_i p(K + i) P(j <= i),
 
     The terms end where p does, whatever the ratio: twelve standard
     deviations beyond T, 90 terms for one power at 1e-6 and 1,750 for ten thousand.
     """
 
     def __init__(self, threshold: float, n_summed: int, swerling: int) -> None:
-        self._n = n_summed
+        self._n_summed = n_summed
         self._shape = shape_of(swerling, n_summed)
-        if not 0 < threshold < math.inf:
-            raise InvalidSetting(
-                "threshold", got=threshold, need="a finite number above 0", fix="Give a power."
-            )
+        threshold = number("threshold", threshold, above=0)
         # Below 40 deviations p is 0 in floating point; above 12 it is 1e-31 of what is kept.
         deviation = math.sqrt(max(threshold, n_summed))
         first = max(threshold - n_summed - 40 * deviation, 0)
@@ -192,8 +192,8 @@ class _Law:
 
     def gained(self, snr: float) -> float:
         """The same above that of noise alone."""
-        return float(self._p @ at_least(self._i + 1, self._n * snr, self._shape))
+        return float(self._p @ at_least(self._i + 1, self._n_summed * snr, self._shape))
 
     def missed(self, snr: float) -> float:
         """Probability that the sum stays below the threshold."""
-        return float(self._p @ fewer_than(self._i + 1, self._n * snr, self._shape))
+        return float(self._p @ fewer_than(self._i + 1, self._n_summed * snr, self._shape))

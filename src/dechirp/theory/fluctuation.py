@@ -3,10 +3,17 @@
 Let events come at random, on average one in each unit of noise power. Noise summed over K
 powers reaches as far as the K-th event. A target in it makes the sum reach J events further:
 J is Poisson, of mean K snr, for a steady target. A target that fluctuates as a gamma variate
-makes J negative binomial, of the same mean and of the shape of that variate. The shapes:
+makes J negative binomial, of the same mean and of the shape kappa of that variate. For a
+steady target this is noncentral chi-square as a Poisson mixture of gamma variates: twice the
+sum exceeds 2 T with the probability
+
+    Q_K(sqrt(2 K snr), sqrt(2 T)) = sum_j e^(-K snr) (K snr)^j / j!  Q(K + j, T),
+
+where Q_K is Marcum's function and Q the upper incomplete gamma function, regularised. The
+shapes:
 
 ==========  =========  ================================================================
-`swerling`  shape      target
+`swerling`  kappa      target
 ==========  =========  ================================================================
 0           infinite   steady
 1           1          many scatterers, constant over the powers that are summed
@@ -33,9 +40,9 @@ RARE = 1e-30
 
 
 def shape_of(swerling: int, n_summed: int) -> float:
-    """Shape of the count of a target; raises `InvalidSetting` if a number is out of bounds."""
+    """Kappa of a target; raises `InvalidSetting` if a number is out of bounds."""
     whole("swerling", swerling, at_least=0, at_most=4)
-    whole("n_summed", n_summed, at_least=1, at_most=2**31 - 1)
+    whole("n_summed", n_summed, at_least=1)
     return (math.inf, 1, n_summed, 2, 2 * n_summed)[swerling]
 
 

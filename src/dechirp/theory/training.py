@@ -9,19 +9,17 @@ from scipy.special import betainc, betaincc
 from dechirp.core.checks import whole
 from dechirp.core.errors import InvalidSetting
 
-_MOST = 2**31 - 1
-
 
 def n_powers(n_training: int, n_summed: int) -> int:
     """Powers in the training cells, N K; raises `InvalidSetting` if a count is below 1."""
-    whole("n_training", n_training, at_least=1, at_most=_MOST)
-    whole("n_summed", n_summed, at_least=1, at_most=_MOST)
+    whole("n_training", n_training, at_least=1)
+    whole("n_summed", n_summed, at_least=1)
     return n_training * n_summed
 
 
 def half_of(n_training: int) -> int:
     """Training cells in one half; raises `InvalidSetting` if N is not even."""
-    whole("n_training", n_training, at_least=2, at_most=_MOST)
+    whole("n_training", n_training, at_least=2)
     if n_training % 2:
         raise InvalidSetting(
             "n_training",
@@ -38,7 +36,7 @@ def step_rates(n_training: int, rank: int) -> np.ndarray:
     The steps are independent and exponential. Raises `InvalidSetting` if the rank is not from
     1 to N.
     """
-    whole("n_training", n_training, at_least=1, at_most=_MOST)
+    whole("n_training", n_training, at_least=1)
     whole("rank", rank, at_least=1, at_most=n_training)
     return n_training - np.arange(rank, dtype=float)
 

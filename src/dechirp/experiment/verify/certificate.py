@@ -18,6 +18,7 @@ from dechirp.experiment.verify import (
     detection,
     estimates,
     false_alarms,
+    reference_target,
     resolution,
     transforms,
     waveform,
@@ -25,8 +26,10 @@ from dechirp.experiment.verify import (
 from dechirp.experiment.verify.claim import Claim
 from dechirp.experiment.verify.corrections import Correction, corrections
 from dechirp.experiment.verify.curves import Curve, curves
+from dechirp.experiment.verify.reference_target import GRID_DB
+from dechirp.experiment.verify.sensitivity import trials_for_limit
 from dechirp.experiment.verify.tables import Table, tables
-from dechirp.experiment.verify.trials import Job, run_all, trials_for_rms
+from dechirp.experiment.verify.trials import Job, run_all
 
 CLAIMS = (
     "chirp_linearity",
@@ -92,8 +95,9 @@ def verify(
     Parameters
     ----------
     trials : int, optional
-        Of each statistical claim. One whose interval needs more of them to decide takes what
-        it needs: a certificate does not become weaker to be quicker.
+        Of each claim on detection, estimates and resolution. One whose interval needs more
+        of them to decide takes what it needs: a certificate does not become weaker to be
+        quicker. Frames of noise alone are as many as their cells ask for.
     full : bool
         10,000 trials where `trials` does not say, and false alarms at 1e-6 over 3e9 cells of
         each detector: a quarter of an hour on two cores. Without it, under two minutes.
@@ -119,7 +123,7 @@ def verify(
     found = [
         *waveform.claims(),
         *transforms.claims(results),
-        *estimates.claims(results, detection.by_snr(results)),
+        *estimates.claims(results),
         *detection.claims(results),
         *false_alarms.claims(results, full=full),
         *resolution.claims(results),
@@ -143,10 +147,11 @@ def verify(
 def _jobs(trials: int | None, *, full: bool) -> dict[str, Job]:
     """All trials: so many as their claims need, or as asked if that is more."""
     least = trials or (FULL_TRIALS if full else 0)
-    n_errors = trials_for_rms(estimates.SPREAD, at_most=estimates.MOST_OF_BOUND)
+    for_limit = {window: max(least, trials_for_limit(window)) for window in GRID_DB}
     return {
         **transforms.jobs(),
-        **detection.jobs(max(least, n_errors), least),
+        **reference_target.jobs(max(least, estimates.trials_for_errors()), for_limit),
+        **detection.jobs(least),
         **estimates.jobs(least),
         **false_alarms.jobs(full=full),
         **resolution.jobs(least),

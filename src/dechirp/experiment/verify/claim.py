@@ -2,15 +2,18 @@
 
 import math
 
+import numpy as np
+
 from dechirp.core.values import value
+from dechirp.theory import intervals
 
 CONFIDENCE = 1 - 1e-5
 """Of every interval that decides: 5e-6 on each side.
 
 A check passes when its interval lies within what is required, so that a pass is shown, not
-merely not refuted. Trial counts are such that, where theory holds, the measurement strays
-so far that it does not with a chance of 5e-6 on each side; no claim rests on more than
-sixteen sides, which leaves less than 1e-4 for a false fail.
+merely not refuted. Trial counts make it miss by chance, where theory holds, 5e-6 of the time
+on each side; no claim rests on more than sixteen sides, so that a false fail is rarer than
+1e-4.
 """
 
 
@@ -62,3 +65,18 @@ class Claim:
     def passed(self) -> bool:
         """Whether every check did."""
         return all(check.passed for check in self.checks)
+
+
+def share(name: str, hits: np.ndarray, *, at_least: float, limit: float | None = None) -> Check:
+    """Check of a share of trials, hits being 0 or 1."""
+    low, high = intervals.binomial(int(hits.sum()), hits.size, confidence=CONFIDENCE)
+    return Check(
+        name=name,
+        unit="1",
+        measured=float(hits.mean()),
+        low=low,
+        high=high,
+        at_least=at_least,
+        limit=limit,
+        trials=hits.size,
+    )

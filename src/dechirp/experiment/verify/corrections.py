@@ -5,8 +5,7 @@ import numpy as np
 from dechirp.core.units import SPEED_OF_LIGHT, decibels
 from dechirp.core.values import value
 from dechirp.experiment.verify import published, sensitivity
-from dechirp.experiment.verify.estimates import REFERENCE
-from dechirp.experiment.verify.looks import radar
+from dechirp.experiment.verify.looks import REFERENCE, late_echo, radar
 
 
 @value
@@ -51,8 +50,7 @@ def _samples() -> Correction:
 def _guard() -> Correction:
     wide, narrow = published.RING, published.OTHER_RING
     costs_db = [
-        float(-2 * decibels(1 - published.leakage(sensitivity.late_echo(), ring)))
-        for ring in (narrow, wide)
+        float(-2 * decibels(1 - published.leakage(late_echo(), ring))) for ring in (narrow, wide)
     ]
     return Correction(
         subject="guard cells along range",
@@ -141,7 +139,7 @@ def _direction() -> Correction:
 
 
 def _velocity() -> Correction:
-    range_m, velocity = published.strongest(sensitivity.late_echo())
+    range_m, velocity = published.strongest(late_echo())
     _, axis = published.axes_m_and_m_per_s()
     below = axis[np.searchsorted(axis, velocity) - 1]
     right = radar().frame.velocity_resolution_m_per_s

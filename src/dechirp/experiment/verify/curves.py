@@ -5,8 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from dechirp.core.values import value
-from dechirp.experiment.verify import detection, published, resolution, sensitivity
+from dechirp.experiment.verify import published, resolution, sensitivity
 from dechirp.experiment.verify.looks import named
+from dechirp.experiment.verify.reference_target import by_window
 
 
 @value
@@ -33,7 +34,7 @@ def curves(results: Mapping[str, np.ndarray]) -> tuple[Curve, ...]:
     """Detection by each window and by the report's rule, and resolution by each window."""
     found = [
         _against(named(window), trials, sensitivity.curve_of_theory(window))
-        for window, trials in detection.by_window(results).items()
+        for window, trials in by_window(results).items()
     ]
     at_limit = results["report at its limit"][:, :2]
     both = np.concatenate([results["report"][:, :2], at_limit])

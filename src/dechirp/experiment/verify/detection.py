@@ -7,80 +7,38 @@ import numpy as np
 
 from dechirp.core.units import decibels, from_decibels
 from dechirp.experiment.verify import published
-from dechirp.experiment.verify.claim import Check, Claim
-from dechirp.experiment.verify.estimates import ERROR_SNRS_DB, REFERENCE, column, share
-from dechirp.experiment.verify.looks import Look, look_at_target, named, white_noise
+from dechirp.experiment.verify.claim import Check, Claim, share
+from dechirp.experiment.verify.looks import REFERENCE, column, late_echo, named, white_noise
+from dechirp.experiment.verify.reference_target import by_snr, by_window
 from dechirp.experiment.verify.sensitivity import (
     BARS_DB,
     DETECTION_PROBABILITY,
-    GRID_DB,
     curve_of_theory,
     fit,
-    late_echo,
     needed_by_report,
     needed_in_map,
     report_curve,
     report_threshold,
-    trials_for_limit,
 )
 from dechirp.experiment.verify.trials import Job, trials_for_probability
-from dechirp.theory.windows import Window
 
 REPORT_GRID_DB = (-25.0, -24.75, -24.5, -24.25, -24.0, -23.75)
 
 
-def jobs(n_errors: int, n_trials: int) -> dict[str, Job]:
-    """Trials of the reference target: so many for errors, and at least so many for the rest.
-
-    Noise takes half the time of a look, so the first trials are looked at for several claims
-    at once. What each rests on are independent trials all the same.
-    """
-    limits = [Look(window=window, snr_db=GRID_DB[window]) for window in GRID_DB]
-    errors = [Look(window="hann", snr_db=(snr_db,)) for snr_db in ERROR_SNRS_DB]
-    for_limit = {window: max(n_trials, trials_for_limit(window)) for window in GRID_DB}
-    n_first = max(n_errors, for_limit["hann"])
-    n_more = max(for_limit["rectangular"] - n_first, 0)
-    told = REFERENCE._asdict()
-    for_share = max(n_trials, trials_for_probability(1.0, at_least=DETECTION_PROBABILITY))
-    made = {
-        "reference target": Job(
-            work=look_at_target, n_trials=n_first, told={**told, "looks": (*errors, *limits)}
-        ),
+def jobs(n_trials: int) -> dict[str, Job]:
+    """Trials of the report's rule, at least so many at each ratio."""
+    for_share = trials_for_probability(1.0, at_least=DETECTION_PROBABILITY)
+    return {
         "report": Job(
             work=report_in_noise,
             n_trials=max(n_trials, 50 * len(REPORT_GRID_DB)),
             told={"snr_db": REPORT_GRID_DB},
         ),
         "report at its limit": Job(
-            work=report_in_noise, n_trials=for_share, told={"snr_db": (published.LOWEST_SNR_DB,)}
+            work=report_in_noise,
+            n_trials=max(n_trials, for_share),
+            told={"snr_db": (published.LOWEST_SNR_DB,)},
         ),
-    }
-    if n_more:
-        made["reference target, faint"] = Job(
-            work=look_at_target, n_trials=n_more, told={**told, "looks": (limits[0],)}
-        )
-    return made
-
-
-def by_snr(results: Mapping[str, np.ndarray]) -> dict[float, np.ndarray]:
-    """Looks for errors, by their ratio in dB."""
-    looks = results["reference target"]
-    return {snr_db: looks[:, index] for index, snr_db in enumerate(ERROR_SNRS_DB)}
-
-
-def by_window(results: Mapping[str, np.ndarray]) -> dict[Window, np.ndarray]:
-    """Trials for the limit, by window: ratio in dB, and hit or not, (n_trials, 2) each."""
-    first = len(ERROR_SNRS_DB)
-    looks = {
-        window: results["reference target"][:, first + index]
-        for index, window in enumerate(GRID_DB)
-    }
-    more = results.get("reference target, faint")
-    if more is not None:
-        looks["rectangular"] = np.concatenate([looks["rectangular"], more[:, 0]])
-    return {
-        window: np.stack([column(of, "snr_db"), column(of, "hit")], axis=-1)
-        for window, of in looks.items()
     }
 
 
@@ -101,7 +59,10 @@ def report_in_noise(
         noisy = np.float32(np.sqrt(from_decibels(at_db))) * samples
         noisy += white_noise(rng, samples.shape)
         range_m, velocity = published.strongest(noisy)
-        near = abs(range_m - 50.0) < 2.0 and abs(velocity - 10.0) < 5.0
+        near = (
+            abs(range_m - REFERENCE.range_m) < 2.0
+            and abs(velocity - REFERENCE.velocity_m_per_s) < 5.0
+        )
         out[trial] = at_db, near, range_m, velocity
     return out
 

@@ -7,9 +7,9 @@ from dechirp.core.units import SPEED_OF_LIGHT, decibels
 from dechirp.experiment.verify import published, sensitivity
 from dechirp.experiment.verify.certificate import Certificate
 from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
-from dechirp.experiment.verify.estimates import REFERENCE, bounds, true_place
-from dechirp.experiment.verify.false_alarms import designs
-from dechirp.experiment.verify.looks import radar
+from dechirp.experiment.verify.estimates import bounds
+from dechirp.experiment.verify.false_alarms import noise_tests
+from dechirp.experiment.verify.looks import QUIET_SNR_DB, REFERENCE, at_mid_frame, radar
 from dechirp.process.chain import Chain
 from dechirp.theory.cfar_detection import cell_averaging_loss
 from dechirp.theory.detection import required_snr
@@ -31,7 +31,7 @@ def document(certificate: Certificate) -> dict[str, Any]:
         "numbers": {
             **_numbers(),
             "measured_false_alarm_probabilities": sorted(
-                {design.false_alarm_probability for design in designs(full=certificate.full)},
+                {design.false_alarm_probability for design in noise_tests(full=certificate.full)},
                 reverse=True,
             ),
         },
@@ -82,7 +82,7 @@ def _required(check: Check) -> dict[str, float] | None:
 def _numbers() -> dict[str, float]:
     """What the paper says of the radar, its detector and the reference target, SI and dB."""
     frame, chirp = radar().frame, radar().frame.chirp
-    at = true_place(REFERENCE)
+    at = at_mid_frame(REFERENCE)
     cfar = Chain().cfar
     pfa = cfar.false_alarm_probability
     assert pfa is not None
@@ -132,5 +132,5 @@ def _numbers() -> dict[str, float]:
         "range_bound_m": bounds(published.LOWEST_SNR_DB).range_m,
         "velocity_bound_m_per_s": bounds(published.LOWEST_SNR_DB).velocity_m_per_s,
         "report_snr_db": published.LOWEST_SNR_DB,
-        "quiet_snr_db": -10.0,
+        "quiet_snr_db": QUIET_SNR_DB,
     }

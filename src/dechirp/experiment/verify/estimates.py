@@ -2,22 +2,35 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from dechirp.core.units import decibels, from_decibels
 from dechirp.experiment.verify import published
-from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
-from dechirp.experiment.verify.looks import COLUMNS, Look, look_at_target, radar, scene
-from dechirp.experiment.verify.trials import Job, trials_for_mean, trials_for_probability
+from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim, share
+from dechirp.experiment.verify.looks import (
+    QUIET_SNR_DB,
+    RCS_M2,
+    REFERENCE,
+    Look,
+    Motion,
+    at_mid_frame,
+    column,
+    look_at_target,
+    radar,
+)
+from dechirp.experiment.verify.reference_target import ERROR_SNRS_DB, by_snr
+from dechirp.experiment.verify.trials import (
+    Job,
+    trials_for_mean,
+    trials_for_probability,
+    trials_for_rms,
+)
 from dechirp.radar.accuracy import standard_errors
 from dechirp.radar.budget import snr as sample_snr
-from dechirp.scene.scene import truth
 from dechirp.theory import intervals
 
-ERROR_SNRS_DB = (-24.0, -10.0)
-"""Ratios in each sample at which the errors of the reference target are measured."""
 MOST_OF_BOUND = 1.15
 """Root-mean-square error over the Cramer-Rao bound that is required."""
 MOST_BIAS = 0.3
@@ -30,20 +43,13 @@ SPREAD = 1.01
 """Root-mean-square error over the bound that the chain reaches, for the trial counts."""
 
 
-class Place(NamedTuple):
-    """Where a target is at the start of the frame."""
-
-    range_m: float
-    velocity_m_per_s: float
-
-
-REFERENCE = Place(50.0, 10.0)
-_PLACES = {
-    "at rest": Place(100.0, 0.0),
+_ERRORS = ("range_error_m", "velocity_error_m_per_s")
+_MOTIONS = {
+    "at rest": Motion(100.0, 0.0),
     "receding": REFERENCE,
-    "approaching": Place(50.0, -10.0),
-    "corner, receding": Place(200.0, 100.0),
-    "corner, approaching": Place(200.0, -100.0),
+    "approaching": Motion(50.0, -10.0),
+    "corner, receding": Motion(200.0, 100.0),
+    "corner, approaching": Motion(200.0, -100.0),
 }
 
 
@@ -62,33 +68,29 @@ def jobs(n_trials: int) -> dict[str, Job]:
                 "looks": (Look(window="hann", snr_db=(_snr_db(name),)),),
             },
         )
-        for name, place in _PLACES.items()
+        for name, place in _MOTIONS.items()
     }
 
 
 def _snr_db(name: str) -> float:
     """Ratio in each sample: -10 dB; in the corner, that of the car in the receiver's own noise."""
     if not name.startswith("corner"):
-        return -10.0
-    return float(decibels(sample_snr(radar(), range_m=published.MAX_RANGE_M, rcs_m2=10.0)))
+        return QUIET_SNR_DB
+    return float(decibels(sample_snr(radar(), range_m=published.MAX_RANGE_M, rcs_m2=RCS_M2)))
 
 
-def claims(
-    results: Mapping[str, np.ndarray], errors: Mapping[float, np.ndarray]
-) -> tuple[Claim, ...]:
-    """The claims of this file.
+def trials_for_errors() -> int:
+    """Looks at the reference target that show its errors to be small enough."""
+    return trials_for_rms(SPREAD, at_most=MOST_OF_BOUND)
 
-    Parameters
-    ----------
-    results : mapping
-        Of `jobs`, by name.
-    errors : mapping
-        Looks at the reference target by their ratio in dB, (n_trials, COLUMNS) each.
-    """
-    looks = {name: results[name][:, 0] for name in _PLACES}
+
+def claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
+    """The claims of this file."""
+    errors = by_snr(results)
+    looks = {name: results[name][:, 0] for name in _MOTIONS}
     return (
         _stationary(looks["at rest"]),
-        _peak(errors[-10.0]),
+        _peak(errors[QUIET_SNR_DB]),
         _corner(looks["corner, receding"], looks["corner, approaching"]),
         _direction(looks["receding"], looks["approaching"]),
         _rmse("range", errors),
@@ -96,37 +98,11 @@ def claims(
     )
 
 
-def bounds(snr_db: float) -> Place:
+def bounds(snr_db: float) -> Motion:
     """Cramer-Rao bounds of range and velocity at a ratio in each sample."""
     snr = from_decibels(snr_db) * radar().integration_gain
     range_std, velocity_std = standard_errors(radar().frame, snr=snr)
-    return Place(float(range_std), float(velocity_std))
-
-
-def true_place(place: Place) -> Place:
-    """Range and velocity at mid-frame, to which estimates refer."""
-    known = truth(scene(*place), radar()).isel(frame=0, target=0)
-    return Place(float(known.range), float(known.velocity))
-
-
-def column(looks: np.ndarray, name: str) -> np.ndarray:
-    """One of COLUMNS."""
-    return looks[..., COLUMNS.index(name)]
-
-
-def share(name: str, hits: np.ndarray, *, at_least: float, limit: float | None = None) -> Check:
-    """Check of a share of trials, hits being 0 or 1."""
-    low, high = intervals.binomial(int(hits.sum()), hits.size, confidence=CONFIDENCE)
-    return Check(
-        name=name,
-        unit="1",
-        measured=float(hits.mean()),
-        low=low,
-        high=high,
-        at_least=at_least,
-        limit=limit,
-        trials=hits.size,
-    )
+    return Motion(float(range_std), float(velocity_std))
 
 
 def _interval(of: Callable[..., tuple[float, float]], errors: np.ndarray) -> tuple[float, float]:
@@ -137,17 +113,17 @@ def _interval(of: Callable[..., tuple[float, float]], errors: np.ndarray) -> tup
 
 
 def _means(
-    looks: np.ndarray, place: Place, said: tuple[float | None, float | None]
+    looks: np.ndarray, place: Motion, said: tuple[float | None, float | None]
 ) -> tuple[Check, ...]:
     """Checks of the means of range and velocity at -10 dB against the truth."""
-    right, bound = true_place(place), bounds(-10.0)
+    right, bound = at_mid_frame(place), bounds(QUIET_SNR_DB)
     checks = []
     for index, (name, unit) in enumerate((("range", "m"), ("velocity", "m/s"))):
-        off = column(looks, COLUMNS[2 + index])
+        off = column(looks, _ERRORS[index])
         low, high = _interval(intervals.mean, off)
         checks.append(
             Check(
-                name=f"mean {name} at -10 dB",
+                name=f"mean {name} at {QUIET_SNR_DB:g} dB",
                 unit=unit,
                 published=said[index],
                 measured=right[index] + float(np.mean(off)),
@@ -166,7 +142,7 @@ def _stationary(looks: np.ndarray) -> Claim:
     return Claim(
         id="range_stationary_100m",
         claim="A target at rest at 100 m is found at 100 m, and at rest.",
-        checks=_means(looks, _PLACES["at rest"], (100.0, None)),
+        checks=_means(looks, _MOTIONS["at rest"], (100.0, None)),
         note=f"Required: a bias of at most {MOST_BIAS:g} of the Cramér-Rao bound.",
     )
 
@@ -210,7 +186,7 @@ def _corner(receding: np.ndarray, approaching: np.ndarray) -> Claim:
 def _direction(receding: np.ndarray, approaching: np.ndarray) -> Claim:
     right = []
     for name, looks in (("receding", receding), ("approaching", approaching)):
-        true = true_place(_PLACES[name]).velocity_m_per_s
+        true = at_mid_frame(_MOTIONS[name]).velocity_m_per_s
         estimated = true + column(looks, "velocity_error_m_per_s")
         right.append(
             share(f"sign right, {name}", (estimated * true > 0).astype(float), at_least=LEAST_RIGHT)
@@ -229,7 +205,7 @@ def _rmse(variable: Literal["range", "velocity"], errors: Mapping[float, np.ndar
     said = (published.RANGE_ERROR_M, published.VELOCITY_ERROR_M_PER_S)[index]
     checks = []
     for snr_db in ERROR_SNRS_DB:
-        off = column(errors[snr_db], COLUMNS[2 + index])
+        off = column(errors[snr_db], _ERRORS[index])
         bound = bounds(snr_db)[index]
         low, high = _interval(intervals.rms, off)
         checks.append(

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES
-from dechirp.core.units import from_decibels
+from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
 from dechirp.core.values import value
 from dechirp.echoes.echo import clean_echoes
 from dechirp.echoes.impairments.white_noise import add_white_noise
@@ -34,7 +35,20 @@ def named(window: Window) -> str:
     return f"{'Hann' if window == 'hann' else window} windows"
 
 
-COLUMNS = ("snr_db", "hit", "range_error_m", "velocity_error_m_per_s", "snr")
+class Motion(NamedTuple):
+    """A range and a velocity along the line of sight."""
+
+    range_m: float
+    velocity_m_per_s: float
+
+
+REFERENCE = Motion(50.0, 10.0)
+"""The reference target at the start of the frame."""
+RCS_M2 = 10.0
+QUIET_SNR_DB = -10.0
+"""Ratio in each sample at which noise hides nothing."""
+
+COLUMNS = ("snr_db", "hit", "range_error_m", "velocity_error_m_per_s")
 
 
 @cache
@@ -55,9 +69,24 @@ def echo(range_m: float, velocity_m_per_s: float) -> xr.DataArray:
 def scene(range_m: float, velocity_m_per_s: float) -> Scene:
     """One target straight ahead: the car of the reference scenario, elsewhere."""
     target = Target(
-        position_m=(range_m, 0.0, 0.0), velocity_m_per_s=(velocity_m_per_s, 0.0, 0.0), rcs_m2=10.0
+        position_m=(range_m, 0.0, 0.0), velocity_m_per_s=(velocity_m_per_s, 0.0, 0.0), rcs_m2=RCS_M2
     )
     return Scene(targets=(target,))
+
+
+@cache
+def late_echo() -> np.ndarray:
+    """Echo of the reference target from its arrival on, of unit mean power, (chirp, 1, sample)."""
+    samples = np.array(echo(*REFERENCE).values[0])
+    delay_s = 2 * REFERENCE.range_m / SPEED_OF_LIGHT
+    samples[..., : round(delay_s * radar().frame.chirp.sample_rate_hz)] = 0
+    return np.asarray(samples / np.float32(np.sqrt(np.mean(abs(samples) ** 2))))
+
+
+def at_mid_frame(start: Motion) -> Motion:
+    """Range and velocity at mid-frame, to which estimates refer."""
+    known = truth(scene(*start), radar()).isel(frame=0, target=0)
+    return Motion(float(known.range), float(known.velocity))
 
 
 def white_noise(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
@@ -78,11 +107,10 @@ def look_at_target(
     """What the chain finds of a target in noise, (n_trials, looks, COLUMNS).
 
     All looks of a trial see the same noise. A hit lies within one resolution cell of the
-    truth on both axes; errors and ratio are those of the strongest hit, nan without one.
+    truth on both axes; errors are those of the strongest hit, nan without one.
     """
     clean = echo(range_m, velocity_m_per_s)
-    known = truth(scene(range_m, velocity_m_per_s), radar()).isel(frame=0, target=0)
-    at, moving = float(known.range), float(known.velocity)
+    true = at_mid_frame(Motion(range_m, velocity_m_per_s))
     cell_m = radar().frame.chirp.range_resolution_m
     cell_m_per_s = radar().frame.velocity_resolution_m_per_s
     out = np.full((n_trials, len(looks), len(COLUMNS)), np.nan)
@@ -96,11 +124,17 @@ def look_at_target(
             cube.values += noise
             chain = Chain(range_window=look.window, doppler_window=look.window)
             found = detect(cube, radar(), chain)
-            apart_m, apart_m_per_s = found.range.values - at, found.velocity.values - moving
+            apart_m, apart_m_per_s = (
+                found.range.values - true.range_m,
+                found.velocity.values - true.velocity_m_per_s,
+            )
             hits = np.flatnonzero((abs(apart_m) <= cell_m) & (abs(apart_m_per_s) <= cell_m_per_s))
             out[trial, index, :2] = snr_db, hits.size > 0
             if hits.size:
-                first = hits[0]
-                snr = float(found.snr.values[first])
-                out[trial, index, 2:] = apart_m[first], apart_m_per_s[first], snr
+                out[trial, index, 2:] = apart_m[hits[0]], apart_m_per_s[hits[0]]
     return out
+
+
+def column(looks: np.ndarray, name: str) -> np.ndarray:
+    """One of COLUMNS."""
+    return looks[..., COLUMNS.index(name)]

@@ -25,6 +25,7 @@ SLOPE_HZ_PER_S = 2.045e13
 SAMPLE_RATE_HZ = 300e6
 N_SAMPLES = 2200
 N_CHIRPS = 128
+N_RANGE_BINS = 4096
 ROUNDED_SLOPE_HZ_PER_S = 2e13
 OFFSET_DB = 15.0
 LOWEST_SNR_DB = -24.0
@@ -37,9 +38,9 @@ VELOCITY_ERROR_M_PER_S = 0.06
 RING = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=12, velocity=4))
 """The report has 4 guard cells in one place and 12 in another; 12 suits its rule better."""
 OTHER_RING = Ring(n_training=RING.n_training, n_guard=Cells(range=4, velocity=4))
-_OVER_RANGE = Transform(window="rectangular", n_points=N_SAMPLES, n_bins=4096)
-_OVER_VELOCITY = Transform(window="rectangular", n_points=N_CHIRPS, n_bins=N_CHIRPS)
-_N_KEPT = 2048
+OVER_RANGE = Transform(window="rectangular", n_points=N_SAMPLES, n_bins=N_RANGE_BINS)
+OVER_VELOCITY = Transform(window="rectangular", n_points=N_CHIRPS, n_bins=N_CHIRPS)
+_N_KEPT = N_RANGE_BINS // 2
 
 
 def rule(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -69,7 +70,7 @@ def leakage(samples: np.ndarray, ring: Ring) -> float:
 
 
 def _amplitude(samples: np.ndarray) -> np.ndarray:
-    spectrum = range_doppler(samples, "complex", _OVER_RANGE, _OVER_VELOCITY)
+    spectrum = range_doppler(samples, "complex", OVER_RANGE, OVER_VELOCITY)
     return np.ascontiguousarray(np.sqrt(mean_power(spectrum)[:, :_N_KEPT]))
 
 

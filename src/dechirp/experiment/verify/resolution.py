@@ -10,8 +10,7 @@ import xarray as xr
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.units import decibels
 from dechirp.echoes.echo import clean_echoes
-from dechirp.experiment.verify.claim import Claim
-from dechirp.experiment.verify.estimates import share
+from dechirp.experiment.verify.claim import Claim, share
 from dechirp.experiment.verify.looks import named, radar, white_noise
 from dechirp.experiment.verify.trials import Job, trials_for_probability
 from dechirp.process.chain import Chain, detect

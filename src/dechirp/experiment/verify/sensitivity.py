@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
+from dechirp.core.units import from_decibels
 from dechirp.core.values import value
 from dechirp.experiment.verify import published
-from dechirp.experiment.verify.estimates import REFERENCE, true_place
-from dechirp.experiment.verify.looks import echo, radar
+from dechirp.experiment.verify.looks import REFERENCE, at_mid_frame, late_echo, radar
+from dechirp.experiment.verify.reference_target import GRID_DB
 from dechirp.experiment.verify.trials import Z
 from dechirp.process.chain import Chain
 from dechirp.process.spectrum import Transform
@@ -22,13 +22,8 @@ from dechirp.theory.windows import Window
 DETECTION_PROBABILITY = 0.9
 BARS_DB: dict[Window, float] = {"rectangular": -40.5, "hann": -37.0}
 """Ratio in each sample at which the reference target must still be found 9 times in 10."""
-GRID_DB: dict[Window, tuple[float, ...]] = {
-    "rectangular": (-42.5, -42.0, -41.5, -41.0),
-    "hann": (-39.25, -38.75, -38.25, -37.75),
-}
-"""Ratios in each sample at which the curve is measured: down from the limit it is steepest."""
 MOST_SHIFT_DB = 1.0
-"""Between the curve of theory and what is measured, at which the fit gives up."""
+"""Between the curve of theory and what is measured; farther off, the fit has no interval."""
 
 DetectionCurve = Callable[[np.ndarray], np.ndarray]
 
@@ -61,7 +56,7 @@ def fit(trials: np.ndarray, curve: DetectionCurve) -> Fit:
         minimize_scalar(unlikely, bounds=(-MOST_SHIFT_DB, MOST_SHIFT_DB), method="bounded").x
     )
     information = float(np.sum(n_trials * _information(curve, snr_db - shift_db)))
-    half_db = Z / np.sqrt(information)
+    half_db = Z / np.sqrt(information) if abs(shift_db) < 0.99 * MOST_SHIFT_DB else np.nan
     theory_db = limit_of_theory_db(curve)
     return Fit(
         limit_db=theory_db + shift_db,
@@ -99,7 +94,7 @@ def _inside(probability: np.ndarray) -> np.ndarray:
 
 def in_map(over_range: Transform, over_velocity: Transform) -> float:
     """Ratio of the reference target in its cell of the map over that in one sample."""
-    at, frame = true_place(REFERENCE), radar().frame
+    at, frame = at_mid_frame(REFERENCE), radar().frame
     chirp = frame.chirp
     beat_m = at.range_m + chirp.range_doppler_coupling_m(at.velocity_m_per_s)
     fast = chirp.beat_frequency_hz(beat_m) / chirp.sample_rate_hz
@@ -125,16 +120,11 @@ class Detector:
 def detector(window: Window) -> Detector:
     """The detector of the chain, with as many independent cells as those of its ring are worth.
 
-    N^2 / sum |rho|^2: 644 under a rectangular window, about 170 under Hann.
+    644 under a rectangular window, 181 under Hann.
     """
     chain = Chain(range_window=window, doppler_window=window)
     noise, ring = chain.noise(radar()), chain.cfar.ring
-    box = ring.box(noise, ring.half_range)
-    training = np.ones((len(box.range_covariance), len(box.velocity_covariance)), bool)
-    training[box.guard_range, box.guard_velocity] = False
-    weight = abs(np.kron(box.range_covariance, box.velocity_covariance)) ** 2
-    among = training.ravel()
-    n_training = round(among.sum() ** 2 / weight[np.ix_(among, among)].sum())
+    n_training = round(ring.box(noise, ring.half_range).n_independent)
     assert chain.cfar.false_alarm_probability is not None
     factor = cell_averaging_factor(chain.cfar.false_alarm_probability, n_training=n_training)
     return Detector(n_training=n_training, factor=factor)
@@ -158,23 +148,10 @@ def report_threshold() -> float:
 
 def report_curve() -> DetectionCurve:
     """Probability that the report's rule finds the target, without leakage into its ring."""
-    over = (
-        Transform(window="rectangular", n_points=2200, n_bins=4096),
-        Transform(window="rectangular", n_points=128, n_bins=128),
-    )
     # Of 2,200 samples the first 100 are blank, and the ratio is taken over all.
     echoed = np.count_nonzero(late_echo()[0, 0]) / late_echo().shape[-1]
-    gain = in_map(*over) * echoed
+    gain = in_map(published.OVER_RANGE, published.OVER_VELOCITY) * echoed
     return lambda snr_db: exceedance_probability(from_decibels(snr_db) * gain, report_threshold())
-
-
-@cache
-def late_echo() -> np.ndarray:
-    """Echo of the reference target from its arrival on, of unit mean power, (chirp, 1, sample)."""
-    samples = np.array(echo(*REFERENCE).values[0])
-    delay_s = 2 * REFERENCE.range_m / SPEED_OF_LIGHT
-    samples[..., : round(delay_s * radar().frame.chirp.sample_rate_hz)] = 0
-    return np.asarray(samples / np.float32(np.sqrt(np.mean(abs(samples) ** 2))))
 
 
 def needed_in_map() -> float:

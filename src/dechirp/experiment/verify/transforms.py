@@ -9,8 +9,7 @@ from dechirp.core.units import decibels
 from dechirp.echoes.echo import clean_echoes
 from dechirp.echoes.kernels.direct import add_echoes
 from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
-from dechirp.experiment.verify.estimates import REFERENCE
-from dechirp.experiment.verify.looks import radar, scene, white_noise
+from dechirp.experiment.verify.looks import REFERENCE, radar, scene, white_noise
 from dechirp.experiment.verify.trials import Job
 from dechirp.process.spectrum import Transform, mean_power, range_doppler
 from dechirp.radar.radar import Radar

@@ -6,8 +6,7 @@ from dechirp.core.units import SPEED_OF_LIGHT, decibels
 from dechirp.echoes.echo import clean_echoes
 from dechirp.experiment.verify import published
 from dechirp.experiment.verify.claim import Check, Claim
-from dechirp.experiment.verify.estimates import REFERENCE, true_place
-from dechirp.experiment.verify.looks import radar, scene
+from dechirp.experiment.verify.looks import RCS_M2, REFERENCE, at_mid_frame, radar, scene
 from dechirp.radar.chirp import Chirp
 
 
@@ -106,8 +105,10 @@ def _echo_power() -> Claim:
     seen = scene(*REFERENCE)
     measured = float(np.mean(abs(clean_echoes(seen, radar()).values) ** 2))
     hardware, wavelength_m = radar().known_hardware(), radar().frame.chirp.wavelength_m
-    spread = (4 * np.pi) ** 3 * true_place(REFERENCE).range_m ** 4 * hardware.loss
-    right = hardware.transmit_power_w * (hardware.antenna_gain * wavelength_m) ** 2 * 10 / spread
+    spread = (4 * np.pi) ** 3 * at_mid_frame(REFERENCE).range_m ** 4 * hardware.loss
+    right = (
+        hardware.transmit_power_w * (hardware.antenna_gain * wavelength_m) ** 2 * RCS_M2 / spread
+    )
     power_dbm, gain_db = (
         float(decibels(x)) for x in (hardware.transmit_power_w * 1e3, hardware.antenna_gain)
     )
