@@ -146,6 +146,8 @@ def test_the_corrections_carry_the_right_values():
         (["--trials", "-5"], "--trials"),
         (["--trials", "many"], "--trials"),
         (["--trials", "1.5"], "--trials"),
+        (["--trials", "1e9"], "--trials"),
+        (["--trials", "100000001"], "--trials"),
         (["--seed", "-1"], "--seed"),
         (["--seed", "x"], "--seed"),
         (["claim"], "claim"),

@@ -44,8 +44,8 @@ def verify(
     from dechirp.store.tables import json_text
     from dechirp.store.texts import check_out, write_texts
 
-    n_trials = None if trials is None else _number("--trials", trials, at_least=1)
-    start = 1 if seed is None else _number("--seed", seed, at_least=0)
+    n_trials = None if trials is None else _number("--trials", trials, 1, 100_000_000)
+    start = 1 if seed is None else _number("--seed", seed, 0, 2**63 - 1)
     check_out(out, _FILES)
     with progress("trials", quiet=quiet) as report:
         certificate = certify(trials=n_trials, full=full, seed=start, progress=report)
@@ -66,7 +66,7 @@ def verify(
 _FILES = ("verify.json", "report.html")
 
 
-def _number(option: str, text: str, *, at_least: int) -> int:
+def _number(option: str, text: str, at_least: int, at_most: int) -> int:
     from dechirp.core.checks import whole
     from dechirp.core.errors import InvalidSetting
 
@@ -76,10 +76,10 @@ def _number(option: str, text: str, *, at_least: int) -> int:
         raise InvalidSetting(
             option,
             got=text,
-            need=f"a whole number of at least {at_least}",
+            need=f"a whole number from {at_least} to {at_most}",
             fix="Write its digits alone.",
         ) from None
-    whole(option, number, at_least=at_least, at_most=2**63 - 1)
+    whole(option, number, at_least=at_least, at_most=at_most)
     return number
 
 
