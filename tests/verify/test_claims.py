@@ -130,13 +130,13 @@ def detection_results(rng, *, hits_at_24=1.0, shift_db=0.0):
         found[:, 0] = snr_db
         found[:, 1] = rng.random(n) < sensitivity.curve_of_theory(window)(snr_db - shift_db)
         faint.append(found)
-    report = np.zeros((300, 4))
+    report = np.zeros((300, 2))
     report[:, 0] = np.resize(detection.REPORT_GRID_DB, 300)
     report[:, 1] = rng.random(300) < sensitivity.report_curve()(report[:, 0])
     return {
         "reference target": np.stack(faint, axis=1),
         "report": report,
-        "report at its limit": np.ones((100, 4)),
+        "report at its limit": np.ones((100, 2)),
     }
 
 

@@ -36,8 +36,7 @@ def curves(results: Mapping[str, np.ndarray]) -> tuple[Curve, ...]:
         _against(named(window), trials, sensitivity.curve_of_theory(window))
         for window, trials in by_window(results).items()
     ]
-    at_limit = results["report at its limit"][:, :2]
-    both = np.concatenate([results["report"][:, :2], at_limit])
+    both = np.concatenate([results["report"], results["report at its limit"]])
     found.append(_against(published.RULE, both, sensitivity.report_curve()))
     for window in resolution.APART_BINS:
         name = f"two targets, {window}"

@@ -124,10 +124,8 @@ def look_at_target(
             cube.values += noise
             chain = Chain(range_window=look.window, doppler_window=look.window)
             found = detect(cube, radar(), chain)
-            apart_m, apart_m_per_s = (
-                found.range.values - true.range_m,
-                found.velocity.values - true.velocity_m_per_s,
-            )
+            apart_m = found.range.values - true.range_m
+            apart_m_per_s = found.velocity.values - true.velocity_m_per_s
             hits = np.flatnonzero((abs(apart_m) <= cell_m) & (abs(apart_m_per_s) <= cell_m_per_s))
             out[trial, index, :2] = snr_db, hits.size > 0
             if hits.size:
