@@ -18,7 +18,7 @@ def noisy(clean: xr.DataArray, snr_db: float, rng: np.random.Generator) -> xr.Da
 def noise_cube(radar: dc.Radar, rng: np.random.Generator) -> xr.DataArray:
     """One frame of nothing but noise of unit power."""
     chirp = radar.frame.chirp
-    shape = (1, radar.frame.n_chirps, radar.array.n_rx, chirp.n_samples)
+    shape = (1, radar.frame.n_sent, radar.array.n_rx, chirp.n_samples)
     kind = np.complex64 if chirp.sampling == "complex" else np.float32
     cube = xr.DataArray(np.zeros(shape, kind), dims=("frame", "chirp", "rx", "sample"))
     add_white_noise(cube.values, 1.0, rng)

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from dechirp.radar.design import Design, design
     from dechirp.radar.frame import Frame
     from dechirp.radar.hardware import Hardware
+    from dechirp.radar.multiplexing.tdm import Tdm
     from dechirp.radar.radar import Radar
     from dechirp.radar.requirements import Requirements
     from dechirp.scene.scene import Ego, Scene, truth
@@ -61,6 +62,7 @@ _WHERE = {
     "radar.design": "Design design",
     "radar.frame": "Frame",
     "radar.hardware": "Hardware",
+    "radar.multiplexing.tdm": "Tdm",
     "radar.radar": "Radar",
     "radar.requirements": "Requirements",
     "scene.scene": "Ego Scene truth",
@@ -95,6 +97,7 @@ __all__ = [
     "Scene",
     "Source",
     "Target",
+    "Tdm",
     "ThermalNoise",
     "WhiteNoise",
     "design",

@@ -734,7 +734,11 @@ def test_every_family_lists_its_members_with_their_settings(call):
 
     families = json.loads(out)["families"]
     assert (status, err) == (0, "")
-    assert list(families) == ["cfar", "format", "impairment"]
+    assert list(families) == ["cfar", "device", "format", "impairment", "multiplexing"]
+    assert (
+        families["multiplexing"]["tdm"]["settings"]["order"]["need"]
+        == "a list, each a whole number"
+    )
     assert set(families["format"]) == {"dca1000", "infineon", "npy"}
     snr = families["impairment"]["white-noise"]["settings"]["snr"]
     assert snr["required"]

@@ -5,6 +5,7 @@ import errno
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,20 @@ def test_xarray_reads_the_cube_as_it_was(tmp_path, radar):
         assert read.cube.attrs["units"] == "sqrt(W)"
         assert read.sample.attrs["units"] == "s"
         assert read.attrs["format_version"] == 1
+
+
+def test_the_cube_on_disk_says_which_transmitter_sent_each_chirp(tmp_path, radar):
+    frame = replace(radar.frame, n_chirps=2, multiplexing=dc.Tdm(order=(1, 0)))
+    array = replace(radar.array, tx_m=[(0, 0, 0), (0, 0.0078, 0)])
+    radar = replace(radar, frame=frame, array=array)
+    cube = dc.simulate(dc.Scene(), radar, n_frames=2)
+
+    write(tmp_path / "out", radar, cube)
+
+    with xr.open_zarr(tmp_path / "out" / "cube.zarr", consolidated=False) as read:
+        xr.testing.assert_equal(read.cube.load(), cube)
+        assert read.cube.transmitter.values.tolist() == [1, 0, 1, 0]
+        assert read.transmitter.attrs == cube.transmitter.attrs
 
 
 def test_a_frame_of_many_pieces_is_the_same_cube(tmp_path, radar, monkeypatch):

@@ -9,8 +9,8 @@ import pytest
 import dechirp as dc
 
 
-def beat(radar, target, rx_m, m, n):
-    """The beat signal of one sample in 50 digits, straight from the formula."""
+def beat(radar, target, rx_m, m, n, tx_m=(0, 0, 0)):
+    """The beat signal of one sample of the m-th chirp that is sent, in 50 digits."""
     with mpmath.workdps(50):
         chirp, c = radar.frame.chirp, mpmath.mpf(299792458)
         t = mpmath.mpf(chirp.adc_start_s) + mpmath.mpf(n) / mpmath.mpf(chirp.sample_rate_hz)
@@ -19,8 +19,10 @@ def beat(radar, target, rx_m, m, n):
             mpmath.mpf(p) + mpmath.mpf(v) * slow
             for p, v in zip(target.position_m, target.velocity_m_per_s, strict=True)
         ]
-        there = mpmath.sqrt(sum(x**2 for x in at))
-        back = mpmath.sqrt(sum((x - mpmath.mpf(r)) ** 2 for x, r in zip(at, rx_m, strict=True)))
+        there, back = (
+            mpmath.sqrt(sum((x - mpmath.mpf(a)) ** 2 for x, a in zip(at, antenna_m, strict=True)))
+            for antenna_m in (tx_m, rx_m)
+        )
         tau = (there + back) / c
         f0, s = mpmath.mpf(chirp.start_frequency_hz), mpmath.mpf(chirp.slope_hz_per_s)
         cycles = f0 * tau + s * tau * t - s * tau**2 / 2
@@ -77,6 +79,23 @@ def test_the_reference_beat_signal_equals_fifty_digits(reference):
     for m, n in [(0, 0), (5, 1234), (64, 1100), (127, 2199)]:
         exact = beat(reference.radar, reference.scene.targets[0], (0, 0, 0), m, n)
         assert abs(cube.values[0, m, 0, n] - exact) <= 1e-9 * abs(exact)
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+@pytest.mark.parametrize("target", TARGETS[1:], ids=lambda target: target.name)
+def test_transmitters_that_take_turns_equal_fifty_digits(radar, target, sampling):
+    order, tx_m = (2, 0, 1), [(0, 0, 0), (0, 0.0078, 0), (0, 0.0156, -0.002)]
+    chirp = replace(radar.frame.chirp, sampling=sampling)
+    frame = replace(radar.frame, chirp=chirp, n_chirps=9, multiplexing=dc.Tdm(order=order))
+    radar = replace(radar, frame=frame, array=replace(radar.array, tx_m=tx_m))
+    scene = dc.Scene(targets=[target])
+    cube = dc.simulate(scene, radar, impairments=(), dtype=np.complex128)
+
+    for m, n in enumerate(range(0, 27 * 9, 9)):
+        for k, rx_m in enumerate(radar.array.rx_m):
+            exact = beat(radar, target, rx_m, m, n, tx_m[order[m % 3]])
+            expected = exact if sampling == "complex" else np.sqrt(2) * exact.real
+            assert abs(cube.values[0, m, k, n] - expected) <= 1e-9 * abs(exact)
 
 
 def test_single_precision_is_the_rounded_double(radar):

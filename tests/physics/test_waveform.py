@@ -15,6 +15,8 @@ from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
+from dechirp.radar.multiplexing.tdm import Tdm
+from dechirp.radar.radar import Radar
 
 CHIRP = Chirp(
     start_frequency_hz=77e9,
@@ -98,6 +100,79 @@ def test_the_middle_of_the_frame_is_the_mean_of_all_sampling_instants():
     assert FRAME.mid_frame_s == pytest.approx(63.5 * 22e-6 / 3 + 1099.5 / 300e6)
 
 
+def test_transmitters_in_turns_share_the_chirps_and_the_velocities():
+    turns = replace(FRAME, multiplexing=Tdm(order=(1, 2, 0)))
+
+    assert (turns.n_slots, turns.n_sent) == (3, 384)
+    assert turns.repetition_s == pytest.approx(22e-6)
+    assert turns.duration_s == pytest.approx(3 * FRAME.duration_s)
+    assert turns.start_s(2) == pytest.approx(6 * FRAME.duration_s)
+    assert turns.max_velocity_m_per_s == pytest.approx(FRAME.max_velocity_m_per_s / 3)
+    assert turns.velocity_resolution_m_per_s == pytest.approx(FRAME.velocity_resolution_m_per_s / 3)
+    assert turns.velocity_bins_m_per_s() == pytest.approx(FRAME.velocity_bins_m_per_s() / 3)
+    # 191.5 intervals to the middle of 384 chirps.
+    assert turns.mid_frame_s == pytest.approx(191.5 * 22e-6 / 3 + 1099.5 / 300e6)
+
+
+def test_a_frame_without_multiplexing_is_one_transmitter_in_every_chirp():
+    assert (FRAME.n_slots, FRAME.n_sent, FRAME.repetition_s) == (1, 128, FRAME.interval_s)
+    assert replace(FRAME, multiplexing=Tdm(order=(0,))).n_sent == 128
+
+
+def test_one_chirp_is_a_frame_with_one_velocity_bin():
+    snapshot = replace(FRAME, n_chirps=1)
+
+    assert snapshot.duration_s == FRAME.interval_s
+    assert snapshot.mid_frame_s == CHIRP.mid_window_s
+    assert snapshot.velocity_bins_m_per_s().tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    ("order", "need"),
+    [
+        ((0, 0), "every transmitter once"),
+        ((0, 1, 0), "every transmitter once"),
+        ((), "at least one transmitter"),
+        ("01", "at least one transmitter"),
+        (0, "at least one transmitter"),
+        (None, "at least one transmitter"),
+        ((0, -1), "a whole number from 0"),
+        ((0, 1.0), "a whole number from 0"),
+        ((0, True), "a whole number from 0"),
+    ],
+)
+def test_an_order_of_turns_that_cannot_be_is_refused(order, need):
+    with pytest.raises(InvalidSetting, match=f"Tdm.order is .*{need}"):
+        Tdm(order=order)
+
+
+def test_an_order_may_be_any_collection_of_numbers():
+    assert Tdm(order=np.array([1, 0])) == Tdm(order=[1, 0]) == Tdm(order=(1, 0))
+
+
+@pytest.mark.parametrize("wrong", ["tdm", (0, 1), Tdm])
+def test_multiplexing_that_is_none_of_the_family_is_refused(wrong):
+    with pytest.raises(InvalidSetting, match=r"Frame\.multiplexing is .*Give Tdm"):
+        replace(FRAME, multiplexing=wrong)
+
+
+@pytest.mark.parametrize(
+    ("order", "n_tx", "told"),
+    [
+        (None, 2, r"none, with 2 transmitters.*kind tdm with order \[0, 1\], or keep one"),
+        ((0, 1), 1, r"of the transmitters 0, 1, .* the 1 in array.tx, each once: 0\."),
+        ((0, 1), 3, r"of the transmitters 0, 1, .* the 3 in array.tx, each once: 0, 1, 2\."),
+        ((0, 2), 2, r"of the transmitters 0, 2, .* the 2 in array.tx, each once: 0, 1\."),
+    ],
+)
+def test_a_radar_whose_transmitters_do_not_all_take_their_turn_is_refused(order, n_tx, told):
+    frame = replace(FRAME, multiplexing=None if order is None else Tdm(order=order))
+    array = Array(tx_m=[(0, 0.008 * k, 0) for k in range(n_tx)])
+
+    with pytest.raises(InvalidSetting, match=rf"Radar\.frame\.multiplexing is {told}"):
+        Radar(frame=frame, array=array)
+
+
 def test_the_reference_frame_lasts_0_94_ms():
     assert FRAME.duration_s == pytest.approx(0.939e-3, abs=0.5e-6)
 
@@ -156,8 +231,9 @@ def test_a_period_that_cannot_be_is_refused(wrong):
 def test_counts_that_are_none_are_refused(wrong):
     with pytest.raises(InvalidSetting, match=r"Chirp\.n_samples"):
         replace(CHIRP, n_samples=wrong)
-    with pytest.raises(InvalidSetting, match=r"Frame\.n_chirps"):
-        replace(FRAME, n_chirps=wrong)
+    if wrong != 1 or wrong is True:  # one chirp is a snapshot
+        with pytest.raises(InvalidSetting, match=r"Frame\.n_chirps"):
+            replace(FRAME, n_chirps=wrong)
 
 
 def test_sampling_before_the_ramp_is_refused():

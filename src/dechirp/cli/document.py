@@ -18,7 +18,7 @@ def document(
         "version": dechirp.__version__,
         "seed": result.scenario.seed,
         "source": "reference" if source is None else str(source),
-        "radar": {**plain(result.radar), "derived": _derived(result.radar)},
+        "radar": radar_document(result.radar),
         "frames": result.n_frames,
         "detections": records(result.detections),
         "clusters": None,
@@ -30,15 +30,18 @@ def document(
     }
 
 
-def _derived(radar: Radar) -> dict[str, float]:
+def radar_document(radar: Radar) -> dict[str, Any]:
+    """Settings of a radar, and what follows from them; None for what one chirp cannot tell."""
     frame, chirp = radar.frame, radar.frame.chirp
-    return {
+    has_velocity = frame.n_chirps > 1
+    derived = {
         "sampled_bandwidth_hz": chirp.sampled_bandwidth_hz,
         "wavelength_m": chirp.wavelength_m,
         "range_resolution_m": chirp.range_resolution_m,
         "max_range_m": chirp.max_range_m,
-        "velocity_resolution_m_per_s": frame.velocity_resolution_m_per_s,
-        "max_velocity_m_per_s": frame.max_velocity_m_per_s,
+        "velocity_resolution_m_per_s": frame.velocity_resolution_m_per_s if has_velocity else None,
+        "max_velocity_m_per_s": frame.max_velocity_m_per_s if has_velocity else None,
         "frame_duration_s": frame.duration_s,
         "integration_gain": radar.integration_gain,
     }
+    return {**plain(radar), "derived": derived}

@@ -1,7 +1,8 @@
 """Names, units and signs that every labelled array keeps.
 
 Fast time runs along `sample`, slow time along `chirp`. A transform renames the axis it
-consumes: sample -> range, chirp -> velocity.
+consumes: sample -> range, chirp -> velocity. Where several transmitters take turns, `chirp`
+holds all chirps in the order sent, and the coordinate `transmitter` along it says whose each is.
 
 Range and velocity grow away from the radar: a receding target has positive velocity. The
 beat signal is Tx x conj(Rx), so an up-chirp gives positive beat frequencies. x points
@@ -21,6 +22,11 @@ AXES = {
 }
 
 CUBE_AXES = ("frame", "chirp", "rx", "sample")
+
+
+def transmitters(numbers: np.ndarray) -> xr.Variable:
+    """Coordinate along `chirp`: which transmitter sent each, its place in `Array.tx_m`."""
+    return xr.Variable("chirp", numbers, {"units": "1", "long_name": "transmitter of the chirp"})
 
 
 def axis(name: str, values: np.ndarray) -> xr.Variable:

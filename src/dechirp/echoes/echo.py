@@ -135,19 +135,22 @@ def _add_frame(
     velocities_m_per_s: np.ndarray,
     radar: Radar,
 ) -> None:
-    """Add the echoes of one frame to `samples`, (chirp, rx, sample)."""
-    chirp = radar.frame.chirp
+    """Add the echoes of one frame to `samples`, (chirp, rx, sample), chirps in the order sent."""
+    frame, chirp = radar.frame, radar.frame.chirp
     waveform = (
         chirp.start_frequency_hz,
         chirp.slope_hz_per_s,
-        radar.frame.interval_s,
+        frame.repetition_s,
         chirp.adc_start_s,
         chirp.sample_rate_hz,
     )
-    antennas = (np.array(radar.array.tx_m[0]), np.array(radar.array.rx_m))
-    targets = (amplitudes, positions_m, velocities_m_per_s)
+    tx_m, rx_m = np.array(radar.array.tx_m), np.array(radar.array.rx_m)
+    order = [transmitter for (transmitter,) in frame.slots]
     if chirp.sampling == "complex":
-        add_echoes(samples, *targets, *antennas, *waveform)
+        for slot, transmitter in enumerate(order):
+            at_m = positions_m + slot * frame.interval_s * velocities_m_per_s
+            targets = (amplitudes, at_m, velocities_m_per_s)
+            add_echoes(samples[slot :: len(order)], *targets, tx_m[transmitter], rx_m, *waveform)
         return
     # One mixer: the same mean power as the two of a complex receiver together. Chirp by
     # chirp, since a complex copy of the whole frame would be two more cubes.
@@ -155,14 +158,15 @@ def _add_frame(
     echo = np.empty((1, *samples.shape[1:]), np.result_type(samples, np.complex64))
     for index in range(len(samples)):
         echo[:] = 0
-        at_m = positions_m + index * radar.frame.interval_s * velocities_m_per_s
-        add_echoes(echo, amplitudes, at_m, velocities_m_per_s, *antennas, *waveform)
+        at_m = positions_m + index * frame.interval_s * velocities_m_per_s
+        targets = (amplitudes, at_m, velocities_m_per_s)
+        add_echoes(echo, *targets, tx_m[order[index % len(order)]], rx_m, *waveform)
         samples[index] += amplitude * echo[0].real
 
 
 def _empty_cube(radar: Radar, n_frames: int, dtype: np.dtype[np.complexfloating]) -> xr.DataArray:
     frame, chirp = radar.frame, radar.frame.chirp
-    shape = (n_frames, frame.n_chirps, radar.array.n_rx, chirp.n_samples)
+    shape = (n_frames, frame.n_sent, radar.array.n_rx, chirp.n_samples)
     kind = dtype if chirp.sampling == "complex" else np.empty(0, dtype).real.dtype
     must_fit(
         "simulation",

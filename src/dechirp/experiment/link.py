@@ -60,22 +60,24 @@ def _processing(
     beat_range_m = range_m + chirp.range_doppler_coupling_m(velocity_m_per_s)
     straddle = over_range.straddle(
         chirp.beat_frequency_hz(beat_range_m) / chirp.sample_rate_hz
-    ) * over_velocity.straddle(2 * velocity_m_per_s / chirp.wavelength_m * frame.interval_s)
-    n_rx = radar.array.n_rx
-    in_map = snr * radar.integration_gain / n_rx / windows * straddle
+    ) * over_velocity.straddle(2 * velocity_m_per_s / chirp.wavelength_m * frame.repetition_s)
+    n_summed = radar.n_channels
+    in_map = snr * radar.integration_gain / n_summed / windows * straddle
+    per_channel = _step("channels", 1 / n_summed, "the map adds powers, not echoes")
+    summing = [per_channel] if n_summed > 1 else []
     half = "" if chirp.sampling == "complex" else " / 2"
     lines = (
-        _step("integration", radar.integration_gain, f"samples x chirps x receivers{half}"),
+        _step("integration", radar.integration_gain, f"samples x chirps x channels{half}"),
         _level("SNR after integration", snr * radar.integration_gain, "dB", "sets the errors"),
         _step("windows", 1 / windows, "1 / noise bandwidths in bins"),
         _step("between bins", straddle, "response at the nearest cell"),
-        *([_step("receivers", 1 / n_rx, "the map adds powers, not echoes")] if n_rx > 1 else []),
+        *summing,
         _level("SNR in the map", in_map, "dB", "decides on detection"),
     )
     pfa = chain.cfar.false_alarm_probability
     if pfa is None:
         return lines
-    need = required_snr(DETECTION_PROBABILITY, pfa, n_summed=n_rx)
+    need = required_snr(DETECTION_PROBABILITY, pfa, n_summed=n_summed)
     why = f"Pd {DETECTION_PROBABILITY:g} at Pfa {pfa:g}, steady target"
     return (*lines, _level("SNR needed", need, "dB", why), _step("margin", in_map / need, ""))
 

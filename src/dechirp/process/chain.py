@@ -22,6 +22,7 @@ from dechirp.process.spectrum import (
     noise_gain,
     range_doppler,
 )
+from dechirp.process.virtual import channels
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -77,19 +78,21 @@ class Chain:
         return Noise(
             over_range=self.over_range(radar.frame.chirp),
             over_velocity=self.over_velocity(radar.frame),
-            n_channels=radar.array.n_rx,
+            n_channels=radar.n_channels,
         )
 
 
 def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
     """Range-Doppler map of one frame, (chirp, rx, sample), to (velocity, range).
 
-    Mean power over the receivers; a tone on a bin keeps its power.
+    Mean power over the channels, pairs of a transmitter and a receiver; a tone on a bin
+    keeps its power.
     """
     noise = chain.noise(radar)
+    samples = cube.transpose("chirp", "rx", "sample").values
     units = "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
     return xr.DataArray(
-        _power(cube.transpose("chirp", "rx", "sample").values, radar, noise),
+        _power(channels(samples, radar.frame), radar, noise),
         dims=("velocity", "range"),
         coords={
             "velocity": axis(
@@ -135,8 +138,9 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
             Mid-frame, mid-window: the instant to which the estimates refer.
         range : m, velocity : m/s
             Receding positive; refined on unwindowed samples, range-Doppler coupling removed.
+            A frame of one chirp tells no velocity: NaN, and the range of a target at rest.
         snr : ratio
-            After integration over all samples, chirps and receivers, without the window's
+            After integration over all samples, chirps and channels, without the window's
             loss: what the standard errors rest on. Noise from the corners of the training
             ring, which the sidelobes of the target do not reach; a ring of few cells (2 x 2
             on each side) makes it half a dB too high in the mean.
@@ -166,7 +170,13 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     samples = cube.variable.transpose(*CUBE_AXES).values
     kind = np.complex64 if radar.frame.chirp.sampling == "complex" else np.float32
     columns = [
-        _detect_frame(np.ascontiguousarray(samples[i], kind), radar, chain, i, float(start_s))
+        _detect_frame(
+            channels(np.ascontiguousarray(samples[i], kind), radar.frame),
+            radar,
+            chain,
+            i,
+            float(start_s),
+        )
         for i, start_s in enumerate(starts_s)
     ]
     merged = {name: np.concatenate([c[name] for c in columns]) for name in _UNITS}
@@ -189,7 +199,7 @@ _UNITS = {
 def _detect_frame(
     samples: np.ndarray, radar: Radar, chain: Chain, index: int, start_s: float
 ) -> dict[str, np.ndarray]:
-    """Columns of the detections in one frame, (chirp, rx, sample)."""
+    """Columns of the detections in one frame, (chirp, channel, sample)."""
     frame, noise = radar.frame, chain.noise(radar)
     power = _power(samples, radar, noise)
     _must_be_finite(power)
@@ -208,7 +218,7 @@ def _detect_frame(
 
 
 def _power(samples: np.ndarray, radar: Radar, noise: Noise) -> np.ndarray:
-    """Range-Doppler map of one frame, (chirp, rx, sample) to (velocity, range)."""
+    """Range-Doppler map of one frame, (chirp, channel, sample) to (velocity, range)."""
     cells = noise.over_range.n_bins * noise.over_velocity.n_bins
     must_fit(
         "range-Doppler map",
@@ -240,7 +250,7 @@ def _must_be_of(cube: xr.DataArray, radar: Radar) -> None:
             need=f"over {', '.join(CUBE_AXES)}",
             fix="Name the axes so, and give missing ones length 1 with expand_dims.",
         )
-    asked = {"chirp": radar.frame.n_chirps, "rx": radar.array.n_rx, "sample": chirp.n_samples}
+    asked = {"chirp": radar.frame.n_sent, "rx": radar.array.n_rx, "sample": chirp.n_samples}
     for name, size in asked.items():
         if cube.sizes[name] != size:
             raise InvalidSetting(

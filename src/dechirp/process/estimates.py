@@ -69,16 +69,18 @@ def estimates(tones: Tones, snr: np.ndarray, frame: Frame) -> dict[str, np.ndarr
 
     With the delay tau at mid-window, the fast-time frequency is S tau + f_D and the
     slow-time frequency f_D = 2 v (f - S tau) / c, f the mean of the sampled frequencies. So
-    their difference is free of range-Doppler coupling and of the residual video phase.
+    their difference is free of range-Doppler coupling and of the residual video phase. One
+    chirp alone tells no velocity: NaN, and the range is that of a target at rest.
     """
     chirp = frame.chirp
-    doppler_hz = ((tones.slow + np.pi) % (2 * np.pi) - np.pi) / (2 * np.pi * frame.interval_s)
+    doppler_hz = ((tones.slow + np.pi) % (2 * np.pi) - np.pi) / (2 * np.pi * frame.repetition_s)
     beat_hz = tones.fast * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
     wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - beat_hz)
     range_std, velocity_std = standard_errors(frame, snr=snr, wavelength_m=wavelength_m)
+    velocity = doppler_hz * wavelength_m / 2
     return {
         "range": chirp.range_m(1.0) * beat_hz,
-        "velocity": doppler_hz * wavelength_m / 2,
+        "velocity": velocity if frame.n_chirps > 1 else np.full_like(velocity, np.nan),
         "snr": snr,
         "range_std": range_std,
         "velocity_std": velocity_std,

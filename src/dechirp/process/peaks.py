@@ -94,6 +94,8 @@ def _is_highest(power: np.ndarray, v: int, j: int) -> bool:
         for dj in range(-1, 2):
             if (dv == 0 and dj == 0) or not 0 <= j + dj < n_r:
                 continue
+            if dv != 0 and n_v == 1:
+                continue  # round the end is the cell itself
             other = power[(v + dv) % n_v, j + dj]
             # Of equal neighbours the first counts, so that a plateau is one peak.
             first = dv < 0 or (dv == 0 and dj < 0)

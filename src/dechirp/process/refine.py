@@ -27,7 +27,7 @@ class Tones:
     fast: np.ndarray
     """Radians per sample."""
     energy: np.ndarray
-    """Sum over receivers of |amplitude|^2 times the number of samples of one receiver."""
+    """Sum over channels of |amplitude|^2 times the number of samples of one channel."""
 
 
 def refine(
@@ -37,7 +37,8 @@ def refine(
 
     Parameters
     ----------
-    samples : array (chirp, rx, sample), complex64 or float32
+    samples : array (chirp, channel, sample), complex64 or float32
+        Channels may differ in phase and amplitude.
     slow, fast : arrays (n,), rad per chirp and rad per sample
         Frequencies within half a bin of the truth, strongest tone first.
     noise_power : array (n,)
@@ -234,6 +235,8 @@ def _highest(sums: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[f
             ss += abs(m[1, k]) ** 2 - (conjugate * m[3, k]).real
             sf += (np.conj(m[1, k]) * m[2, k] - conjugate * m[4, k]).real
             ff += abs(m[2, k]) ** 2 - (conjugate * m[5, k]).real
+        if rows[-1] == 1:
+            ss = -1.0  # one chirp has no frequency: any is as high, and the start stands
         determinant = ss * ff - sf * sf
         if not (ss < 0 and determinant > 0):
             return 0.0, 0.0

@@ -37,6 +37,13 @@ class Transform:
                 need=f"at least {self.n_points}, the number of points",
                 fix="Leave the number of bins out, or pad to a larger one.",
             )
+        if self.n_points == 1 < self.n_bins:
+            raise InvalidSetting(
+                "Transform.n_bins",
+                got=self.n_bins,
+                need="1: one point has the same power in every bin",
+                fix="Leave the number of bins out.",
+            )
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -107,7 +114,7 @@ def range_profiles(cube: xr.DataArray, chirp: Chirp, transform: Transform) -> xr
         profiles = scipy.fft.fft(tapered, transform.n_bins, axis=-1)
     else:
         profiles = scipy.fft.rfft(tapered, transform.n_bins, axis=-1)
-    coords = {name: array.coords[name] for name in array.dims[:-1] if name in array.coords}
+    coords = {name: c for name, c in array.coords.items() if "sample" not in c.dims}
     coords["range"] = axis("range", chirp.range_bins_m(transform.n_bins))
     return xr.DataArray(
         profiles, dims=(*array.dims[:-1], "range"), coords=coords, attrs=dict(cube.attrs)

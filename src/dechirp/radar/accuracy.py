@@ -16,22 +16,29 @@ def standard_errors(
     ----------
     frame : Frame
     snr : array
-        Ratio after integration over all samples, chirps and receivers; any shape.
+        Ratio after integration over all samples, chirps and channels; any shape.
     wavelength_m : array, optional
         Of the echo; that of mid-window without it.
+
+    Notes
+    -----
+    One chirp alone tells no velocity: its error is NaN, and that of range holds for a target
+    at rest.
     """
     chirp = frame.chirp
-    velocity_std = velocity_std_m_per_s(
-        snr=snr,
-        n_chirps=frame.n_chirps,
-        interval_s=frame.interval_s,
-        wavelength_m=chirp.wavelength_m if wavelength_m is None else wavelength_m,
-    )
     known_velocity = range_std_m(
         snr=snr,
         n_samples=chirp.n_samples,
         sample_rate_hz=chirp.sample_rate_hz,
         slope_hz_per_s=chirp.slope_hz_per_s,
+    )
+    if frame.n_chirps == 1:
+        return known_velocity, np.full_like(known_velocity, np.nan)
+    velocity_std = velocity_std_m_per_s(
+        snr=snr,
+        n_chirps=frame.n_chirps,
+        interval_s=frame.repetition_s,
+        wavelength_m=chirp.wavelength_m if wavelength_m is None else wavelength_m,
     )
     range_std = uncoupled_range_std_m(
         range_std_m=known_velocity,

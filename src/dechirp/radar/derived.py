@@ -25,7 +25,7 @@ def cube_bytes(radar: Radar) -> int:
     """Size of one frame of all receivers, in 16-bit words."""
     chirp = radar.frame.chirp
     words = 2 if chirp.sampling == "complex" else 1
-    return chirp.n_samples * radar.frame.n_chirps * radar.array.n_rx * words * WORD_BYTES
+    return chirp.n_samples * radar.frame.n_sent * radar.array.n_rx * words * WORD_BYTES
 
 
 def data_rate_bits_per_s(radar: Radar) -> float:

@@ -6,6 +6,7 @@ from dechirp.core.checks import count, positive
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.radar.chirp import Chirp
+from dechirp.radar.multiplexing.base import Multiplexing
 
 
 @value
@@ -17,16 +18,16 @@ class Frame:
 
     chirp: Chirp
     n_chirps: int
-    """Chirps of each transmitter."""
+    """Chirps of each transmitter; one alone tells no velocity."""
     interval_s: float
-    """From the start of a chirp to the start of the next."""
+    """From the start of a chirp to the start of the next, whichever transmitter sends it."""
     period_s: float | None = None
     """From the start of a frame to the start of the next; none: without a gap."""
-    multiplexing: None = None
-    """How transmitters share the chirps: one transmitter alone is possible yet."""
+    multiplexing: Multiplexing | None = None
+    """How transmitters share the chirps; none: one transmitter sends them all."""
 
     def __post_init__(self) -> None:
-        count(self, "n_chirps", at_least=2)
+        count(self, "n_chirps")
         positive(self, "interval_s", at_least=1e-12, at_most=1e6)  # the bounds of a ramp
         if self.interval_s < self.chirp.ramp_duration_s * (1 - 1e-9):
             raise InvalidSetting(
@@ -34,6 +35,13 @@ class Frame:
                 got=f"{self.interval_s:.6g} s",
                 need=f"at least {self.chirp.ramp_duration_s:.6g} s, the duration of the ramp",
                 fix="Lengthen the interval or shorten the ramp.",
+            )
+        if not isinstance(self.multiplexing, Multiplexing | None):
+            raise InvalidSetting(
+                "Frame.multiplexing",
+                got=self.multiplexing,
+                need="a member of the family, or none",
+                fix="Give Tdm(order=(0, 1)) where two transmitters take turns.",
             )
         if self.period_s is None:
             return
@@ -47,9 +55,29 @@ class Frame:
             )
 
     @property
+    def slots(self) -> tuple[tuple[int, ...], ...]:
+        """Transmitters that send in each slot of a round; the first alone without multiplexing."""
+        return ((0,),) if self.multiplexing is None else self.multiplexing.slots
+
+    @property
+    def n_slots(self) -> int:
+        """Chirps in a round of the transmitters, 1 without multiplexing."""
+        return len(self.slots)
+
+    @property
+    def n_sent(self) -> int:
+        """All chirps of the frame, those of every transmitter."""
+        return self.n_chirps * self.n_slots
+
+    @property
+    def repetition_s(self) -> float:
+        """From a chirp of a transmitter to its next."""
+        return self.n_slots * self.interval_s
+
+    @property
     def duration_s(self) -> float:
         """From the start of the first chirp to the end of the last interval."""
-        return self.n_chirps * self.interval_s
+        return self.n_sent * self.interval_s
 
     @property
     def mid_frame_s(self) -> float:
@@ -57,17 +85,17 @@ class Frame:
 
         Estimates and truth refer to this instant.
         """
-        return (self.n_chirps - 1) / 2 * self.interval_s + self.chirp.mid_window_s
+        return (self.n_sent - 1) / 2 * self.interval_s + self.chirp.mid_window_s
 
     @property
     def velocity_resolution_m_per_s(self) -> float:
-        """Width of a velocity bin, lambda / 2 M T."""
+        """Width of a velocity bin, lambda / 2 M T, T from a chirp of a transmitter to its next."""
         return self.chirp.wavelength_m / (2 * self.duration_s)
 
     @property
     def max_velocity_m_per_s(self) -> float:
-        """Largest unambiguous velocity of either sign, lambda / 4T."""
-        return self.chirp.wavelength_m / (4 * self.interval_s)
+        """Largest unambiguous velocity of either sign, lambda / 4T, T as above."""
+        return self.chirp.wavelength_m / (4 * self.repetition_s)
 
     def velocity_bins_m_per_s(self, n_bins: int | None = None) -> np.ndarray:
         """Velocity of each bin of a Doppler spectrum of n_bins points; none: n_chirps.
@@ -75,7 +103,7 @@ class Frame:
         (n_bins,), ascending from minus the largest velocity in steps of lambda / 2 n_bins T,
         zero at n_bins // 2.
         """
-        doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_bins or self.n_chirps, self.interval_s))
+        doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_bins or self.n_chirps, self.repetition_s))
         return doppler_hz * self.chirp.wavelength_m / 2
 
     def start_s(self, index: int) -> float:

@@ -17,23 +17,39 @@ class Radar:
     """None where it is not known, as for most recordings: no absolute powers then."""
 
     def __post_init__(self) -> None:
-        if len(self.array.tx_m) != 1:
+        n_tx = len(self.array.tx_m)
+        named = sorted(transmitter for slot in self.frame.slots for transmitter in slot)
+        if named == list(range(n_tx)):
+            return
+        every = ", ".join(map(str, range(n_tx)))
+        if self.frame.multiplexing is None:
             raise InvalidSetting(
-                "Radar.array",
-                got=f"{len(self.array.tx_m)} transmitters",
-                need="1 transmitter: transmitters that take turns are not supported yet",
-                fix="Keep one of array.tx; every receiver may stay.",
+                "Radar.frame.multiplexing",
+                got=f"none, with {n_tx} transmitters in the array",
+                need="given where there are several: it says how they share the chirps",
+                fix=f"Give multiplexing of kind tdm with order [{every}], or keep one of array.tx.",
             )
+        raise InvalidSetting(
+            "Radar.frame.multiplexing",
+            got=f"of the transmitters {', '.join(map(str, named))}",
+            need=f"of the {n_tx} in array.tx, each once: {every}",
+            fix="Correct the order, or give the position of every transmitter in array.tx.",
+        )
+
+    @property
+    def n_channels(self) -> int:
+        """Pairs of a transmitter and a receiver, each of which sees the whole scene."""
+        return self.array.n_rx * len(self.array.tx_m)
 
     @property
     def integration_gain(self) -> float:
-        """Ratio by which range, Doppler and receivers together raise the signal over noise.
+        """Ratio by which range, Doppler and channels together raise the signal over noise.
 
-        N M n_rx without windows. Half of it for real samples: noise of both halves of the
-        spectrum lies in the half that is kept (Richards 2014).
+        N M n_tx n_rx without windows. Half of it for real samples: noise of both halves of
+        the spectrum lies in the half that is kept (Richards 2014).
         """
         chirp = self.frame.chirp
-        gain = chirp.n_samples * self.frame.n_chirps * self.array.n_rx
+        gain = chirp.n_samples * self.frame.n_chirps * self.n_channels
         return gain if chirp.sampling == "complex" else gain / 2
 
     def known_hardware(self) -> Hardware:

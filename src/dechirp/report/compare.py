@@ -8,7 +8,7 @@ import xarray as xr
 from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, frequencies, seen, wrapped
 
-_CELLS = 2.0  # a detection is its target's within two resolution cells on both axes
+_CELLS = 2.0  # a detection is its target's within two resolution cells on every estimated axis
 
 
 class Match(NamedTuple):
@@ -27,7 +27,7 @@ def on_map(place: Place, radar: Radar) -> Place:
 
 
 def match(detections: xr.Dataset, truth: xr.Dataset, radar: Radar) -> Match:
-    """Give each detection to the nearest target of its frame, within two cells on both axes."""
+    """Give each detection to the nearest target of its frame, within two cells on every axis."""
     expected = seen(truth, radar)
     of_frame = {int(frame): index for index, frame in enumerate(truth.frame.values)}
     index = np.array([of_frame[int(frame)] for frame in detections.frame.values], dtype=int)
@@ -37,7 +37,10 @@ def match(detections: xr.Dataset, truth: xr.Dataset, radar: Radar) -> Match:
         2 * radar.frame.max_velocity_m_per_s,
     )
     range_cells = abs(range_error_m) / radar.frame.chirp.range_resolution_m
-    velocity_cells = abs(velocity_error) / radar.frame.velocity_resolution_m_per_s
+    # One chirp measures no velocity: its detections have none to be told apart by.
+    has_velocity = radar.frame.n_chirps > 1
+    resolution_m_per_s = radar.frame.velocity_resolution_m_per_s
+    velocity_cells = abs(velocity_error if has_velocity else 0 * range_error_m) / resolution_m_per_s
     cells = np.where(
         np.maximum(range_cells, velocity_cells) <= _CELLS,
         np.hypot(range_cells, velocity_cells),

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.report.words import TIMES, fixed, number, quantity, ratio_db, small
 
@@ -21,6 +22,11 @@ def settings(result: "Result") -> list[Group]:
     return groups
 
 
+def waveform_and_limits(radar: Radar) -> list[tuple[str, str]]:
+    """List what a radar sends, and what it can therefore see."""
+    return _waveform(radar) + _limits(radar)
+
+
 def _waveform(radar: Radar) -> list[tuple[str, str]]:
     frame, chirp = radar.frame, radar.frame.chirp
     return [
@@ -30,21 +36,31 @@ def _waveform(radar: Radar) -> list[tuple[str, str]]:
         ("ramp", quantity(chirp.ramp_duration_s, "s", 5)),
         ("samples", f"{chirp.n_samples}, {chirp.sampling}"),
         ("sample rate", quantity(chirp.sample_rate_hz, "Hz", 5)),
-        ("chirps in a frame", f"{frame.n_chirps}"),
+        ("chirps in a frame", _chirps(frame)),
         ("chirp interval", quantity(frame.interval_s, "s", 5)),
+        *([("transmitters", f"{frame.n_slots}, in turns")] if frame.n_slots > 1 else []),
         ("receivers", f"{radar.array.n_rx}"),
     ]
 
 
+def _chirps(frame: Frame) -> str:
+    if frame.n_slots == 1:
+        return f"{frame.n_sent}"
+    return f"{frame.n_sent}, {frame.n_chirps} of each transmitter"
+
+
 def _limits(radar: Radar) -> list[tuple[str, str]]:
     frame, chirp = radar.frame, radar.frame.chirp
+    velocities = [
+        ("velocity resolution", f"{number(frame.velocity_resolution_m_per_s)} m/s"),
+        ("largest velocity", f"± {number(frame.max_velocity_m_per_s, 5)} m/s"),
+    ]
     return [
         ("sampled bandwidth", quantity(chirp.sampled_bandwidth_hz, "Hz", 5)),
         ("wavelength, mid-window", quantity(chirp.wavelength_m, "m", 5)),
         ("range resolution", f"{number(chirp.range_resolution_m)} m"),
         ("largest range", f"{number(chirp.max_range_m, 5)} m"),
-        ("velocity resolution", f"{number(frame.velocity_resolution_m_per_s)} m/s"),
-        ("largest velocity", f"± {number(frame.max_velocity_m_per_s, 5)} m/s"),
+        *(velocities if frame.n_chirps > 1 else []),
         ("frame duration", quantity(frame.duration_s, "s")),
         ("integration gain", _db(radar.integration_gain)),
     ]

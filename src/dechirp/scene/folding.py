@@ -28,7 +28,8 @@ def seen(truth: xr.Dataset, radar: Radar) -> Place:
 
     Differs from the truth only where a range or velocity is ambiguous. A fold of one moves
     the other too: ranges are reported less the coupling of the velocity that is reported,
-    and the mirror half of a real spectrum turns the sign of the velocity.
+    and the mirror half of a real spectrum turns the sign of the velocity. One chirp alone
+    tells no velocity: NaN, and the range is that of a target at rest with this beat frequency.
     """
     chirp = radar.frame.chirp
     known = truth.transpose("target", "frame")
@@ -39,7 +40,9 @@ def seen(truth: xr.Dataset, radar: Radar) -> Place:
         mirrored = beat_hz > chirp.sample_rate_hz / 2
         beat_hz = np.where(mirrored, chirp.sample_rate_hz - beat_hz, beat_hz)
         doppler_hz = np.where(mirrored, -doppler_hz, doppler_hz)
-    doppler_hz = wrapped(doppler_hz, 1 / radar.frame.interval_s)
+    if radar.frame.n_chirps == 1:
+        return Place(chirp.range_m(1.0) * beat_hz, np.full_like(doppler_hz, np.nan))
+    doppler_hz = wrapped(doppler_hz, 1 / radar.frame.repetition_s)
     delay_hz = beat_hz - doppler_hz
     return Place(
         chirp.range_m(1.0) * delay_hz,

@@ -106,7 +106,7 @@ def truth(
     Dataset over (target, frame)
         `time` (s) of mid-frame, mid-window; `range` (m), `velocity` (m/s), `azimuth`,
         `elevation` (rad) at that instant, seen from the origin of the array; `snr` after
-        integration over samples, chirps and receivers, where the hardware is known.
+        integration over samples, chirps and channels, where the hardware is known.
 
     Raises
     ------
@@ -169,16 +169,13 @@ def _places(scene: Scene, radar: Radar, frames: np.ndarray) -> xr.Dataset:
 
 def _folds(here: xr.Dataset, radar: Radar, when: str) -> Iterator[Finding]:
     """What folds of one target in one frame."""
-    chirp, interval_s = radar.frame.chirp, radar.frame.interval_s
+    frame, chirp = radar.frame, radar.frame.chirp
     setting = f"scene.targets.{here.target.item()}"
     there, found = Place(here.range.values, here.velocity.values), seen(here, radar)
-    got = (
-        f"{there.range_m.item():.4g} m at {there.velocity_m_per_s.item():.4g} m/s{when} folds to"
-        f" {found.range_m.item():.4g} m at {found.velocity_m_per_s.item():.4g} m/s"
-    )
+    got = f"{_said(there)}{when} folds to {_said(found)}"
     echo = frequencies(there, radar)
-    if not -0.5 <= echo.doppler_hz.item() * interval_s < 0.5:
-        max_velocity = radar.frame.max_velocity_m_per_s
+    if frame.n_chirps > 1 and not -0.5 <= echo.doppler_hz.item() * frame.repetition_s < 0.5:
+        max_velocity = frame.max_velocity_m_per_s
         yield Finding(
             level="warning",
             setting=f"{setting}.velocity",
@@ -195,6 +192,11 @@ def _folds(here: xr.Dataset, radar: Radar, when: str) -> Iterator[Finding]:
             " be unambiguous",
             fix="Sample faster or lower the slope, or read the folded range.",
         )
+
+
+def _said(place: Place) -> str:
+    range_m, velocity = place.range_m.item(), place.velocity_m_per_s.item()
+    return f"{range_m:.4g} m" + ("" if np.isnan(velocity) else f" at {velocity:.4g} m/s")
 
 
 def _late(here: xr.Dataset, radar: Radar, when: str) -> Iterator[Finding]:

@@ -50,12 +50,14 @@ def write_cube(
         if array is None:
             array = _empty(store, labelled, n_frames)
             for name in CUBE_AXES[1:]:
-                _add_axis(store, name, labelled[name].values, labelled[name].attrs)
+                _add_array(store, name, labelled[name])
+            if "transmitter" in labelled.coords:
+                _add_array(store, "transmitter", labelled.transmitter)
         per_chunk = array.chunks[1]
         for start in range(0, labelled.sizes["chirp"], per_chunk):
             array[index, start : start + per_chunk] = labelled.values[0, start : start + per_chunk]
         starts_s[index] = labelled.frame.item()
-    _add_axis(store, "frame", starts_s, dict(axis("frame", starts_s).attrs))
+    _add_array(store, "frame", xr.DataArray(axis("frame", starts_s)))
     for name, dataset in (("detections", detections), ("truth", truth)):
         if dataset is not None:
             _add_group(path, name, dataset)
@@ -73,12 +75,22 @@ def _empty(store: zarr.Group, frame: xr.DataArray, n_frames: int) -> zarr.Array[
         dtype=frame.dtype,
         compressors=BloscCodec(cname="lz4"),
         dimension_names=CUBE_AXES,
-        attributes=dict(frame.attrs),
+        attributes={**frame.attrs, **_labels(frame)},
     )
 
 
-def _add_axis(store: zarr.Group, name: str, values: np.ndarray, attrs: dict[Any, Any]) -> None:
-    store.create_array(name, data=values, dimension_names=(name,), attributes=attrs)
+def _labels(frame: xr.DataArray) -> dict[str, str]:
+    """Name the coordinates that are no axes, so that xarray reads them as coordinates."""
+    return {"coordinates": "transmitter"} if "transmitter" in frame.coords else {}
+
+
+def _add_array(store: zarr.Group, name: str, array: xr.DataArray) -> None:
+    store.create_array(
+        name,
+        data=array.values,
+        dimension_names=tuple(map(str, array.dims)),
+        attributes=dict(array.attrs),
+    )
 
 
 def _add_group(store: Path, name: str, dataset: xr.Dataset) -> None:

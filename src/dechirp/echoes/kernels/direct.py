@@ -26,22 +26,23 @@ def add_echoes(
     rx_m: np.ndarray,
     start_frequency_hz: float,
     slope_hz_per_s: float,
-    interval_s: float,
+    repetition_s: float,
     adc_start_s: float,
     sample_rate_hz: float,
 ) -> None:
-    """Sum the echoes of all targets into `out`, (chirp, rx, sample), complex.
+    """Sum the echoes of one transmitter into `out`, (chirp, rx, sample), complex.
 
     `amplitudes` (targets,): of an echo, times the range squared. Positions and velocities
-    (targets, 3) at the start of the frame. Sums in double precision; one sine, one cosine
-    and two square roots for each sample and target, about 40 ns.
+    (targets, 3) at the start of the first of its chirps, which are `repetition_s` apart. Sums
+    in double precision; one sine, one cosine and two square roots for each sample and target,
+    about 40 ns.
     """
     n_chirps, n_rx, n_samples = out.shape
     for m in range(n_chirps):
         for k in range(n_rx):
             for n in range(n_samples):
                 on_ramp_s = adc_start_s + n / sample_rate_hz
-                time_s = m * interval_s + on_ramp_s
+                time_s = m * repetition_s + on_ramp_s
                 total = 0j
                 for i in range(len(amplitudes)):
                     there, back = 0.0, 0.0

@@ -76,8 +76,9 @@ def cut(
             color=BLUE,
             linestyle="",
         )
+        left, right = bins[shown][0], bins[shown][-1]
         axes.set(
-            xlim=(bins[shown][0], bins[shown][-1]),
+            xlim=(left, right) if right > left else (left - 0.5, left + 0.5),  # one chirp: one bin
             ylim=(lowest, highest + 0.06 * (highest - lowest) + 1),
         )
         axes.set_xlabel(_AXES[along])

@@ -1,0 +1,1 @@
+"""How transmitters share the chirps of a frame: a family."""
