@@ -34,7 +34,7 @@ ONLY_IN = {
     "pydantic_core": {"config"},
     "ruamel": {"config"},
     "pint": {"config"},
-    "zarr": {"store"},
+    "zarr": {"store", "formats"},
     "matplotlib": {"report"},
     "jinja2": {"report"},
     "markupsafe": {"report"},

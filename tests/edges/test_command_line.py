@@ -613,7 +613,7 @@ def nan(file):
         ("cut.npy", lambda file: file.write_bytes(Path("car.npy").read_bytes()[:5000]), ""),
         ("size.npy", lambda file: np.save(file, np.zeros((32, 127), np.complex64)), ""),
         ("nan.npy", nan, ""),
-        ("cut.bin", lambda file: file.write_bytes(bytes(range(256)) * 8), "a file of 2048 bytes"),
+        ("cut.bin", lambda file: file.write_bytes(bytes(range(256)) * 8), "of 2048 bytes"),
     ],
     ids=["absent", "empty", "text", "truncated", "other size", "nan", "short bin"],
 )
@@ -739,7 +739,7 @@ def test_every_family_lists_its_members_with_their_settings(call):
         families["multiplexing"]["tdm"]["settings"]["order"]["need"]
         == "a list, each a whole number"
     )
-    assert set(families["format"]) == {"dca1000", "infineon", "npy"}
+    assert {"dca1000", "infineon", "npy", "pcap", "ti-uart"} <= set(families["format"])
     snr = families["impairment"]["white-noise"]["settings"]["snr"]
     assert snr["required"]
     assert snr["default"] is None

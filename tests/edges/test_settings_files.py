@@ -19,6 +19,7 @@ from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
+from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
@@ -99,6 +100,56 @@ def test_a_value_is_written_so_that_it_is_read_back_equal(radar):
     assert parse(dump(setup), Setup) == setup
 
 
+def in_turns(text):
+    """The radar with two transmitters, and what it says of how they share the chirps."""
+    array = "array:\n  tx: [[0 mm, 0 mm, 0 mm], [0 mm, 7.776 mm, 0 mm]]\n"
+    radar = RADAR.replace("array:\n", array)
+    return radar.replace("  period: 50 ms\n", f"  period: 50 ms\n  multiplexing: {text}\n")
+
+
+def test_transmitters_that_take_turns_are_read_and_written():
+    radar = parse(in_turns("{kind: tdm, order: [1, 0]}"), Radar)
+
+    assert radar.frame.multiplexing == Tdm(order=(1, 0))
+    assert radar.n_channels == 8
+    assert parse(dump(radar), Radar) == radar
+    assert plain(radar)["frame"]["multiplexing"] == {"kind": "tdm", "order": [1, 0]}
+
+
+@pytest.mark.parametrize(
+    ("text", "setting", "got", "need"),
+    [
+        ("null", "", "none, with 2 transmitters in the array", "given where there are several"),
+        ("tdm", "", "tdm", "a mapping with kind: tdm or null"),
+        ("{order: [0, 1]}", ".kind", "missing", "one of tdm"),
+        ("{kind: tdmm, order: [0, 1]}", ".kind", "tdmm", "one of tdm"),
+        ("{kind: tdm}", ".order", "missing", "a list, each a whole number"),
+        ("{kind: tdm, ordr: [0, 1]}", ".ordr", "not a known name", "one of order"),
+        ("{kind: tdm, order: [0, 1.5]}", ".order.1", "1.5", "a whole number"),
+        ("{kind: tdm, order: 1}", ".order", "1", "a list, each a whole number"),
+        ("{kind: tdm, order: []}", ".order", "()", "at least one transmitter"),
+        ("{kind: tdm, order: [1, 1]}", ".order", "1, 1", "every transmitter once"),
+        ("{kind: tdm, order: [0, -1]}", ".order", "-1", "a whole number from 0"),
+        ("{kind: tdm, order: [1, 2]}", "", "of the transmitters 1, 2", "each once: 0, 1"),
+    ],
+)
+def test_turns_that_cannot_be_are_told_with_their_place(text, setting, got, need):
+    only = mistake(in_turns(text), Radar)
+
+    assert (only.setting, only.line) == (f"frame.multiplexing{setting}", 7)
+    assert only.got == got
+    assert need in only.need
+    assert only.fix
+
+
+def test_turns_can_be_set_on_the_command_line():
+    one, two = in_turns("null"), in_turns("{kind: tdm, order: [0, 1]}")
+    swapped = parse(two, Radar, overrides=["frame.multiplexing.order=[1, 0]"])
+    given = parse(one, Radar, overrides=["frame.multiplexing={kind: tdm, order: [1, 0]}"])
+
+    assert swapped == given == parse(in_turns("{kind: tdm, order: [1, 0]}"), Radar)
+
+
 def test_a_written_radar_keeps_units_and_leaves_out_what_is_none():
     text = dump(Radar(frame=parse(RADAR, Radar).frame))
 
@@ -153,8 +204,8 @@ def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
         ("n_chirps: 128", "n_chirps: true", "frame.n_chirps", "true", "a whole number"),
         ("n_chirps: 128", "n_chirps: [1]", "frame.n_chirps", "a list of 1", "a whole number"),
         ("n_chirps: 128", "n_chirps:", "frame.n_chirps", "null", "a whole number"),
-        ("n_chirps: 128", "n_chirps: -4", "frame.n_chirps", "-4", "a whole number from 2"),
-        ("n_chirps: 128", "n_chirps: 0", "frame.n_chirps", "0", "a whole number from 2"),
+        ("n_chirps: 128", "n_chirps: -4", "frame.n_chirps", "-4", "a whole number from 1"),
+        ("n_chirps: 128", "n_chirps: 0", "frame.n_chirps", "0", "a whole number from 1"),
         ("n_chirps: 128", f"n_chirps: {10**30}", "frame.n_chirps", str(10**30), "to 2147483647"),
         ("10 MHz,", "10000000,", "frame.chirp.sample_rate", "10000000", "a frequency"),
         ("10 MHz,", "-10 MHz,", "frame.chirp.sample_rate", "-10 MHz", "above 0"),

@@ -1,6 +1,7 @@
 """Options that several commands take."""
 
-from typing import Annotated, TypeAlias
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Parameter
 
@@ -15,3 +16,31 @@ Json: TypeAlias = Annotated[
 Quiet: TypeAlias = Annotated[
     bool, Parameter(name="--quiet", show_default=False, help="Print nothing but mistakes.")
 ]
+
+
+@Parameter(name="*")
+@dataclass(kw_only=True, frozen=True)
+class Told:
+    """What a call says of a recording, where its file does not say it."""
+
+    device: Annotated[str | None, Parameter(help="Chip or board of the radar, as xwr1843.")] = None
+    format: Annotated[
+        str | None, Parameter(help="Kind of the recording, where it does not tell.")
+    ] = None
+    axes: Annotated[
+        str | None, Parameter(help="Axes of a bare array in order, as chirp,rx,sample.")
+    ] = None
+    encoding: Annotated[
+        str | None,
+        Parameter(help="How the numbers of a bare array are meant, as uint16-wrapped."),
+    ] = None
+    iq: Annotated[
+        Literal["iq", "qi"] | None, Parameter(help="Part of a complex sample that comes first.")
+    ] = None
+
+    def given(self) -> dict[str, Any]:
+        """Options that were given, as `dechirp.open` takes them."""
+        made = {field.name: getattr(self, field.name) for field in fields(self)}
+        if self.axes is not None:
+            made["axes"] = tuple(self.axes.replace(",", " ").split())
+        return {name: value for name, value in made.items() if value is not None}

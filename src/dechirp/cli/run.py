@@ -2,11 +2,11 @@
 
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import Json, Quiet
+from dechirp.cli.options import Json, Quiet, Told
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result
@@ -23,10 +23,7 @@ def run(
     changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
     radar: Path | None = None,
     frames: str | None = None,
-    format: str | None = None,
-    axes: str | None = None,
-    encoding: str | None = None,
-    iq: Literal["iq", "qi"] | None = None,
+    told: Told | None = None,
 ) -> int:
     """Simulate a scenario or read a recording, detect, and write a report.
 
@@ -44,14 +41,6 @@ def run(
         Settings of the radar: YAML, or a vendor's file.
     frames
         N, the first so many, or A:B, from A to before B; counted from 0.
-    format
-        Kind of the recording, where it does not tell.
-    axes
-        Axes of a bare array in order, as chirp,rx,sample.
-    encoding
-        How the numbers of a bare array are meant, as uint16-wrapped.
-    iq
-        Part of a complex sample that comes first.
     """
     from dechirp.cli.show import progress
     from dechirp.cli.sources import scenario_of
@@ -59,19 +48,13 @@ def run(
     from dechirp.store.results import check_out
 
     check_out(out)
-    told = {
-        "format": format,
-        "axes": None if axes is None else tuple(axes.replace(",", " ").split()),
-        "encoding": encoding,
-        "iq": iq,
-    }
     scenario = scenario_of(
         source,
         changes=changes or [],
         radar=radar,
         frames=frames,
         seed=seed,
-        told={name: given for name, given in told.items() if given is not None},
+        told={} if told is None else told.given(),
     )
     with progress("frames", quiet=quiet) as report:
         result = run_scenario(scenario, progress=report)

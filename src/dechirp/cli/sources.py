@@ -15,6 +15,7 @@ from dechirp.core.errors import DechirpError, InvalidFile, Mistake
 from dechirp.experiment.scenario import Scenario, Source, load, reference
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.settings.read import read_radar
+from dechirp.radar.devices.known import device as known_device
 from dechirp.radar.radar import Radar
 
 _OPTIONS = {
@@ -43,7 +44,7 @@ def scenario_of(
     radar, frames, seed
         As after the options of these names.
     told : mapping
-        What was said of a recording: `format`, `axes`, `encoding`, `iq`.
+        What was said of a recording: `device`, `format`, `axes`, `encoding`, `iq`.
 
     Raises
     ------
@@ -59,7 +60,7 @@ def scenario_of(
         if recording is None:
             return _simulated(made, frames, told)
         if frames is not None:
-            told = {**told, "frames": _frames(frames)}
+            told = {**told, "frames": frames_of(frames)}
         if radar is not None and not _of_radar(changes):
             # A vendor's file also says how the samples lie, which the radar alone does not.
             made, told = replace(made, radar=None), {**told, "settings_path": str(radar.absolute())}
@@ -79,6 +80,7 @@ def _made(
     if source.suffix.lower() in (".yaml", ".yml"):
         return load(source, changes)
     path, iq, own = source.absolute(), None, None
+    chip = known_device(told["device"]) if "device" in told else None
     if _of_radar(changes):
         # There must be a radar to change. Its file also knows the order of I and Q.
         opened = open_recording(source, **{"radar": radar, **told})
@@ -87,7 +89,7 @@ def _made(
             changes = [f"radar={_quoted(path)}", *changes]
 
     def radar_of(file: Path) -> Radar:
-        return own if own is not None and file == path else read_radar(file)
+        return own if own is not None and file == path else read_radar(file, chip)
 
     made = Scenario(name=source.stem, recording=Source(path=str(path), iq=iq))
     return _changed(made, changes, radar_of) if changes else made
@@ -130,13 +132,13 @@ def _simulated(made: Scenario, frames: str | None, told: Mapping[str, Any]) -> S
         raise InvalidFile(*mistakes)
     if frames is None:
         return made
-    first, stop = _frames(frames)
+    first, stop = frames_of(frames)
     if first:
         raise _wrong_frames(frames, need="a number of frames, to simulate so many")
     return replace(made, n_frames=stop)
 
 
-def _frames(text: str) -> tuple[int, int]:
+def frames_of(text: str) -> tuple[int, int]:
     """First frame, and the one after the last, of `N` or `A:B`."""
     match = re.fullmatch(r"(?:(\d{1,9}):)?(\d{1,9})", text.strip(), re.ASCII)
     if match is None:

@@ -160,6 +160,7 @@ def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[
     recording = open_recording(
         told.path,
         radar=scenario.radar or told.settings_path,
+        device=told.device,
         format=told.format,
         axes=told.axes,
         encoding=told.encoding,

@@ -24,10 +24,12 @@ class Source:
     """A recording, and what its file does not say about itself."""
 
     path: str
+    device: str | None = None
+    """Chip or board of the radar, such as xwr1843: where its antennas are."""
     format: str | None = None
     """Its kind in the family of formats; none: recognised by its content."""
     axes: tuple[str, ...] | None = None
-    """Names of its axes in order: frame, chirp, rx, sample, iq."""
+    """Names of its axes in order: frame, chirp, tx, rx, element, sample, iq."""
     encoding: str | None = None
     """How its numbers are meant, such as uint16-wrapped."""
     iq: Literal["iq", "qi"] | None = None

@@ -5,17 +5,22 @@ from collections.abc import Callable
 from dataclasses import field
 from enum import IntEnum
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
+import xarray as xr
 
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.formats.settings.base import Iq, Settings
+from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
 
 IQ_ORDERS = ("iq", "qi")
+
+Units = Literal["sqrt(W)", "full scale"]
+"""Of a cube: absolute where the recording is calibrated."""
 
 
 class Fit(IntEnum):
@@ -25,9 +30,11 @@ class Fit(IntEnum):
     """It is something else."""
     POSSIBLE = 1
     """Nothing speaks against it: all that can be said of bare samples."""
-    CONTAINER = 2
+    LIKELY = 2
+    """Bare samples whose numbers speak for it."""
+    CONTAINER = 3
     """A file of this kind, whose meaning the user has to tell."""
-    OWN = 3
+    OWN = 4
     """A recording of this format, with its own settings."""
 
 
@@ -36,6 +43,9 @@ class Told:
     """What the user said of a recording, where its file does not say it."""
 
     settings: Settings | None = None
+    device: Device | None = None
+    inside: str | None = None
+    """Name of the array that is meant, in a file of several."""
     axes: tuple[str, ...] | None = None
     encoding: str | None = None
     iq: Iq | None = None
@@ -43,25 +53,37 @@ class Told:
 
 @value
 class Contents:
-    """What a recording holds: the radar that made it, and its frames, decoded one by one."""
+    """What a recording holds: frames of samples to decode one by one, or detections."""
 
-    radar: Radar
+    radar: Radar | None
+    """The radar that made it; None where only its detections were kept."""
     n_frames: int
-    frame: Callable[[int], np.ndarray] = field(repr=False)
-    """Samples of one frame, (chirp, rx, sample), full scale 1, complex64 or float32."""
+    decode: Callable[[int, np.ndarray], None] | None = field(default=None, repr=False)
+    """Fill (chirp, rx, sample), complex64 or float32 as the radar samples, with one frame."""
+    units: Units = "full scale"
+    """Full scale is 1."""
+    gaps: np.ndarray | None = field(default=None, repr=False)
+    """(frame, chirp), True where samples of the chirp were lost: they are zero. None: no loss."""
+    points: xr.Dataset | None = field(default=None, repr=False)
+    """Detections that the radar made itself, as `process.chain.detect` gives them."""
     findings: tuple[Finding, ...] = ()
     iq: Iq | None = None
     """Order in which the parts of a sample were read, where the format has two."""
+    concentration: float | None = None
+    """How few beat frequencies hold the energy, at most 1: bare samples read the wrong way
+    have it spread over more. None where the format leaves no doubt."""
 
 
 class Format(Family):
     """A way in which recordings lie on disk."""
 
     group: ClassVar[str] = "dechirp.format"
-    suffixes: ClassVar[tuple[str, ...]] = ()
-    """Endings of file names that claim this format; the content decides."""
     options: ClassVar[tuple[str, ...]] = ()
-    """Which of axes, encoding and iq the format needs to be told, or may be."""
+    """Which of axes, encoding, iq and inside the format needs to be told, or may be."""
+    encodings: ClassVar[tuple[str, ...]] = ()
+    """What `encoding` may be, where it is one of the options."""
+    only_told: ClassVar[bool] = False
+    """Whether the user has to name the format: nothing in its files gives it away."""
 
     @abstractmethod
     def recognise(self, path: Path) -> Fit:
@@ -88,11 +110,16 @@ _MAGIC = {
     b"\x1f\x8b": "a gzip archive",
     b"RIFF": "a WAV or AVI file",
     b"\x89PNG": "a PNG picture",
+    b"\xff\xd8\xff": "a JPEG picture",
     b"%PDF": "a PDF document",
     b"MATLAB": "a MATLAB file",
     b"\xd4\xc3\xb2\xa1": "a network capture (pcap)",
     b"\x02\x01\x04\x03\x06\x05\x08\x07": "detections from a TI radar's serial port",
 }
+
+
+# Endings of files that begin with a mark; without it, such a file is not what it says.
+_MARKED = {".npy", ".npz", ".mat", ".h5", ".hdf5", ".nc", ".wav", ".pcap", ".pcapng", ".zip", ".gz"}
 
 
 def foreign(path: Path) -> str | None:
@@ -105,4 +132,6 @@ def foreign(path: Path) -> str | None:
     # int16 samples of a silent input are mostly bytes 0 and 255; text has neither.
     if head and all(byte in b"\t\n\r\f" or 32 <= byte < 127 for byte in head):
         return "text"
+    if path.suffix.lower() in _MARKED:
+        return f"bytes without a mark of their kind, which no {path.suffix} file is"
     return None

@@ -1,155 +1,172 @@
-"""TI DCA1000 captures (`.bin`) of xWR16xx, 18xx and 68xx chips: two lanes, no header.
+"""TI DCA1000 captures (`.bin`): bare samples, or with the headers of their packets kept.
 
-Chirp after chirp, in each the receivers one after the other, in each the samples in groups
-of four int16 (little endian) that hold two complex samples, `A0 A1 B0 B1`. A is the
-in-phase part and B the quadrature part, or the other way round with the chip's iqSwap.
+Of xWR16xx, 18xx and 68xx chips through two lanes, of xWR12xx and 14xx through four; see
+`formats.layouts`. Long captures are split (`adc_data_0.bin`, `adc_data_1.bin` ...), at
+bytes, not at frames.
 
-TI application report SWRA581, Mmwave Radar Device ADC Raw Data Capture.
+A file with headers (`*_Raw_0.bin` of mmWave Studio) has 14 bytes before each payload:
+uint32 number, uint32 bytes of payload, uint48 bytes sent before.
 """
 
-from dataclasses import replace
+import re
 from pathlib import Path
 from typing import ClassVar
 
+import numba
 import numpy as np
 
-from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.formats.base import Contents, Fit, Format, Told, foreign
+from dechirp.formats.samples.bare import bare_contents
+from dechirp.formats.samples.layouts import FourLanes, Layout, TwoLanes
 from dechirp.formats.settings.base import Settings
-from dechirp.formats.settings.read import find_settings, read_settings
+from dechirp.formats.settings_for import settings_for
+from dechirp.formats.streams.bytes_in import BytesIn, files_in
+from dechirp.formats.streams.packets import LARGEST_PAYLOAD, Packets, in_places
+from dechirp.formats.streams.walk import walk
 
-_GROUP_BYTES = 8
+_HEADER_BYTES = 14
+_SPLIT_BYTES = 2**29  # recorders split at 1 GB or more; a short capture is never split
 
 
 @value
 class Dca1000(Format):
-    """Bare samples: everything but their order comes from the settings."""
+    """TI DCA1000 captures: bare samples (`.bin`), or with the headers of their packets.
 
-    suffixes: ClassVar[tuple[str, ...]] = (".bin",)
+    Bare samples: everything but their order comes from the settings.
+    """
+
     options: ClassVar[tuple[str, ...]] = ("iq",)
 
     def recognise(self, path: Path) -> Fit:
         """Tell by nothing in the content being of another kind; bare samples have no mark."""
-        return Fit.POSSIBLE if path.is_file() and foreign(path) is None else Fit.NO
+        if not path.is_file():
+            return Fit.NO
+        if has_headers(path):
+            return Fit.CONTAINER
+        return Fit.POSSIBLE if foreign(path) is None else Fit.NO
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""
-        settings = told.settings or read_settings(find_settings(path))
-        radar = settings.radar
-        if radar.frame.chirp.sampling != "complex" or radar.frame.chirp.n_samples % 2:
-            raise RecordingError(
-                path,
-                got=f"said to hold chirps of {radar.frame.chirp.n_samples}"
-                f" {radar.frame.chirp.sampling} samples",
-                need="of an even number of complex samples, in which this format groups them",
-                fix="Correct radar.frame.chirp.",
-            )
-        settings, n_frames = _frames(path, settings)
-        radar = settings.radar
-        shape = (
-            n_frames,
-            radar.frame.n_chirps,
-            radar.array.n_rx,
-            radar.frame.chirp.n_samples // 2,
-            2,  # A, B
-            2,  # two samples
+        settings = settings_for(path, told)
+        stream, findings = _stream(path, settings)
+        return bare_contents(
+            path, stream, layouts(settings), settings.with_findings(*findings), told
         )
-        groups = np.memmap(path, dtype="<i2", mode="r", shape=shape)
-        iq = told.iq or settings.iq or "iq"
-
-        def frame(index: int) -> np.ndarray:
-            return _decoded(groups[index], iq)
-
-        findings = settings.findings
-        if told.iq is None and settings.iq is None:
-            findings += (_assumed_iq(),)
-        # 64 chirps tell the sides of the spectrum apart; more would only take time.
-        findings += _on_the_wrong_side(_decoded(groups[0, :64], iq), iq)
-        return Contents(radar=radar, n_frames=n_frames, frame=frame, findings=findings, iq=iq)
 
 
-def _decoded(groups: np.ndarray, iq: str) -> np.ndarray:
-    """Make samples (..., sample) of groups (..., pair, A or B, two samples)."""
-    a, b = groups[..., 0, :], groups[..., 1, :]
-    samples = np.empty(a.shape, np.complex64)
-    samples.real, samples.imag = (a, b) if iq == "iq" else (b, a)
-    samples /= 32768
-    return samples.reshape(*groups.shape[:-3], -1)
+def layouts(settings: Settings) -> list[Layout]:
+    """Orders in which a DCA1000 may have written the words, as far as the settings say."""
+    alternating = FourLanes(receivers=settings.receivers_of(settings.radar.array.n_rx))
+    if settings.interleaved is None:
+        return [TwoLanes(), alternating]
+    return [alternating] if settings.interleaved else [TwoLanes()]
 
 
-def _frames(path: Path, settings: Settings) -> tuple[Settings, int]:
-    """Count the whole frames; the settings also say what of the file is left over."""
-    frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
-    chirp_bytes = n_rx * frame.chirp.n_samples * 4
-    frame_bytes = frame.n_chirps * chirp_bytes
-    size = path.stat().st_size
-    n_frames, rest = divmod(size, frame_bytes)
-    told = settings.n_frames
-    one_frame = (
-        f"{frame_bytes} bytes a frame ({frame.n_chirps} chirps x {n_rx} receivers x"
-        f" {frame.chirp.n_samples} samples x 4 bytes)"
+def has_headers(path: Path) -> bool:
+    """Whether packets with their headers are in a file, by the first two of them."""
+    with path.open("rb") as file:
+        first = file.read(_HEADER_BYTES)
+        if len(first) < _HEADER_BYTES or int.from_bytes(first[4:8], "little") != LARGEST_PAYLOAD:
+            return False
+        file.seek(LARGEST_PAYLOAD, 1)
+        second = file.read(_HEADER_BYTES)
+    if not second:  # one packet in all, and not a byte more
+        return path.stat().st_size == _HEADER_BYTES + LARGEST_PAYLOAD
+    size = int.from_bytes(second[4:8], "little")
+    numbers = [int.from_bytes(header[:4], "little") for header in (first, second)]
+    return 0 < size <= LARGEST_PAYLOAD and 0 < numbers[1] - numbers[0] < 2**16
+
+
+def _stream(path: Path, settings: Settings) -> tuple[BytesIn, tuple[Finding, ...]]:
+    if has_headers(path):
+        rows, stopped = walk(path, _headers, 0)
+        found = Packets(
+            sequence=rows[:, 0], starts=rows[:, 1], offsets=rows[:, 2], sizes=rows[:, 3]
+        )
+        packets, findings = in_places(path, found)
+        if stopped < path.stat().st_size:
+            findings += (_cut_packet(path, stopped),)
+        return packets, findings
+    parts = _parts(path, settings)
+    stream = files_in(*parts)
+    if len(parts) == 1:
+        return stream, ()
+    joined = Finding(
+        level="note",
+        setting="recording",
+        got=f"{len(parts)} files of one capture, {parts[0].name} to {parts[-1].name}, joined",
+        need="the parts of a split capture in the order of their numbers",
+        fix="Nothing is to be done; move a file away that is not part of it.",
     )
-    # A capture that stopped early ends with a whole network packet, 182 groups of 8 bytes.
-    # It can be shorter than what the radar sent, but never longer.
-    if settings.merged and not n_frames and not size % _GROUP_BYTES and size >= 2 * chirp_bytes:
-        n_chirps, rest = divmod(size, chirp_bytes)
-        shorter = replace(settings.radar, frame=replace(frame, n_chirps=n_chirps))
-        got = f"{n_chirps} whole chirps and {rest} bytes"
-        return _with_cut(replace(settings, radar=shorter), size, got=got, need=one_frame), 1
-    if n_frames < 1 or size % _GROUP_BYTES or (told is not None and size > told * frame_bytes):
-        expected = f"at least {frame_bytes}" if told is None else f"{told * frame_bytes}"
-        raise RecordingError(
-            path,
-            got=f"a file of {size} bytes",
-            need=f"{expected} bytes, in whole groups of {_GROUP_BYTES}: {one_frame}",
-            fix="Copy the whole file again, or give the settings it was recorded with.",
-        )
-    if not rest and told in (None, n_frames):
-        return settings, n_frames
-    got = f"{n_frames} whole frames and {rest} bytes"
-    need = f"whole frames, {one_frame}" + (f", {told} of them" if told else "")
-    return _with_cut(settings, size, got=got, need=need), n_frames
+    return stream, (joined,)
 
 
-def _with_cut(settings: Settings, size: int, *, got: str, need: str) -> Settings:
-    cut = Finding(
+def _parts(path: Path, settings: Settings) -> list[Path]:
+    """Files of the capture that begins with this one: it alone, unless it was split.
+
+    A capture that is whole in its first file may have others of the next number beside it.
+    """
+    name = re.fullmatch(r"(.*_)0(\.\w+)", path.name)
+    size = path.stat().st_size
+    if name is None or _is_whole(size, settings):
+        return [path]
+    parts = [path]
+    while (following := path.with_name(f"{name[1]}{len(parts)}{name[2]}")).is_file():
+        # All but the last are full.
+        if following.stat().st_size > size or following.resolve().parent != path.resolve().parent:
+            break
+        parts.append(following)
+        if following.stat().st_size < size:
+            break
+    return parts
+
+
+def _is_whole(size: int, settings: Settings) -> bool:
+    radar = settings.radar
+    sizes = [2 * lay.chirp_words(radar.frame.chirp, radar.array.n_rx) for lay in layouts(settings)]
+    frame_bytes = [radar.frame.n_sent * size for size in sizes]
+    if settings.n_frames is not None:
+        return any(size >= settings.n_frames * one for one in frame_bytes)
+    return size < _SPLIT_BYTES and any(size % one == 0 for one in frame_bytes)
+
+
+def _cut_packet(path: Path, stopped: int) -> Finding:
+    size = path.stat().st_size
+    return Finding(
         level="warning",
         setting="recording",
-        got=f"{size} bytes, cut short: {got} that are left out",
-        need=need,
-        fix="If more than the end is missing, the settings are not those of this recording.",
-    )
-    return replace(settings, findings=(*settings.findings, cut))
-
-
-def _assumed_iq() -> Finding:
-    return Finding(
-        level="note",
-        setting="iq",
-        got="not given, taken as iq",
-        need="the order in which the chip wrote the parts of a sample",
-        fix="Give --iq iq or --iq qi.",
+        got=f"{size - stopped} bytes from byte {stopped} on that are no whole packet, left out",
+        need="whole packets to the end of the file",
+        fix="If more than the end is missing, copy the file again from its source.",
     )
 
 
-def _on_the_wrong_side(chirps: np.ndarray, iq: str) -> tuple[Finding, ...]:
-    """Warn if echoes lie at negative beat frequencies, where an up-chirp has none."""
-    spectrum = np.fft.fft(chirps - chirps.mean(axis=-1, keepdims=True), axis=-1)
-    energy = np.sum(np.abs(spectrum) ** 2, axis=(0, 1))
-    half = energy.size // 2
-    positive, negative = energy[1:half].sum(), energy[half + 1 :].sum()
-    # Noise alone has equal sides, within 0.1 dB over 64 chirps; 6 dB is no chance.
-    if negative <= 4 * positive:
-        return ()
-    return (
-        Finding(
-            level="warning",
-            setting="iq",
-            got=f"{iq}, with {negative / (positive + negative):.1%} of the energy at negative"
-            " beat frequencies",
-            need="echoes at positive beat frequencies, as an up-chirp gives",
-            fix=f"Read it with --iq {'qi' if iq == 'iq' else 'iq'}.",
-        ),
-    )
+@numba.njit(cache=True)
+def _little(content: np.ndarray, at: int, n: int) -> int:
+    """Whole number of n bytes, the least one first."""
+    made = np.int64(0)
+    for i in range(n):
+        made |= np.int64(content[at + i]) << (8 * i)
+    return int(made)
+
+
+@numba.njit(cache=True)
+def _headers(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
+    """Rows number, bytes before, place and size of the payload, of packets that begin here."""
+    rows = np.empty(((stop - at) // _HEADER_BYTES + 1, 4), np.int64)
+    n = 0
+    while at < stop:
+        if at + _HEADER_BYTES > content.size:
+            break
+        size = _little(content, at + 4, 4)
+        if size < 1 or size > LARGEST_PAYLOAD or at + _HEADER_BYTES + size > content.size:
+            break
+        rows[n, 0] = _little(content, at, 4)
+        rows[n, 1] = _little(content, at + 8, 6)
+        rows[n, 2] = at + _HEADER_BYTES
+        rows[n, 3] = size
+        n += 1
+        at += _HEADER_BYTES + size
+    return at, rows[:n].copy()

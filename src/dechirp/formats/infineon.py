@@ -11,7 +11,7 @@ import numpy as np
 from dechirp.core.errors import RecordingError
 from dechirp.core.values import value
 from dechirp.formats.base import Contents, Fit, Format, Told
-from dechirp.formats.npy import mapped
+from dechirp.formats.npy import array_in
 from dechirp.formats.settings.read import read_settings
 from dechirp.formats.settings.receivers import with_receivers
 
@@ -21,7 +21,10 @@ _SAMPLES, _CONFIG = "radar.npy", "config.json"
 
 @value
 class Infineon(Format):
-    """The folder itself, the folder that holds it alone, or its `radar.npy`."""
+    """Infineon recordings (ifxdaq, Radar Fusion GUI): `radar.npy` with `config.json`.
+
+    The folder itself, the folder that holds it alone, or its `radar.npy`.
+    """
 
     def recognise(self, path: Path) -> Fit:
         """Tell by the files of the folder."""
@@ -40,10 +43,10 @@ class Infineon(Format):
             )
         settings = told.settings or read_settings(folders[0] / _CONFIG)
         file = folders[0] / _SAMPLES
-        codes = mapped(file)
+        codes = array_in(file)
         frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
-        n_rx_told = codes.shape[1] if codes.ndim == 4 and n_rx == 1 else n_rx
-        need = (n_rx_told, frame.n_chirps, frame.chirp.n_samples)
+        n_rx_told = codes.shape[1] if len(codes.shape) == 4 and n_rx == 1 else n_rx
+        need = (n_rx_told, frame.n_sent, frame.chirp.n_samples)
         if codes.dtype.kind not in "iu" or codes.shape[1:] != need:
             raise RecordingError(
                 file,
@@ -61,13 +64,15 @@ class Infineon(Format):
             )
         radar, findings = with_receivers(settings.radar, codes.shape[1], file=file)
 
-        def decoded(index: int) -> np.ndarray:
-            return _full_scale(file, codes[index], index)
+        def decode(index: int, out: np.ndarray) -> None:
+            whole = (slice(0, size) for size in codes.shape[1:])
+            frame = codes.read((slice(index, index + 1), *whole))[0]
+            _to_full_scale(file, frame, index, out)
 
         return Contents(
             radar=radar,
-            n_frames=len(codes),
-            frame=decoded,
+            n_frames=codes.shape[0],
+            decode=decode,
             findings=settings.findings + findings,
         )
 
@@ -82,8 +87,8 @@ def _folders(path: Path) -> list[Path]:
     return sorted(file.parent for file in path.glob(f"*/{_SAMPLES}"))
 
 
-def _full_scale(file: Path, codes: np.ndarray, index: int) -> np.ndarray:
-    """Make samples (chirp, rx, sample) within -1 to 1 of codes (rx, chirp, sample)."""
+def _to_full_scale(file: Path, codes: np.ndarray, index: int, out: np.ndarray) -> None:
+    """Fill (chirp, rx, sample) within -1 to 1 with codes (rx, chirp, sample)."""
     low, high = int(codes.min()), int(codes.max())
     if low < 0 or high > _LARGEST_CODE:
         raise RecordingError(
@@ -92,5 +97,6 @@ def _full_scale(file: Path, codes: np.ndarray, index: int) -> np.ndarray:
             need=f"codes from 0 to {_LARGEST_CODE}, of a 12-bit converter",
             fix="Copy the recording again from its source.",
         )
-    scaled = codes.astype(np.float32) * np.float32(2 / _LARGEST_CODE) - np.float32(1)
-    return np.swapaxes(scaled, 0, 1)
+    out[:] = np.swapaxes(codes, 0, 1)
+    out *= np.float32(2 / _LARGEST_CODE)
+    out -= np.float32(1)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import cast
@@ -9,15 +10,18 @@ from typing import cast
 import numpy as np
 import xarray as xr
 
+from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.memory import must_fit
 from dechirp.core.values import value
 from dechirp.formats.base import IQ_ORDERS, Contents, Fit, Format, Told, foreign
-from dechirp.formats.encodings import LIMITS
+from dechirp.formats.samples.sample_order import choose
 from dechirp.formats.settings.base import Iq, Settings
 from dechirp.formats.settings.read import read_settings
 from dechirp.radar.cube import labelled_cube
+from dechirp.radar.devices.base import Device
+from dechirp.radar.devices.known import device as known_device
 from dechirp.radar.radar import Radar
 
 
@@ -25,8 +29,8 @@ from dechirp.radar.radar import Radar
 class Recording:
     """Samples on disk with the radar that made them; decoded only when asked for.
 
-    Samples are complex64, or float32 where sampling is real, and full scale is 1. A
-    converter's offset is left in them.
+    Samples are complex64, or float32 where sampling is real, and full scale is 1 unless the
+    recording is calibrated. A converter's offset is left in them.
     """
 
     path: Path
@@ -34,12 +38,23 @@ class Recording:
     contents: Contents
     frame_numbers: range
     """Which of the frames on disk are read, counted from 0."""
-    points: None = None
-    """Detections the radar made itself: none in the formats read so far."""
 
     @property
     def radar(self) -> Radar:
-        """The radar; its hardware is not known unless it was given."""
+        """The radar; its hardware is not known unless it was given.
+
+        Raises
+        ------
+        RecordingError
+            If the recording holds detections alone and nobody gave a radar.
+        """
+        if self.contents.radar is None:
+            raise RecordingError(
+                self.path,
+                got=f"of the format {self.format}, which keeps detections without their radar",
+                need="a recording whose radar is known",
+                fix="Give the radar: --radar FILE (radar=FILE in Python); `points` needs none.",
+            )
         return self.contents.radar
 
     @property
@@ -52,20 +67,40 @@ class Recording:
         """What was assumed, and what looks wrong."""
         return self.contents.findings
 
+    @property
+    def points(self) -> xr.Dataset | None:
+        """Detections that the radar made itself, as `detect` gives them; none: samples alone."""
+        found = self.contents.points
+        if found is None:
+            return None
+        numbers = found["frame"].values
+        inside = (numbers >= self.frame_numbers.start) & (numbers < self.frame_numbers.stop)
+        return found.isel(detection=np.flatnonzero(inside))
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Size of the cube along each of its axes; empty where there are no samples."""
+        if self.contents.decode is None:
+            return {}
+        frame = self.radar.frame
+        sizes = (self.n_frames, frame.n_sent, self.radar.array.n_rx, frame.chirp.n_samples)
+        return dict(zip(CUBE_AXES, sizes, strict=True))
+
     @cached_property
     def cube(self) -> xr.DataArray:
         """The frames that are read, (frame, chirp, rx, sample), decoded on first use.
+
+        Where samples were lost they are zero, and a coordinate `gap` (frame, chirp) is True.
 
         Raises
         ------
         NotEnoughMemory
             If it would not fit; `frames` needs one frame at a time.
         RecordingError
-            If samples are not numbers of the encoding; the message says where.
+            If there are no samples, or they are not numbers of the encoding; the message says
+            where.
         """
-        frame, n_rx = self.radar.frame, self.radar.array.n_rx
-        dtype = np.dtype(np.complex64 if frame.chirp.sampling == "complex" else np.float32)
-        shape = (self.n_frames, frame.n_chirps, n_rx, frame.chirp.n_samples)
+        shape, dtype = self._shape(), self._dtype()
         must_fit(
             f"the cube of {self.path.name}",
             needed_bytes=math.prod(shape) * dtype.itemsize,
@@ -73,22 +108,56 @@ class Recording:
         )
         samples = np.empty(shape, dtype)
         for index, number in enumerate(self.frame_numbers):
-            samples[index] = self.contents.frame(number)
-        return labelled_cube(
-            samples, self.radar, units="full scale", first_frame=self.frame_numbers.start
-        )
+            self._decode(number, samples[index])
+        return self._labelled(samples, self.frame_numbers)
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Cubes of one frame each, decoded one after the other; raises as `cube` does."""
+        shape, dtype = self._shape(), self._dtype()
         for number in self.frame_numbers:
-            samples = self.contents.frame(number)[None]
-            yield labelled_cube(samples, self.radar, units="full scale", first_frame=number)
+            samples = np.empty((1, *shape[1:]), dtype)
+            self._decode(number, samples[0])
+            yield self._labelled(samples, range(number, number + 1))
+
+    def _shape(self) -> tuple[int, ...]:
+        if not self.sizes:
+            raise RecordingError(
+                self.path,
+                got=f"of the format {self.format}, which holds detections and no samples",
+                need="a recording of samples",
+                fix="Use its `points`.",
+            )
+        return tuple(self.sizes.values())
+
+    def _dtype(self) -> np.dtype:
+        return np.dtype(
+            np.complex64 if self.radar.frame.chirp.sampling == "complex" else np.float32
+        )
+
+    def _decode(self, number: int, out: np.ndarray) -> None:
+        assert self.contents.decode is not None  # `_shape` was asked before
+        try:
+            self.contents.decode(number, out)
+        except OSError as error:
+            raise _unreadable(self.path, error) from None
+
+    def _labelled(self, samples: np.ndarray, numbers: range) -> xr.DataArray:
+        cube = labelled_cube(
+            samples, self.radar, units=self.contents.units, first_frame=numbers.start
+        )
+        gaps = self.contents.gaps
+        if gaps is None:
+            return cube
+        said = {"long_name": "samples of the chirp were lost and are zero"}
+        mark = xr.Variable(("frame", "chirp"), gaps[numbers.start : numbers.stop], said)
+        return cube.assign_coords(gap=mark)
 
 
 def open(
     path: str | Path,
     *,
     radar: Radar | str | Path | None = None,
+    device: str | None = None,
     format: str | None = None,
     axes: Sequence[str] | str | None = None,
     encoding: str | None = None,
@@ -100,19 +169,22 @@ def open(
     Parameters
     ----------
     path : path
-        A file, or a folder for formats that are folders.
+        A file, or a folder for formats that are folders. An array in a file of several is
+        named below it: `capture.mat/CollectionA`.
     radar : Radar or path, optional
-        The radar, or its settings file (YAML, mmWave Studio log, Infineon config.json).
-        Without it: the settings in the recording, else the file beside it whose name starts
-        with the recording's, else the folder's only one.
+        The radar, or its settings file (YAML, TI .cfg, .mmwave.json or .setup.json, mmWave
+        Studio log, Infineon config.json). Without it: the settings in the recording, else the
+        file beside it whose name starts with the recording's, else the folder's only one.
+    device : str, optional
+        The chip or board, as xwr1843: where its antennas are, and how it writes samples.
     format : str, optional
         Kind of the format; without it the content decides.
     axes : names, optional
-        What each axis of a bare array is: frame, chirp, rx, sample, iq. A list, or one text
-        with commas.
+        What each axis of a bare array is: frame, chirp, tx, rx, element (of the virtual array,
+        in place of tx and rx), sample, iq. A list, or one text with commas.
     encoding : str, optional
         How numbers of a bare array stand for samples: int16, uint16-wrapped, offset-binary
-        or full-scale.
+        or full-scale. Of a WAV radar: inverted or upright.
     iq : {"iq", "qi"}, optional
         Which part of a complex sample comes first, where no settings say.
     frames : (int, int), optional
@@ -127,31 +199,51 @@ def open(
         If its YAML settings have mistakes.
     """
     path = Path(path)
-    kind, reader = _format(path, format)
     if isinstance(axes, str):
         axes = axes.replace(",", " ").split()
-    options = {"axes": axes, "encoding": encoding, "iq": iq}
-    for name, given in options.items():
-        if given is not None and name not in reader.options:
-            raise RecordingError(
-                path,
-                got=f"in the format {kind}, with {name} given",
-                need=f"given without {name}: the format has its own",
-                fix=f"Leave out {name}, or name the format it is meant for.",
-            )
-    _check_choice(path, "encoding", encoding, tuple(LIMITS))
+    _check_choice(path, "iq", iq, IQ_ORDERS)
+    known = None if device is None else known_device(device)
+    file, inside = _inside(path)
     told = Told(
-        settings=_settings(radar),
+        settings=_settings(radar, known),
+        device=known,
+        inside=inside,
         axes=None if axes is None else tuple(axes),
         encoding=encoding,
-        iq=_order(path, iq),
+        iq=cast(Iq | None, iq),
     )
     try:
-        contents = reader.read(path, told)
+        kind, contents = _contents(file, format, told)
     except OSError as error:
         raise _unreadable(path, error) from None
     numbers = _numbers(path, frames, contents.n_frames)
     return Recording(path=path, format=kind, contents=contents, frame_numbers=numbers)
+
+
+def recognised(path: str | Path, format: str | None = None) -> tuple[str, ...]:
+    """Kinds of the formats that fit the content of a path: one, or several of bare samples.
+
+    Raises
+    ------
+    RecordingError
+        If none does, or there is nothing to be read.
+    """
+    path = Path(path)
+    members: dict[str, Format] = {kind: made() for kind, made in Format.members().items()}
+    _check_choice(path, "format", format, tuple(members))
+    try:
+        return tuple(_fitting(_inside(path)[0], format, members))
+    except OSError as error:
+        raise _unreadable(path, error) from None
+
+
+def _inside(path: Path) -> tuple[Path, str | None]:
+    """Path on disk, and the name of an array in it where one is named below it."""
+    if not path.exists():
+        for above in path.parents:
+            if above.is_file():
+                return above, path.relative_to(above).as_posix()
+    return path, None
 
 
 def _numbers(path: Path, frames: tuple[int, int] | None, n_frames: int) -> range:
@@ -167,15 +259,12 @@ def _numbers(path: Path, frames: tuple[int, int] | None, n_frames: int) -> range
     return range(first, stop)
 
 
-def _settings(radar: Radar | str | Path | None) -> Settings | None:
+def _settings(radar: Radar | str | Path | None, device: Device | None) -> Settings | None:
     if radar is None:
         return None
-    return Settings(radar=radar) if isinstance(radar, Radar) else read_settings(Path(radar))
-
-
-def _order(path: Path, iq: str | None) -> Iq | None:
-    _check_choice(path, "iq", iq, IQ_ORDERS)
-    return cast(Iq | None, iq)
+    if isinstance(radar, Radar):
+        return Settings(radar=radar).of_device(device)
+    return read_settings(Path(radar), device)
 
 
 def _check_choice(path: Path, name: str, got: str | None, choices: tuple[str, ...]) -> None:
@@ -188,39 +277,81 @@ def _check_choice(path: Path, name: str, got: str | None, choices: tuple[str, ..
         )
 
 
-def _format(path: Path, wanted: str | None) -> tuple[str, Format]:
-    """Format of an existing path: the wanted one if it can be, else the best match."""
+def _contents(path: Path, wanted: str | None, told: Told) -> tuple[str, Contents]:
+    """Kind of the format of a path, and what it holds: the wanted one, else the best fit."""
     formats: dict[str, Format] = {kind: made() for kind, made in Format.members().items()}
     _check_choice(path, "format", wanted, tuple(formats))
-    try:
-        if not path.exists():
-            raise FileNotFoundError(2, "no such file or folder")
-        if path.is_file() and path.stat().st_size == 0:
-            got = "an empty file (0 bytes)"
-            matches = dict.fromkeys(formats, Fit.NO)
-        else:
-            got = _looks(path)
-            matches = {kind: member.recognise(path) for kind, member in formats.items()}
-    except OSError as error:
-        raise _unreadable(path, error) from None
-    best = wanted or max(matches, key=lambda kind: matches[kind])
-    # Bare samples fit any name; a name that claims a format of its own must keep to it.
-    claimed = path.suffix.lower() in formats[best].suffixes
-    if matches[best] > Fit.POSSIBLE or (
-        matches[best] == Fit.POSSIBLE and (wanted is not None or claimed)
-    ):
-        return best, formats[best]
-    said = wanted or next(
-        (kind for kind, member in formats.items() if path.suffix.lower() in member.suffixes), None
+    kinds = _fitting(path, wanted, formats)
+    if len(kinds) == 1:
+        (kind,) = kinds
+        return kind, _read(path, kind, formats[kind], told)
+    # Bare samples: each format that they fit is tried, and the one is taken that leaves the
+    # energy in clearly the fewest beat frequencies. If none fits, the first says why.
+    found, refused = {}, []
+    for kind in kinds:
+        try:
+            found[kind] = _read(path, kind, formats[kind], told)
+        except RecordingError as error:
+            refused.append(error)
+    if not found:
+        raise refused[0]
+    names, contents = list(found), list(found.values())
+    place, chosen = choose(
+        names,
+        [one.concentration or 0.0 for one in contents],
+        n_samples=max(one.radar.frame.chirp.n_samples for one in contents if one.radar),
+        setting="format",
+        fix="give --format.",
     )
+    best = contents[place]
+    return names[place], replace(best, findings=best.findings + chosen)
+
+
+def _fitting(path: Path, wanted: str | None, formats: dict[str, Format]) -> list[str]:
+    """Kinds that fit the content best: the wanted one if it can be; several of bare samples."""
+    if not path.exists():
+        raise FileNotFoundError(2, "no such file or folder")
+    if not (path.is_file() or path.is_dir()):
+        raise OSError(0, "neither a file nor a folder")
+    if path.is_file() and path.stat().st_size == 0:
+        got, fits = "an empty file (0 bytes)", {}
+    else:
+        got = _looks(path)
+        asked = [kind for kind, member in formats.items() if wanted == kind or not member.only_told]
+        fits = {kind: formats[kind].recognise(path) for kind in asked}
+    best = fits.get(wanted, Fit.NO) if wanted else max(fits.values(), default=Fit.NO)
+    if best > Fit.NO:
+        return [wanted] if wanted else [kind for kind, fit in fits.items() if fit == best]
     raise RecordingError(
         path,
         got=got,
-        need=f"a recording of the format {said}, as it is said to be"
-        if said
+        need=f"a recording of the format {wanted}, as it is said to be"
+        if wanted
         else f"a recording of a format that is read: {', '.join(formats)}",
         fix="Copy it again from its source, or name what it is with --format (format=...).",
     )
+
+
+def _read(path: Path, kind: str, reader: Format, told: Told) -> Contents:
+    """Contents of a path, after a look at whether the format takes what was said of it."""
+    if told.inside is not None and "inside" not in reader.options:
+        raise RecordingError(
+            path / told.inside,
+            got=f"named inside {path.name}, of the format {kind}",
+            need="a file, or an array in one that holds several",
+            fix=f"Name {path.name} itself.",
+        )
+    options = {"axes": told.axes, "encoding": told.encoding, "iq": told.iq}
+    for name, given in options.items():
+        if given is not None and name not in reader.options:
+            raise RecordingError(
+                path,
+                got=f"in the format {kind}, with {name} given",
+                need=f"given without {name}: the format has its own",
+                fix=f"Leave out {name}, or name the format it is meant for.",
+            )
+    _check_choice(path, "encoding", told.encoding, reader.encodings)
+    return reader.read(path, told)
 
 
 def _looks(path: Path) -> str:

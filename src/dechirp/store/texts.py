@@ -1,4 +1,4 @@
-"""A folder of texts, such as a page and the numbers on it: all of them or none."""
+"""A folder of small files, such as a page and the numbers on it: all of them or none."""
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -24,6 +24,11 @@ def write_texts(out: Path, texts: Mapping[str, str]) -> None:
         If the folder is somebody else's or cannot be written. It is left as it was then.
     """
     check_out(out, texts)
+    write_files(out, {name: text.encode() for name, text in texts.items()})
+
+
+def write_files(out: Path, contents: Mapping[str, bytes]) -> None:
+    """Write each content under its name into a folder that `check_out` has seen."""
     with whole_folder(out) as made:
-        for name, text in texts.items():
-            (made / name).write_text(text, encoding="utf-8")
+        for name, content in contents.items():
+            (made / name).write_bytes(content)

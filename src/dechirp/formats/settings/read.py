@@ -4,39 +4,74 @@ from pathlib import Path
 
 from dechirp.config import files
 from dechirp.core.errors import RecordingError
-from dechirp.formats.settings import infineon_json, studio_log
+from dechirp.formats.settings import (
+    infineon_json,
+    mmwave_json,
+    mmwave_setup,
+    studio_log,
+    ti_cfg,
+)
 from dechirp.formats.settings.base import Settings
+from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
 
-_SUFFIXES = (".yaml", ".yml", ".txt", ".log", ".json")
-_LARGEST_BYTES = 64 * 2**20
+_YAML = (".yaml", ".yml")
+_SUFFIXES = (*_YAML, ".txt", ".log", ".json", ".cfg")
+_LARGEST_BYTES = 16 * 2**20  # years of a log; its lines take 8 bytes more each
 
 
-def read_radar(path: str | Path) -> Radar:
-    """Radar from a settings file: our YAML, a mmWave Studio log, an Infineon `config.json`.
+def read_radar(path: str | Path, device: Device | None = None) -> Radar:
+    """Radar from a settings file: our YAML, or that of a vendor.
+
+    Vendors' are TI's `.cfg`, `.mmwave.json`, `.setup.json` and mmWave Studio log, and
+    Infineon's `config.json`. What a file holds decides, not its name.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    device : Device, optional
+        The device it is of, for the positions of its antennas; it comes before the one that
+        the file names. A YAML file has an array of its own.
 
     Raises
     ------
     RecordingError
         If it is a vendor's file that cannot be read.
     InvalidFile
-        If it is a YAML file with mistakes.
+        If it is a YAML file or a `.cfg` with mistakes.
     """
-    return read_settings(Path(path)).radar
+    return read_settings(Path(path), device).radar
 
 
-def read_settings(file: Path) -> Settings:
-    """Radar from a settings file, with what the file says of the recording's layout."""
+def read_settings(file: Path, device: Device | None = None) -> Settings:
+    """Radar from a settings file, with what the file says of the recording's layout.
+
+    `read_radar` says what is read, and what is raised.
+    """
     text = _text(file)
+    name = file.name.lower()
     if studio_log.looks_like(text):
-        return studio_log.read(file, text)
-    if file.suffix.lower() == ".json":
-        return infineon_json.read(file, text)
-    return Settings(radar=files.read(file, Radar))
+        settings = studio_log.read(file, text, device)
+    elif ti_cfg.looks_like(text) or name.endswith(".cfg"):
+        settings = ti_cfg.read(file, text, device)
+    elif mmwave_json.looks_like(text):
+        settings = mmwave_json.read(file, text, device)
+    elif mmwave_setup.looks_like(text):
+        used, chip = mmwave_setup.named_by(file, text)
+        settings = mmwave_json.read(used, _text(used), device, chip)
+    elif infineon_json.looks_like(text) or name.endswith(".json"):
+        settings = infineon_json.read(file, text, device)
+    else:
+        settings = Settings(radar=files.read(file, Radar))
+    return settings.of_device(device)
 
 
 def find_settings(recording: Path) -> Path:
     """Find the settings file beside a recording: of the same name, else the only one.
+
+    A `.setup.json` and the `.mmwave.json` it names are one. Links that lead out of the folder
+    are left alone.
 
     Raises
     ------
@@ -48,10 +83,21 @@ def find_settings(recording: Path) -> Path:
         for file in recording.parent.iterdir()
         if file != recording and file.suffix.lower() in _SUFFIXES and _holds_settings(file)
     )
+    pairs = {used: file for file in candidates if (used := _used_by(file)) is not None}
+    candidates = [file for file in candidates if file not in pairs]
     stem = recording.stem
-    named = [file for file in candidates if file.stem.startswith(stem)]
+    stems = {file: [file.name] for file in candidates}
+    for used, file in pairs.items():
+        stems[file].append(used.name)
+    named = [file for file in candidates if any(name.startswith(stem) for name in stems[file])]
     # adc_data_1 also begins the name of adc_data_10.
-    exact = [file for file in named if not file.stem[len(stem) :][:1].isalnum()]
+    exact = [
+        file
+        for file in named
+        if any(
+            name.startswith(stem) and not name[len(stem) :][:1].isalnum() for name in stems[file]
+        )
+    ]
     for choice in (exact, named, candidates):
         if len(choice) == 1:
             return choice[0]
@@ -69,17 +115,27 @@ def find_settings(recording: Path) -> Path:
 
 def _holds_settings(file: Path) -> bool:
     # A meta.json describes a collection of recordings, not the radar.
-    if file.name == "meta.json" or not file.is_file():
+    if file.name == "meta.json" or not mmwave_setup.lies_in_its_folder(file):
         return False
     try:
         text = _text(file)
     except RecordingError:
         return False
     if file.suffix.lower() == ".json":
-        return '"device_config"' in text
-    if file.suffix.lower() in (".yaml", ".yml"):
+        known = infineon_json.looks_like(text) or mmwave_json.looks_like(text)
+        return known or _used_by(file) is not None
+    if file.suffix.lower() in _YAML:
         return any(line.startswith("frame:") for line in text.splitlines())
-    return studio_log.looks_like(text)
+    return studio_log.looks_like(text) or ti_cfg.looks_like(text)
+
+
+def _used_by(file: Path) -> Path | None:
+    """Settings file that a setup file names; None if it is none, or names none of its folder."""
+    try:
+        text = _text(file) if file.suffix.lower() == ".json" else ""
+        return mmwave_setup.named_by(file, text)[0] if mmwave_setup.looks_like(text) else None
+    except RecordingError:
+        return None
 
 
 def _text(file: Path) -> str:
@@ -100,6 +156,7 @@ def _text(file: Path) -> str:
     raise RecordingError(
         file,
         got=got,
-        need="a settings file: YAML, a mmWave Studio log or an Infineon config.json",
+        need="a settings file: YAML, a TI .cfg, .mmwave.json or .setup.json, a mmWave Studio log"
+        " or an Infineon config.json",
         fix="Give the file that says what the radar sent.",
     ) from None

@@ -1,5 +1,7 @@
 """The range-Doppler map, with what was found and what is there."""
 
+from collections.abc import Callable
+
 import numpy as np
 import xarray as xr
 from markupsafe import Markup
@@ -8,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from dechirp.core.values import value
-from dechirp.report.figures.style import COLORS, INK, ORANGE, draw
+from dechirp.report.figures.style import COLORS, INK, ORANGE, draw, picture
 from dechirp.report.words import power_db, power_unit
 from dechirp.scene.folding import Place
 
@@ -47,9 +49,20 @@ def whole(marked: MarkedMap) -> Markup:
 
     Large maps are drawn from the largest cell of each block, so that no peak is lost.
     """
-    return _map(
+    return _drawn(
         marked, marked.power, _absolute(marked), label="Range-Doppler map", circle_points=11
     )
+
+
+def whole_picture(marked: MarkedMap, *, title: str) -> bytes:
+    """Draw the whole map as PNG, under a title."""
+    paint = _map(marked, marked.power, _absolute(marked), circle_points=11)
+
+    def with_title(figure: Figure) -> None:
+        paint(figure)
+        figure.suptitle(title, fontsize=9)
+
+    return picture(with_title, height_in=3.6)
 
 
 def whole_over_noise(marked: MarkedMap, *, highest_db: float) -> Markup:
@@ -64,7 +77,7 @@ def whole_over_noise(marked: MarkedMap, *, highest_db: float) -> Markup:
         label="power over the mean noise, dB",
     )
     label = "Range-Doppler map over the mean noise"
-    return _map(marked, marked.power, scale, label=label, circle_points=11)
+    return _drawn(marked, marked.power, scale, label=label, circle_points=11)
 
 
 def close_up(marked: MarkedMap, *, cell: tuple[int, int]) -> Markup:
@@ -75,7 +88,7 @@ def close_up(marked: MarkedMap, *, cell: tuple[int, int]) -> Markup:
         range=_around(column, sizes["range"], _CLOSE_UP_CELLS[1]),
     )
     label = "Range-Doppler map, close-up"
-    return _map(marked, around, _absolute(marked), label=label, circle_points=26)
+    return _drawn(marked, around, _absolute(marked), label=label, circle_points=26)
 
 
 def noise_power(power: np.ndarray) -> float:
@@ -115,9 +128,15 @@ def _around(centre: int, size: int, reach: int) -> slice:
     return slice(first, first + 2 * reach + 1)
 
 
-def _map(
+def _drawn(
     marked: MarkedMap, part: xr.DataArray, scale: _Scale, *, label: str, circle_points: float
 ) -> Markup:
+    return draw(_map(marked, part, scale, circle_points=circle_points), label=label, height_in=3.6)
+
+
+def _map(
+    marked: MarkedMap, part: xr.DataArray, scale: _Scale, *, circle_points: float
+) -> Callable[[Figure], None]:
     part = part.transpose("velocity", "range")
     level_db = power_db(reduced(part.values), marked.units) - scale.zero_db
     left, right = _edges(part.range.values)
@@ -149,7 +168,7 @@ def _map(
                 assert isinstance(handle, Line2D)
                 handle.set_markersize(8)
 
-    return draw(paint, label=label, height_in=3.6)
+    return paint
 
 
 def _mark(axes: Axes, marked: MarkedMap, circle_points: float) -> None:

@@ -29,7 +29,9 @@ def to_full_scale(numbers: np.ndarray, encoding: str) -> np.ndarray:
         raise ValueError(f"numbers from {low:.6g} to {high:.6g}")
     if encoding == "uint16-wrapped":
         numbers = numbers.astype(np.int64).astype(np.int16)
-    elif encoding == "offset-binary":
-        numbers = numbers.astype(np.float32) - 32768
     scaled = numbers.astype(np.float32)
-    return scaled if encoding == "full-scale" else scaled / np.float32(32768)
+    if encoding == "offset-binary":
+        scaled -= 32768
+    if encoding != "full-scale":
+        scaled /= 32768
+    return scaled

@@ -1,0 +1,1 @@
+"""Arrays whose axes the user names: what their containers share."""

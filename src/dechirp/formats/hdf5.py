@@ -1,0 +1,195 @@
+"""HDF5 files (`.h5`, also netCDF 4): one dataset holds the samples.
+
+Only what lies in the file itself is read: no links to other files, no external storage, no
+virtual datasets.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.values import value
+from dechirp.formats.arrays.axes import contents
+from dechirp.formats.arrays.encodings import LIMITS
+from dechirp.formats.arrays.stored import (
+    Part,
+    Stored,
+    absent_chunks,
+    chosen,
+    is_numeric,
+    must_be_countable,
+    must_be_plausible,
+    parsing,
+)
+from dechirp.formats.base import Contents, Fit, Format, Told
+
+_MAGIC = b"\x89HDF\r\n\x1a\n"
+_STARTS = (0, 512, 1024, 2048)  # a block of the user's own may come first
+_NEED = "an HDF5 file"
+_MOST_OBJECTS = 10_000
+_MOST_HOPS = 16
+_DEEPEST = 16
+# Chunks of several frames are kept until the next frame needs them.
+_CACHE_BYTES = 2**26
+_NOT_NUMBERS = (b"char", b"logical", b"cell", b"struct", b"function_handle")
+
+
+@value
+class Hdf5(Format):
+    """HDF5 and netCDF4: a dataset whose axes the user names.
+
+    Any dataset of numbers, or of pairs called real and imag, re and im, r and i.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("axes", "encoding", "iq", "inside")
+    encodings: ClassVar[tuple[str, ...]] = tuple(LIMITS)
+
+    def recognise(self, path: Path) -> Fit:
+        """Tell by the signature; files of MATLAB 7.3 are their own format."""
+        if not path.is_file():
+            return Fit.NO
+        with path.open("rb") as file:
+            head = file.read(_STARTS[-1] + len(_MAGIC))
+        found = any(head.startswith(_MAGIC, start) for start in _STARTS)
+        return Fit.CONTAINER if found and not head.startswith(b"MATLAB 7.3") else Fit.NO
+
+    def read(self, path: Path, told: Told) -> Contents:
+        """See `Format.read`."""
+        return contents(path, dataset_in(path, told), told, file_bytes=path.stat().st_size)
+
+
+def dataset_in(path: Path, told: Told, *, of_matlab: bool = False) -> Stored:
+    """Dataset that is meant, with its axes in the order of the file.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged, lies elsewhere, or it is not clear which one is meant.
+    """
+    import h5py  # takes 0.1 s, for this format alone
+
+    with parsing(path, _NEED):
+        file = h5py.File(path, "r", rdcc_nbytes=_CACHE_BYTES)
+        found = _datasets(file, of_matlab=of_matlab)
+        if told.inside and told.inside.strip("/") not in found:
+            found |= _named(path, file, told.inside.strip("/"))
+        name = chosen(path, {key: (one.shape, one.dtype) for key, one in found.items()}, told)
+        return _stored(path, file, found[name])
+
+
+def _datasets(file: Any, *, of_matlab: bool) -> dict[str, Any]:
+    """Datasets of numbers by path, found along hard links alone."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    seen, n_objects = set(), 0
+    waiting = [("", file["/"])]
+    while waiting and n_objects < _MOST_OBJECTS:
+        prefix, group = waiting.pop(0)
+        address = h5py.h5o.get_info(group.id).addr
+        if address in seen or prefix.count("/") > _DEEPEST:  # groups can hold one another
+            continue
+        seen.add(address)
+        for name in group:
+            n_objects += 1
+            if n_objects >= _MOST_OBJECTS:
+                break
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue
+            member = group[name]
+            if isinstance(member, h5py.Group) and name != "#refs#":
+                waiting.append((f"{prefix}{name}/", member))
+            elif isinstance(member, h5py.Dataset) and _has_numbers(member, of_matlab=of_matlab):
+                found[f"{prefix}{name}"] = member
+    return found
+
+
+def _has_numbers(dataset: Any, *, of_matlab: bool) -> bool:
+    try:
+        shape, dtype = dataset.shape, dataset.dtype
+    except TypeError:  # of a type that NumPy has not
+        return False
+    said = dataset.attrs.get("MATLAB_class") if of_matlab else None
+    return bool(shape) and is_numeric(dtype) and said not in _NOT_NUMBERS
+
+
+def _named(path: Path, file: Any, name: str) -> dict[str, Any]:
+    """Dataset of a path that leads through links within the file; none if it leads nowhere."""
+    import h5py
+
+    here, ahead, hops = file["/"], name.split("/"), 0
+    while ahead:
+        step = ahead.pop(0)
+        link = here.get(step, getlink=True) if isinstance(here, h5py.Group) else None
+        if isinstance(link, h5py.HardLink):
+            here = here[step]
+        elif isinstance(link, h5py.SoftLink) and hops < _MOST_HOPS:
+            hops += 1
+            here = file["/"] if link.path.startswith("/") else here
+            ahead = [part for part in link.path.split("/") if part not in ("", ".")] + ahead
+        elif isinstance(link, h5py.ExternalLink):
+            raise _elsewhere(path, name, f"a link to {link.filename}")
+        else:
+            return {}
+    fits = isinstance(here, h5py.Dataset) and _has_numbers(here, of_matlab=False)
+    return {name: here} if fits else {}
+
+
+def _elsewhere(path: Path, name: str, what: str) -> RecordingError:
+    return RecordingError(
+        path,
+        got=f"a file whose {name} is {what}",
+        need="samples in the file itself: it may not make other files be read",
+        fix="Copy the dataset into one file.",
+    )
+
+
+def _stored(path: Path, file: Any, dataset: Any) -> Stored:
+    name = dataset.name
+    if dataset.is_virtual:
+        raise _elsewhere(path, name, "a virtual dataset, made of others")
+    if dataset.external:
+        raise _elsewhere(path, name, "in external storage")
+
+    def read(part: Part) -> np.ndarray:
+        assert file  # closed with its last reference, and its datasets with it
+        with parsing(path, _NEED):
+            made: np.ndarray = dataset[part]
+        return made
+
+    stored = Stored(
+        shape=tuple(int(size) for size in dataset.shape),
+        dtype=dataset.dtype,
+        read=read,
+        chunk=dataset.chunks,
+    )
+    must_be_plausible(path, stored, file_bytes=path.stat().st_size)
+    return replace(stored, absent=_absent(path, stored, dataset))
+
+
+def _absent(path: Path, stored: Stored, dataset: Any) -> np.ndarray | None:
+    """Chunks that were never written."""
+    if stored.chunk is None:
+        if dataset.id.get_storage_size() > 0:
+            return None
+        raise RecordingError(
+            path,
+            got=f"a file whose {dataset.name} was made, but never written",
+            need="one with samples",
+            fix="Record again, or name another array.",
+        )
+    n_chunks = must_be_countable(path, stored)
+    if dataset.id.get_num_chunks() >= n_chunks:
+        return None
+    sizes = stored.chunk
+    there: set[tuple[int, ...]] = set()
+
+    def note(chunk: Any) -> None:
+        starts = zip(chunk.chunk_offset, sizes, strict=True)
+        there.add(tuple(start // size for start, size in starts))
+
+    dataset.id.chunk_iter(note)
+    return absent_chunks(stored, there.__contains__)

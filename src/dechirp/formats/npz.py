@@ -1,0 +1,104 @@
+"""NumPy archives (`.npz`): arrays in a ZIP file, of which one holds the samples."""
+
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.values import value
+from dechirp.formats.arrays.axes import contents
+from dechirp.formats.arrays.encodings import LIMITS
+from dechirp.formats.arrays.on_disk import Forward, mapped, streamed
+from dechirp.formats.arrays.stored import Stored, chosen, must_be_plausible, parsing
+from dechirp.formats.base import Contents, Fit, Format, Told
+from dechirp.formats.npy import HEAD_BYTES, Header
+
+_MAGIC = b"PK\x03\x04"
+_NEED = "a NumPy archive (.npz)"
+_LOCAL_HEADER_BYTES = 30  # of a member, before its name
+_MOST_MEMBERS = 1000
+
+
+@value
+class Npz(Format):
+    """NumPy archives (`.npz`): an array whose axes the user names.
+
+    Arrays of an archive are mapped where they lie; compressed ones are read in their order.
+
+    So the frames of a compressed array should be along its first axis.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("axes", "encoding", "iq", "inside")
+    encodings: ClassVar[tuple[str, ...]] = tuple(LIMITS)
+
+    def recognise(self, path: Path) -> Fit:
+        """Tell by an archive with an array in it."""
+        if not path.is_file():
+            return Fit.NO
+        with path.open("rb") as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                return Fit.NO
+        try:
+            with zipfile.ZipFile(path) as archive:
+                names = archive.namelist()
+        except Exception:  # foreign bytes: `read` says what is wrong with them
+            return Fit.CONTAINER
+        return Fit.CONTAINER if any(name.endswith(".npy") for name in names) else Fit.NO
+
+    def read(self, path: Path, told: Told) -> Contents:
+        """See `Format.read`."""
+        file_bytes = path.stat().st_size
+        with parsing(path, _NEED), zipfile.ZipFile(path) as archive:
+            headers = _headers(path, archive)
+            name = chosen(path, {key: (h.shape, h.dtype) for key, h in headers.items()}, told)
+            info = archive.getinfo(f"{name}.npy")
+            header = headers[name]
+            header.must_fill(path, info.file_size)
+            stored = _stored(path, info, header)
+        must_be_plausible(path, stored, file_bytes=file_bytes)
+        return contents(path, stored, told, file_bytes=file_bytes)
+
+
+def _headers(path: Path, archive: zipfile.ZipFile) -> dict[str, Header]:
+    """Headers of the arrays, by name without `.npy`."""
+    infos = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+    if len(infos) > _MOST_MEMBERS:
+        raise RecordingError(
+            path,
+            got=f"an archive of {len(infos)} arrays",
+            need=f"of at most {_MOST_MEMBERS}",
+            fix="Save the samples as one array with an axis for the frames.",
+        )
+    headers = {}
+    for info in infos:
+        with archive.open(info) as member:
+            headers[info.filename.removesuffix(".npy")] = Header.read(path, member.read(HEAD_BYTES))
+    return headers
+
+
+def _stored(path: Path, info: zipfile.ZipInfo, header: Header) -> Stored:
+    with path.open("rb") as file:
+        file.seek(info.header_offset)
+        head = file.read(_LOCAL_HEADER_BYTES)
+    n_name, n_extra = struct.unpack("<HH", head[26:30])
+    start = info.header_offset + _LOCAL_HEADER_BYTES + n_name + n_extra
+    if info.compress_type == zipfile.ZIP_STORED:
+        start += header.size
+        return mapped(path, header.dtype, header.shape, offset=start, fortran=header.fortran)
+    if info.compress_type != zipfile.ZIP_DEFLATED:
+        raise RecordingError(
+            path,
+            got=f"an archive with compression {info.compress_type}",
+            need="without compression, or with that of numpy.savez_compressed (deflate)",
+            fix="Save it again with numpy.",
+        )
+    member = Forward(path, start, info.compress_size, need=_NEED, wbits=-zlib.MAX_WBITS)
+
+    def fill(first: int, into: np.ndarray) -> None:
+        member.fill(header.size + first, into)
+
+    return streamed(header.shape, header.dtype, fill, fortran=header.fortran)

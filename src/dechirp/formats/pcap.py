@@ -1,0 +1,213 @@
+"""Network captures (pcap, pcapng) of what a DCA1000 sends.
+
+Samples come to UDP port 4098: uint32 number from 1, uint48 bytes sent before, payload. They
+are put in their places by the bytes before them, not by arrival.
+
+pcap: https://www.ietf.org/archive/id/draft-ietf-opsawg-pcap; pcapng: draft-ietf-opsawg-pcapng.
+"""
+
+import struct
+from pathlib import Path
+from typing import ClassVar
+
+import numba
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.values import value
+from dechirp.formats.base import Contents, Fit, Format, Told
+from dechirp.formats.dca1000 import layouts
+from dechirp.formats.samples.bare import bare_contents
+from dechirp.formats.settings_for import settings_for
+from dechirp.formats.streams.packets import Packets, in_places
+from dechirp.formats.streams.walk import walk
+
+_DATA_PORT = 4098
+_PCAP = {  # first bytes: of seconds and micro- or nanoseconds, in either order of bytes
+    b"\xd4\xc3\xb2\xa1": "<",
+    b"\x4d\x3c\xb2\xa1": "<",
+    b"\xa1\xb2\xc3\xd4": ">",
+    b"\xa1\xb2\x3c\x4d": ">",
+}
+_PCAPNG = b"\x0a\x0d\x0d\x0a"
+_ETHERNET, _RAW_IP, _LINUX_SLL, _LINUX_SLL2 = 1, 101, 113, 276
+
+
+@value
+class Pcap(Format):
+    """Network captures (pcap, pcapng) of what a TI DCA1000 sends.
+
+    The packets of a DCA1000 as Wireshark, tcpdump or dumpcap keep them.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("iq",)
+
+    def recognise(self, path: Path) -> Fit:
+        """Tell by the first bytes."""
+        if not path.is_file():
+            return Fit.NO
+        with path.open("rb") as file:
+            head = file.read(12)
+        of_blocks = head.startswith(_PCAPNG) and _byte_order(head) is not None
+        return Fit.CONTAINER if head[:4] in _PCAP or of_blocks else Fit.NO
+
+    def read(self, path: Path, told: Told) -> Contents:
+        """See `Format.read`."""
+        rows, stopped = _records(path)
+        found = Packets(
+            sequence=rows[:, 0], starts=rows[:, 1], offsets=rows[:, 2], sizes=rows[:, 3]
+        )
+        stream, findings = in_places(path, found)
+        size = path.stat().st_size
+        if stopped < size:
+            findings += (_cut(size - stopped, stopped),)
+        settings = settings_for(path, told)
+        return bare_contents(
+            path, stream, layouts(settings), settings.with_findings(*findings), told
+        )
+
+
+def _byte_order(head: bytes) -> str | None:
+    """Of a pcapng file, by the mark in its first block."""
+    return {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}.get(head[8:12])
+
+
+def _records(path: Path) -> tuple[np.ndarray, int]:
+    """Rows number, bytes before, place and size of each payload; and where the file broke off."""
+    with path.open("rb") as file:
+        head = file.read(24)
+    if head.startswith(_PCAPNG):
+        little = _byte_order(head) == "<"
+        links = np.full(2**16, -1, np.int64)  # of each interface, filled as they are declared
+        n_links = np.zeros(1, np.int64)
+
+        def blocks(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
+            return _blocks(content, at, stop, little, links, n_links)
+
+        return walk(path, blocks, 0)
+    order = _PCAP[head[:4]]
+    if len(head) < 24:
+        raise _damaged(path, "a capture without its header of 24 bytes")
+    link = struct.unpack(f"{order}I", head[20:24])[0] & 0x0FFFFFFF
+
+    def records(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
+        return _packets(content, at, stop, order == "<", link)
+
+    return walk(path, records, 24)
+
+
+def _damaged(path: Path, got: str) -> RecordingError:
+    return RecordingError(
+        path, got=got, need="a network capture", fix="Copy the file again from its source."
+    )
+
+
+def _cut(n_bytes: int, stopped: int) -> Finding:
+    return Finding(
+        level="warning",
+        setting="recording",
+        got=f"{n_bytes} bytes from byte {stopped} on that are no whole packet, left out",
+        need="whole packets to the end of the capture",
+        fix="If more than the end is missing, copy the file again from its source.",
+    )
+
+
+@numba.njit(cache=True)
+def _whole(content: np.ndarray, at: int, n: int, little: bool) -> int:
+    """Whole number of n bytes."""
+    made = np.int64(0)
+    for i in range(n):
+        made |= np.int64(content[at + i]) << (8 * (i if little else n - 1 - i))
+    return int(made)
+
+
+@numba.njit(cache=True)
+def _inside_link(content: np.ndarray, at: int, stop: int, link: int) -> int:
+    """Place of the IPv4 packet in a captured one; `stop` if there is none."""
+    if link == _RAW_IP:
+        return at
+    size = 14 if link == _ETHERNET else 16 if link == _LINUX_SLL else 20
+    known = link in (_ETHERNET, _LINUX_SLL, _LINUX_SLL2)
+    if not known or at + size > stop:
+        return stop
+    kind = _whole(content, at if link == _LINUX_SLL2 else at + size - 2, 2, False)
+    at += size
+    while kind in (0x8100, 0x88A8) and at + 4 <= stop:  # tags of virtual networks
+        kind = _whole(content, at + 2, 2, False)
+        at += 4
+    return at if kind == 0x0800 else stop
+
+
+@numba.njit(cache=True)
+def _payload(content: np.ndarray, at: int, stop: int, link: int, row: np.ndarray) -> bool:
+    """Fill a row if a captured packet, from `at` to before `stop`, holds samples."""
+    at = _inside_link(content, at, stop, link)
+    if at + 20 > stop:
+        return False
+    is_udp = content[at] >> 4 == 4 and content[at + 9] == 17
+    is_fragment = _whole(content, at + 6, 2, False) & 0x3FFF
+    end = min(stop, at + _whole(content, at + 2, 2, False))  # short frames are padded
+    length = int(content[at] & 15) * 4
+    at += length
+    if not is_udp or is_fragment or length < 20 or at + 18 >= end:
+        return False
+    end = min(end, at + _whole(content, at + 4, 2, False))
+    if _whole(content, at + 2, 2, False) != _DATA_PORT or at + 18 >= end:
+        return False
+    row[0] = _whole(content, at + 8, 4, True)
+    row[1] = _whole(content, at + 12, 6, True)
+    row[2] = at + 18
+    row[3] = end - at - 18
+    return True
+
+
+@numba.njit(cache=True)
+def _packets(
+    content: np.ndarray, at: int, stop: int, little: bool, link: int
+) -> tuple[int, np.ndarray]:
+    """Rows of the records of a pcap file that begin in this window."""
+    rows = np.empty(((stop - at) // 16 + 1, 4), np.int64)
+    n = 0
+    while at < stop:
+        if at + 16 > content.size:
+            break
+        size = _whole(content, at + 8, 4, little)
+        if at + 16 + size > content.size:
+            break
+        if _payload(content, at + 16, at + 16 + size, link, rows[n]):
+            n += 1
+        at += 16 + size
+    return at, rows[:n].copy()
+
+
+@numba.njit(cache=True)
+def _blocks(
+    content: np.ndarray, at: int, stop: int, little: bool, links: np.ndarray, n_links: np.ndarray
+) -> tuple[int, np.ndarray]:
+    """Rows of the blocks of a pcapng file that begin in this window."""
+    rows = np.empty(((stop - at) // 12 + 1, 4), np.int64)
+    n = 0
+    while at < stop:
+        if at + 12 > content.size:
+            break
+        kind = _whole(content, at, 4, little)
+        size = _whole(content, at + 4, 4, little)
+        if size < 12 or at + size > content.size:
+            break
+        if kind == 1 and size >= 20 and n_links[0] < links.size:  # an interface
+            links[n_links[0]] = _whole(content, at + 8, 2, little)
+            n_links[0] += 1
+        begin, captured, interface = 0, 0, 0
+        if kind == 6 and size >= 32:  # a packet
+            interface = _whole(content, at + 8, 4, little)
+            captured = _whole(content, at + 20, 4, little)
+            begin = at + 28
+        elif kind == 3 and size >= 16:  # one without its time
+            captured = size - 16
+            begin = at + 12
+        inside = begin > 0 and begin + captured <= at + size and interface < n_links[0]
+        if inside and _payload(content, begin, begin + captured, links[interface], rows[n]):
+            n += 1
+        at += size
+    return at, rows[:n].copy()

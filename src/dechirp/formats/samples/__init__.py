@@ -1,0 +1,1 @@
+"""Bare samples: their order, and which part comes first."""

@@ -1,0 +1,306 @@
+"""A radar as the commands that TI's out-of-the-box demo is sent (`.cfg`).
+
+Commands and the order of their numbers: TI mmWave SDK User Guide 1.2, its section on the
+configuration file, and files that TI's visualizer wrote for SDK 2 and 3. How the demo itself
+processes is left at what the visualizer writes.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dechirp.core.checks import Vector, whole
+from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
+from dechirp.radar.array import Array
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.devices.base import Device
+from dechirp.radar.devices.known import device as device_named
+from dechirp.radar.devices.rules import USABLE_BAND
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
+
+# Times count in 10 ns, frame periods in 5 ns, rates in 1 kS/s: `Limits` of every TI chip.
+_TIMES_PER_S, _PERIODS_PER_S, _RATE_HZ = 1e8, 2e8, 1e3
+_FIRST = "xwr1443"  # its demo ended with SDK 2, and knows no sub-frames
+_SDKS = {_FIRST: (1, 2, 3), "xwr1642": (2, 3), "xwr1843": (3,), "xwr6843": (3,)}
+_GAINS = {"xwr6843": 158}  # 30 dB, and a code for the radio's own, as TI's files have it
+_APART_M = 10e-6  # positions that are the same: 1 degree of phase
+_THRESHOLD_DB = 15
+
+
+def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: int = 3) -> str:
+    """Text of the file with which a TI device becomes a radar.
+
+    Times, rates and periods are rounded to the chip's steps. Start and slope, whose steps
+    are no decimals, are written as they are: the chip itself rounds them down.
+
+    Parameters
+    ----------
+    radar : Radar
+        What it shall send. Its array tells which of the device's antennas are switched on.
+    device : Device or str
+        The board: xwr1443, xwr1642, xwr1843 or xwr6843, however it is spelled.
+    n_frames : int
+        Frames to send; 0: until stopped.
+    sdk : {3, 2, 1}
+        SDK of the demo: 3, or 2 for an xwr1642. That of the xwr1443 ended with 2, and takes the
+        same commands since 1: it gets them for 3 as well.
+
+    Raises
+    ------
+    InvalidSetting
+        If the device has no such demo, its antennas lie elsewhere than the array's, or the
+        demo cannot be told a setting.
+    DechirpError
+        With every rule of the device that the rounded radar breaks.
+    """
+    of = device_named(device) if isinstance(device, str) else device
+    whole("n_frames", n_frames, at_least=0, at_most=65_535)
+    _demo_must_be(of, sdk)
+    tx, rx = antennas_on(radar.array, of)
+    rounded = replace(radar, frame=_in_steps(radar.frame))
+    broken = [rule for rule in of.broken_rules(rounded) if rule.level == "error"]
+    if broken:
+        raise DechirpError(
+            *(
+                Mistake(setting=rule.setting, got=rule.got, need=rule.need, fix=rule.fix)
+                for rule in broken
+            )
+        )
+    first = of.kind() == _FIRST
+    index = "" if first else "-1 "
+    new = sdk == 3 and not first
+    layout = "0 0 0 1" if first else "0 1 1 1" if new else "0 0 1 1"
+    lines = [
+        f"% Created for SDK ver:{'03' if new else '02'}",
+        f"% Platform:xWR{of.kind()[3:5]}xx",
+        "sensorStop",
+        "flushCfg",
+        "dfeDataOutputMode 1",
+        f"channelCfg {_mask(rx)} {_mask(tx)} 0",
+        "adcCfg 2 1",
+        f"adcbufCfg {index}{layout}",
+        *_sent(rounded.frame, tx, n_frames, gain=_GAINS.get(of.kind(), 30)),
+        "lowPower 0 0",
+        *(_processing(rounded, of) if new else _earlier_processing(rounded, of, index)),
+        "sensorStart",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def antennas_on(array: Array, of: Device) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Which antennas of a device those of an array are: transmitters, then receivers, from 0.
+
+    All transmitters may lie elsewhere by one vector, and all receivers: that turns the phases
+    of all echoes alike.
+
+    Raises
+    ------
+    InvalidSetting
+        If they are not, or if receivers come in another order than their samples.
+    """
+    tx = _places("Radar.array.tx_m", array.tx_m, of.tx_m, of)
+    rx = _places("Radar.array.rx_m", array.rx_m, of.rx_m, of)
+    if list(rx) != sorted(rx):
+        raise InvalidSetting(
+            "Radar.array.rx_m",
+            got=f"receivers {', '.join(str(place + 1) for place in rx)} of {of.name}",
+            need="in the order of the board, in which their samples come",
+            fix="Sort them.",
+        )
+    return tx, rx
+
+
+def _demo_must_be(of: Device, sdk: int) -> None:
+    sdks = _SDKS.get(of.kind())
+    if sdks is None:
+        raise InvalidSetting(
+            "device",
+            got=of.kind(),
+            need=f"one of {', '.join(_SDKS)}, whose demo takes these commands",
+            fix="Set it up with the tool of its vendor.",
+        )
+    if sdk not in sdks:
+        raise InvalidSetting(
+            "sdk",
+            got=sdk,
+            need=f"{' or '.join(map(str, sdks))}, for {of.kind()}",
+            fix="Name the SDK whose demo runs on the board.",
+        )
+
+
+def _places(
+    where: str, used: Sequence[Vector], there: Sequence[Vector], of: Device
+) -> tuple[int, ...]:
+    """Place of each used antenna among those that are there, with the smallest shift of all."""
+    shifts = (tuple(b - a for a, b in zip(used[0], one, strict=True)) for one in there)
+    for shift in sorted(shifts, key=lambda shift: math.hypot(*shift)):
+        moved = [tuple(a + b for a, b in zip(one, shift, strict=True)) for one in used]
+        places = [
+            next((n for n, one in enumerate(there) if math.dist(one, at) < _APART_M), -1)
+            for at in moved
+        ]
+        if -1 not in places and len(set(places)) == len(places):
+            return tuple(places)
+    raise InvalidSetting(
+        where,
+        got="at positions that are not those of the board",
+        need=f"some of those of {of.name}: "
+        + ", ".join(f"({x * 1e3:.3g}, {y * 1e3:.3g}, {z * 1e3:.3g}) mm" for x, y, z in there),
+        fix=f"Take the array from the device: device('{of.kind()}').part(tx_mask, rx_mask).",
+    )
+
+
+def _mask(places: Sequence[int]) -> int:
+    return sum(1 << place for place in places)
+
+
+def _in_steps(frame: Frame) -> Frame:
+    """Make a frame of which the chip can count every time and rate."""
+    chirp = frame.chirp
+    if chirp.sampling != "complex":
+        raise InvalidSetting(
+            "Chirp.sampling",
+            got=chirp.sampling,
+            need="complex: the demo processes no other samples",
+            fix="Take complex samples, at half the rate for the same range.",
+        )
+    if frame.period_s is None:
+        raise InvalidSetting(
+            "Frame.period_s",
+            got="none",
+            need="given: the chip starts frames by its clock, and rests between them",
+            fix=f"Give one above {frame.duration_s * 1e3:.6g} ms.",
+        )
+    rate_hz = round(chirp.sample_rate_hz / _RATE_HZ) * _RATE_HZ
+    adc_start_s = round(chirp.adc_start_s * _TIMES_PER_S) / _TIMES_PER_S
+    # The end of the ramp, and the period, are rounded up, so that all that was in them fits.
+    last_sample_s = adc_start_s + (chirp.n_samples - 1) / rate_hz if rate_hz else 0.0
+    ramp_s = _up(max(chirp.ramp_duration_s, last_sample_s), _TIMES_PER_S)
+    idle_s = max(round((frame.interval_s - ramp_s) * _TIMES_PER_S), 0) / _TIMES_PER_S
+    return replace(
+        frame,
+        chirp=replace(
+            chirp, sample_rate_hz=rate_hz, adc_start_s=adc_start_s, ramp_duration_s=ramp_s
+        ),
+        interval_s=ramp_s + idle_s,
+        period_s=_up(frame.period_s, _PERIODS_PER_S),
+    )
+
+
+def _up(time_s: float, steps_per_s: float) -> float:
+    """Round up, but not for the sake of the last digits of a float."""
+    return math.ceil(time_s * steps_per_s - 1e-4) / steps_per_s
+
+
+def _sent(frame: Frame, tx: Sequence[int], n_frames: int, gain: int) -> list[str]:
+    """Commands that say what is sent."""
+    chirp = frame.chirp
+    idle_s = frame.interval_s - chirp.ramp_duration_s
+    numbers = (
+        "0",
+        _decimal(chirp.start_frequency_hz / 1e9, 9),
+        *(
+            _decimal(time_s * 1e6, 2)
+            for time_s in (idle_s, chirp.adc_start_s, chirp.ramp_duration_s)
+        ),
+        "0 0",
+        _decimal(chirp.slope_hz_per_s / 1e12, 4),
+        "1",
+        str(chirp.n_samples),
+        _decimal(chirp.sample_rate_hz / 1e3, 0),
+        f"0 0 {gain}",
+    )
+    turns = [1 << tx[index] for slot in frame.slots for index in slot]
+    period_ms = _decimal((frame.period_s or frame.duration_s) * 1e3, 6)
+    return [
+        f"profileCfg {' '.join(numbers)}",
+        *(f"chirpCfg {n} {n} 0 0 0 0 0 {mask}" for n, mask in enumerate(turns)),
+        f"frameCfg 0 {len(turns) - 1} {frame.n_chirps} {n_frames} {period_ms} 1 0",
+    ]
+
+
+def _decimal(number: float, digits: int) -> str:
+    """Fixed point, rounded up: what was a step of the chip must not become the one below.
+
+    The last digit is at most 1/50 of a step of the chip, for start and slope.
+    """
+    text = f"{math.ceil(number * 10**digits - 1e-4) / 10**digits:.{digits}f}"
+    return text.rstrip("0").rstrip(".") if digits else text
+
+
+def _processing(radar: Radar, of: Device) -> list[str]:
+    """What the demo of SDK 3 must be told of its own processing."""
+    frame, chirp = radar.frame, radar.frame.chirp
+    velocity = f"{frame.max_velocity_m_per_s:.2f}"
+    return [
+        "guiMonitor -1 1 1 0 0 0 1",
+        f"cfarCfg -1 0 2 8 4 3 0 {_THRESHOLD_DB} 1",
+        f"cfarCfg -1 1 0 4 2 3 1 {_THRESHOLD_DB} 1",
+        "multiObjBeamForming -1 1 0.5",
+        "clutterRemoval -1 0",
+        "calibDcRangeSig -1 0 -5 8 256",
+        "extendedMaxVelocity -1 0",
+        "lvdsStreamCfg -1 0 1 0",
+        *_no_corrections(of),
+        *_monitors(chirp),
+        "aoaFovCfg -1 -90 90 -90 90",
+        f"cfarFovCfg -1 0 0 {USABLE_BAND * chirp.max_range_m:.2f}",
+        f"cfarFovCfg -1 1 -{velocity} {velocity}",
+        "calibData 0 0 0",
+    ]
+
+
+def _earlier_processing(radar: Radar, of: Device, index: str) -> list[str]:
+    """What the demos of SDK 1 and 2 must be told, whose thresholds are logarithms."""
+    last_bin = radar.frame.chirp.n_samples - 1
+    lines = [f"guiMonitor {index}1 1 0 0 0 1"]
+    if of.kind() == _FIRST:
+        lines += [f"cfarCfg 0 2 8 4 3 0 {512 * _THRESHOLD_DB // 6}"]
+    else:
+        threshold = 256 * radar.n_channels * _THRESHOLD_DB // 6
+        lines += [
+            f"cfarCfg {index}0 0 8 4 4 0 {threshold}",
+            f"cfarCfg {index}1 0 4 2 3 0 {threshold}",
+        ]
+    lines += [
+        f"peakGrouping {index}1 1 1 1 {last_bin}",
+        f"multiObjBeamForming {index}1 0.5",
+        f"clutterRemoval {index}0",
+        f"calibDcRangeSig {index}0 -5 8 256",
+        *_no_corrections(of),
+        *_monitors(radar.frame.chirp),
+    ]
+    if of.kind() != _FIRST:
+        lines += [
+            f"extendedMaxVelocity {index}0",
+            f"bpmCfg {index}0 0 1",
+            f"nearFieldCfg {index}0 0 0",
+            f"lvdsStreamCfg {index}0 1 0",
+        ]
+    return lines
+
+
+def _no_corrections(of: Device) -> list[str]:
+    pairs = " 1 0" * (len(of.tx_m) * len(of.rx_m))
+    return [
+        f"compRangeBiasAndRxChanPhase 0.0{pairs}",
+        "measureRangeBiasAndRxChanPhase 0 1.5 0.2",
+    ]
+
+
+def _monitors(chirp: Chirp) -> list[str]:
+    """Monitors, switched off, of slices that fit into a chirp: at most 64 of them.
+
+    A saturation slice lasts so many 0.16 us, four at least; one of the image band takes an
+    even number of samples, four at least. Between two whole slices lies a shifted one.
+    """
+    ticks = max(4, math.ceil(chirp.sampled_duration_s / 0.16e-6 / 65 + 1e-9))
+    n_long = min(64, max(1, math.floor(chirp.sampled_duration_s / (ticks * 0.16e-6))))
+    samples = max(4, 2 * math.ceil((chirp.n_samples + 1) / 65 / 2))
+    n_even = min(64, max(1, chirp.n_samples // samples))
+    return [
+        f"CQRxSatMonitor 0 3 {ticks} {2 * n_long - 1} 0",
+        f"CQSigImgMonitor 0 {2 * n_even - 1} {samples}",
+        "analogMonitor 0 0",
+    ]

@@ -1,0 +1,1 @@
+"""Long files: read in parts, looked through, put together from packets."""
