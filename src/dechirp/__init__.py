@@ -26,16 +26,20 @@ if TYPE_CHECKING:
     from dechirp.echoes.echo import simulate
     from dechirp.echoes.impairments.thermal_noise import ThermalNoise
     from dechirp.echoes.impairments.white_noise import WhiteNoise
+    from dechirp.experiment.inspection import Inspection, inspect
     from dechirp.experiment.run import Result, run
     from dechirp.experiment.scenario import Scenario, Source, load, reference
     from dechirp.experiment.verify.certificate import Certificate, verify
     from dechirp.formats.recording import Recording, open
+    from dechirp.formats.settings.write_ti_cfg import ti_cfg_text
     from dechirp.process.cfar.base import Cells, Cfar
     from dechirp.process.cfar.cell_averaging import CellAveraging
     from dechirp.process.chain import Chain, detect, power_map, threshold_map
     from dechirp.radar.array import Array
     from dechirp.radar.chirp import Chirp
     from dechirp.radar.design import Design, design
+    from dechirp.radar.devices.base import Device
+    from dechirp.radar.devices.known import device
     from dechirp.radar.frame import Frame
     from dechirp.radar.hardware import Hardware
     from dechirp.radar.multiplexing.tdm import Tdm
@@ -50,16 +54,20 @@ _WHERE = {
     "echoes.echo": "simulate",
     "echoes.impairments.thermal_noise": "ThermalNoise",
     "echoes.impairments.white_noise": "WhiteNoise",
+    "experiment.inspection": "Inspection inspect",
     "experiment.run": "Result run",
     "experiment.scenario": "Scenario Source load reference",
     "experiment.verify.certificate": "Certificate verify",
     "formats.recording": "Recording open",
+    "formats.settings.write_ti_cfg": "ti_cfg_text",
     "process.cfar.base": "Cells Cfar",
     "process.cfar.cell_averaging": "CellAveraging",
     "process.chain": "Chain detect power_map threshold_map",
     "radar.array": "Array",
     "radar.chirp": "Chirp",
     "radar.design": "Design design",
+    "radar.devices.base": "Device",
+    "radar.devices.known": "device",
     "radar.frame": "Frame",
     "radar.hardware": "Hardware",
     "radar.multiplexing.tdm": "Tdm",
@@ -80,10 +88,12 @@ __all__ = [
     "Chirp",
     "DechirpError",
     "Design",
+    "Device",
     "Ego",
     "Finding",
     "Frame",
     "Hardware",
+    "Inspection",
     "InvalidFile",
     "InvalidSetting",
     "NotEnoughMemory",
@@ -102,6 +112,8 @@ __all__ = [
     "WhiteNoise",
     "design",
     "detect",
+    "device",
+    "inspect",
     "load",
     "open",
     "power_map",
@@ -109,6 +121,7 @@ __all__ = [
     "run",
     "simulate",
     "threshold_map",
+    "ti_cfg_text",
     "truth",
     "verify",
 ]

@@ -128,6 +128,11 @@ def _app() -> App:
         help="Measure every claim of the reference report against theory, and write the paper.",
     )
     app.command(
+        "dechirp.cli.inspect:inspect",
+        name="inspect",
+        help="Say what a recording is, what its radar can see, and what is wrong with it.",
+    )
+    app.command(
         "dechirp.cli.list:list_members",
         name="list",
         help="List what settings choose by kind: detectors, impairments, formats.",

@@ -8,6 +8,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
+from dechirp.core.spans import spans
 from dechirp.core.values import value
 from dechirp.formats.base import Contents, Told
 from dechirp.formats.samples.iq_order import guess, on_the_wrong_side
@@ -242,23 +243,10 @@ def _lost(stream: BytesIn, reading: _Reading) -> tuple[Finding, ...]:
                 level="warning",
                 setting="recording",
                 got=f"{n_bytes} bytes lost in {len(stream.lost)} places: {gaps.sum()} of"
-                f" {gaps.size} chirps have gaps, in {spans(frames)}",
+                f" {gaps.size} chirps have gaps, in {spans('frame', frames)}",
                 need="every packet that the radar sent",
                 fix="The lost samples are zero, and the cube's coordinate `gap` marks their"
                 " chirps; leave those frames out, or record again with a longer packet delay.",
             )
         )
     return tuple(found)
-
-
-def spans(numbers: np.ndarray, *, at_most: int = 6, of: str = "frame") -> str:
-    """Words for ascending numbers: frames 3, 7 to 9 and 12."""
-    if not numbers.size:
-        return f"no {of}"
-    cuts = np.flatnonzero(np.diff(numbers) > 1) + 1
-    runs = [(int(run[0]), int(run[-1])) for run in np.split(numbers, cuts)]
-    parts = [f"{low}" if low == high else f"{low} to {high}" for low, high in runs[:at_most]]
-    if len(runs) > at_most:
-        parts.append(f"{len(runs) - at_most} more places")
-    said = ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + parts[-1]
-    return f"{of}{'s' if numbers.size > 1 else ''} {said}"

@@ -1,0 +1,276 @@
+"""Coverage-guided fuzzing of every reader of files: for the nightly set, with atheris.
+
+Each kind starts from a small good file and is mutated for a while in a process of its own. Any
+bytes must give a cube of the shape it says, or one `RecordingError` or `InvalidFile`; a crash,
+another exception, 20 s for one file or 700 MB of memory (libraries included) ends with status 1,
+and leaves the bytes in `fuzz-found/`.
+
+    python fuzz/readers.py                  every kind, 60 s each
+    python fuzz/readers.py --seconds 600 pcap matlab
+"""
+
+import argparse
+import io
+import json
+import struct
+import subprocess
+import sys
+import tempfile
+import wave
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+FOUND = Path("fuzz-found").absolute()
+
+RADAR_YAML = """\
+frame:
+  chirp: {start_frequency: 77 GHz, slope: 30 MHz/us, ramp_duration: 30 us,
+          sample_rate: 10 MHz, n_samples: 8, sampling: complex}
+  n_chirps: 2
+  interval: 40 us
+"""
+LOG = """\
+API:select_chip_version,AR1642,0,
+API:ChannelConfig,1,1,0,
+API:AdcOutConfig,2,1,0,
+API:DataFmtConfig,1,2,1,0,1,0,
+API:ProfileConfig,0,1435384036,1000,600,6000,0,0,621,0,8,10000,0,0,30,0,
+API:ChirpConfig,0,0,0,0,0,0,0,1,0,
+API:FrameConfig,0,0,8,16,8000000,0,512,0,
+API:SensorStart,0,
+"""
+CFG = """\
+% Platform:xWR18xx
+channelCfg 1 5 0
+adcCfg 2 1
+adcbufCfg -1 0 1 1 1
+profileCfg 0 77 429 7 57.14 0 0 70 1 8 5209 0 0 30
+chirpCfg 0 0 0 0 0 0 0 1
+chirpCfg 1 1 0 0 0 0 0 4
+frameCfg 0 1 16 0 100 1 0
+sensorStart
+"""
+
+
+def numbers() -> np.ndarray:
+    """A cube (frame, chirp, rx, sample) of two frames, whole numbers."""
+    rng = np.random.default_rng(1)
+    parts = rng.integers(-9000, 9000, (2, 2, 2, 1, 8))
+    return parts[0] + 1j * parts[1]
+
+
+def bare() -> bytes:
+    return np.stack([numbers().real, numbers().imag], axis=-1).astype("<i2").tobytes() * 32
+
+
+def packets() -> list[bytes]:
+    content = bare()
+    return [
+        struct.pack("<I", number) + start.to_bytes(6, "little") + content[start : start + 1456]
+        for number, start in enumerate(range(0, len(content), 1456), start=1)
+    ]
+
+
+def pcap() -> bytes:
+    made = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
+    for packet in packets():
+        udp = struct.pack(">HHHH", 4096, 4098, 8 + len(packet), 0) + packet
+        frame = bytes(12) + b"\x08\x00" + b"\x45\0" + struct.pack(">H", 20 + len(udp))
+        frame += bytes(4) + b"\x40\x11" + bytes(10) + udp
+        made += struct.pack("<IIII", 0, 0, len(frame), len(frame)) + frame
+    return made
+
+
+def headers() -> bytes:
+    return b"".join(p[:4] + struct.pack("<I", len(p) - 10) + p[4:] for p in packets())
+
+
+def npz() -> bytes:
+    out = io.BytesIO()
+    np.savez_compressed(out, cube=numbers(), other=np.arange(3))
+    return out.getvalue()
+
+
+def npy() -> bytes:
+    out = io.BytesIO()
+    np.save(out, numbers())
+    return out.getvalue()
+
+
+def matlab() -> bytes:
+    import scipy.io
+
+    out = io.BytesIO()
+    scipy.io.savemat(out, {"cube": numbers()}, do_compression=True)
+    return out.getvalue()
+
+
+def hdf5() -> bytes:
+    import h5py
+
+    out = io.BytesIO()
+    with h5py.File(out, "w") as file:
+        file.create_dataset("cube", data=numbers(), chunks=(1, 2, 1, 8), compression="gzip")
+    return out.getvalue()
+
+
+def text() -> bytes:
+    rows = np.stack([numbers().real, numbers().imag], axis=-1).reshape(-1, 16)
+    return "\n".join(";".join(f"{n:.0f}" for n in row) for row in rows).encode()
+
+
+def urad() -> bytes:
+    return "\n".join(" ".join(str(1900 + n) for n in range(16)) for _ in range(4)).encode()
+
+
+def sound() -> bytes:
+    out = io.BytesIO()
+    with wave.open(out, "wb") as file:
+        file.setnchannels(2)
+        file.setsampwidth(2)
+        file.setframerate(44100)
+        sync = np.where(np.arange(400) % 40 < 20, 9000, -9000)
+        file.writeframes(np.stack([np.arange(400), sync], axis=-1).astype("<i2").tobytes())
+    return out.getvalue()
+
+
+def sirad() -> bytes:
+    head = {"Bandwidth": 6000, "SamplingFrequency": 2.571, "Ramps": 1, "Samps": 8, "PRI": "0.016"}
+    return json.dumps({**head, "Gain": 8, "data": [list(range(16))] * 4}).encode()
+
+
+def serial() -> bytes:
+    items = struct.pack("<II4f", 1, 16, 0.5, 2, 0, 0.1) + struct.pack("<II2h", 7, 4, 200, 30)
+    words = struct.pack("<8I", 0x03060000, 40 + len(items), 0xA1843, 7, 0, 1, 2, 0)
+    return (b"\x02\x01\x04\x03\x06\x05\x08\x07" + words + items) * 3
+
+
+def infineon() -> bytes:
+    shape = {"num_samples_per_chirp": 8, "num_chirps_per_frame": 2, "rx_antennas": [1]}
+    shape |= {"start_frequency_Hz": 58e9, "end_frequency_Hz": 63e9, "sample_rate_Hz": 2e6}
+    shape |= {"chirp_repetition_time_s": 5e-4, "frame_repetition_time_s": 0.08}
+    return json.dumps(
+        {"device_config": {"fmcw_single_shape": {**shape, "mimo_mode": "off"}}}
+    ).encode()
+
+
+def mmwave() -> bytes:
+    profile = {"profileId": 0, "startFreqConst_GHz": 77, "idleTimeConst_usec": 10}
+    profile |= {"adcStartTimeConst_usec": 6, "rampEndTime_usec": 60, "freqSlopeConst_MHz_usec": 30}
+    profile |= {"numAdcSamples": 8, "digOutSampleRate": 5000, "rxGain_dB": "0x1E"}
+    chirp = {"chirpStartIdx": 0, "chirpEndIdx": 0, "profileId": 0, "txEnable": "0x1"}
+    frame = {"chirpStartIdx": 0, "chirpEndIdx": 0, "numLoops": 16, "numFrames": 8}
+    radio = {
+        "waveformType": "legacyFrameChirp",
+        "rlChanCfg_t": {"rxChannelEn": "0x1", "txChannelEn": "0x1"},
+        "rlAdcOutCfg_t": {"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 1}},
+        "rlProfiles": [{"rlProfileCfg_t": profile}],
+        "rlChirps": [{"rlChirpCfg_t": chirp}],
+        "rlFrameCfg_t": {**frame, "framePeriodicity_msec": 40},
+    }
+    capture = {"rlDevDataFmtCfg_t": {"iqSwapSel": 0, "chInterleave": 0}}
+    device = {"mmWaveDeviceId": 0, "rfConfig": radio, "rawDataCaptureConfig": capture}
+    return json.dumps({"mmWaveDevices": [device]}).encode()
+
+
+FREE = {"axes": "frame,chirp,rx,sample", "encoding": "full-scale"}
+RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
+    "dca1000": (bare, {}),
+    "headers": (headers, {}),
+    "pcap": (pcap, {}),
+    "npy": (npy, FREE),
+    "npz": (npz, FREE),
+    "matlab": (matlab, FREE),
+    "hdf5": (hdf5, FREE),
+    "text": (text, {"format": "text", "axes": "chirp,sample,iq", "encoding": "int16"}),
+    "urad": (urad, {"format": "urad"}),
+    "sync-wav": (sound, {"format": "sync-wav"}),
+    "sirad": (sirad, {}),
+    "ti-uart": (serial, {}),
+}
+SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
+    "cfg": (CFG.encode, "x.cfg"),
+    "log": (LOG.encode, "x_LogFile.txt"),
+    "mmwave-json": (mmwave, "x.mmwave.json"),
+    "infineon-json": (infineon, "config.json"),
+}
+
+
+def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
+    """What is called with each mutation."""
+    from dechirp.core.errors import InvalidFile, RecordingError
+    from dechirp.formats.settings.read import read_settings
+    from formats.any_bytes import gives_a_cube_or_says_why
+
+    radar = folder / "radar.yaml"
+    radar.write_text(RADAR_YAML.replace("complex", "real") if kind == "sync-wav" else RADAR_YAML)
+    if kind in SETTINGS:
+        file = folder / SETTINGS[kind][1]
+
+        def settings(content: bytes) -> None:
+            file.write_bytes(content)
+            try:
+                read_settings(file)
+            except (RecordingError, InvalidFile) as error:
+                assert all(m.got and m.need and m.fix for m in error.mistakes)
+
+        return settings
+    told = RECORDINGS[kind][1]
+    own = {} if kind in ("sirad", "ti-uart") else {"radar": read_settings(radar).radar}
+
+    def recording(content: bytes) -> None:
+        (folder / "capture").write_bytes(content)
+        gives_a_cube_or_says_why(folder / "capture", **own, **told)
+
+    return recording
+
+
+def child(kind: str, seconds: int) -> None:
+    """Fuzz one kind; ends the process."""
+    import atheris
+
+    sys.path.insert(0, str(ROOT / "tests"))
+    with atheris.instrument_imports(include=["dechirp.formats"]):
+        import dechirp.formats.recording  # noqa: F401
+    with tempfile.TemporaryDirectory() as name:
+        folder, corpus = Path(name), Path(name) / "corpus"
+        corpus.mkdir()
+        (corpus / "good").write_bytes((RECORDINGS | SETTINGS)[kind][0]())
+        tried = one_input(kind, folder)
+        tried((corpus / "good").read_bytes())
+        limits = ["-timeout=20", "-rss_limit_mb=700", "-max_len=65536", "-print_final_stats=1"]
+        found = f"-artifact_prefix={FOUND}/{kind}-"
+        time = f"-max_total_time={seconds}"
+        atheris.Setup([sys.argv[0], *limits, found, time, str(corpus)], tried)
+        atheris.Fuzz()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("kinds", nargs="*", default=[*RECORDINGS, *SETTINGS])
+    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.child:
+        child(asked.kinds[0], asked.seconds)
+        return
+    FOUND.mkdir(exist_ok=True)
+    failed = []
+    for kind in asked.kinds:
+        command = [sys.executable, __file__, "--child", kind, "--seconds", str(asked.seconds)]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        said = [line for line in done.stderr.splitlines() if "executed_units" in line]
+        print(f"{kind}: {'failed' if done.returncode else 'passed'} {' '.join(said)}", flush=True)
+        if done.returncode:
+            failed.append(kind)
+            print(done.stderr[-3000:])
+    if not failed:
+        FOUND.rmdir()
+    raise SystemExit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

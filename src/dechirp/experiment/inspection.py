@@ -1,0 +1,114 @@
+"""A recording looked over: what it is, what its radar can see, and what is wrong with it."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import xarray as xr
+
+from dechirp.core.errors import DechirpError, Mistake
+from dechirp.core.findings import Finding
+from dechirp.core.values import value
+from dechirp.formats.recording import Recording, recognised
+from dechirp.formats.recording import open as open_recording
+from dechirp.process.chain import Chain, power_map
+from dechirp.process.health.findings import findings as judged
+from dechirp.process.health.measures import measure
+from dechirp.radar.devices.known import device as known_device
+from dechirp.radar.radar import Radar
+
+
+@value
+class Inspection:
+    """What was found in a recording."""
+
+    path: Path
+    formats: tuple[str, ...]
+    """Kinds that fit its content; one, where that is certain."""
+    recording: Recording | None
+    """None where it is known but cannot be read yet; the findings say what is missing."""
+    power: xr.DataArray | None
+    """Map of the first frame, (velocity, range); None without samples."""
+    findings: tuple[Finding, ...]
+
+
+def inspect(
+    path: str | Path,
+    *,
+    radar: Radar | str | Path | None = None,
+    device: str | None = None,
+    format: str | None = None,
+    axes: Sequence[str] | str | None = None,
+    encoding: str | None = None,
+    iq: str | None = None,
+    frames: tuple[int, int] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Inspection:
+    """Look a recording over, frame by frame, so that one is held at a time.
+
+    Parameters
+    ----------
+    path, radar, device, format, axes, encoding, iq, frames
+        As `open` takes them. With a device, its rules are checked as well.
+    progress : callable, optional
+        Called with the number of frames done and of all frames.
+
+    Raises
+    ------
+    RecordingError
+        If the content fits no format. What is missing to read one that is known is a
+        finding.
+    """
+    path = Path(path)
+    kinds = recognised(path, format)
+    try:
+        recording = open_recording(
+            path,
+            radar=radar,
+            device=device,
+            format=format,
+            axes=axes,
+            encoding=encoding,
+            iq=iq,
+            frames=frames,
+        )
+        if not recording.sizes:
+            power, found = None, recording.findings
+        else:
+            power, found = _samples(recording, progress)
+    except DechirpError as error:
+        missing = tuple(_finding(mistake) for mistake in error.mistakes)
+        return Inspection(path=path, formats=kinds, recording=None, power=None, findings=missing)
+    if device is not None and recording.contents.radar is not None:
+        found += known_device(device).broken_rules(recording.radar, demo=False)
+    return Inspection(
+        path=path, formats=(recording.format,), recording=recording, power=power, findings=found
+    )
+
+
+def _samples(
+    recording: Recording, progress: Callable[[int, int], None] | None
+) -> tuple[xr.DataArray, tuple[Finding, ...]]:
+    """Map of the first frame, and what the samples of all of them say."""
+    power, measures = None, []
+    for frame in recording.frames():
+        if power is None:
+            power = power_map(frame.isel(frame=0), recording.radar, Chain())
+        measures.append(measure(frame, recording.radar))
+        if progress is not None:
+            progress(len(measures), recording.n_frames)
+    assert power is not None  # a recording has a frame
+    seen = judged(xr.concat(measures, "frame"), recording.radar)
+    said = [finding.setting for finding in recording.findings if finding.level == "warning"]
+    if "iq" in said:  # opening it has seen the side on which echoes lie
+        seen = tuple(finding for finding in seen if finding.setting != "recording.iq")
+    return power, recording.findings + seen
+
+
+def _finding(mistake: Mistake) -> Finding:
+    return Finding(
+        level="error",
+        setting=mistake.setting,
+        got=mistake.got,
+        need=mistake.need,
+        fix=mistake.fix,
+    )

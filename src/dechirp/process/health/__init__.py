@@ -1,0 +1,1 @@
+"""What looks wrong with samples: measured frame by frame, judged over a whole recording."""
