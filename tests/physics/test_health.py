@@ -276,6 +276,18 @@ def test_an_echo_that_moves_otherwise_is_no_image():
     assert judged(cube, radar) == {}
 
 
+def test_real_samples_are_found_however_each_chirp_is_turned_in_phase():
+    radar = radar_of(1)
+    cube = recorded(radar)
+    phases = np.exp(1j * np.arange(cube.sizes["chirp"]))  # as a calibration of many transmitters
+    turned = cube.copy(data=(cube.values.real * phases[:, None, None]).astype(np.complex64))
+
+    found = judged(turned, radar)["recording.iq"]
+
+    assert found.level == "warning"
+    assert "its own mirror image to 100.00%" in found.got
+
+
 def test_parts_in_the_wrong_order_are_found():
     radar = radar_of(1)
     cube = recorded(radar)

@@ -27,8 +27,9 @@ class Spectrum:
     power: np.ndarray
     """(rx, bin): all bins of complex samples, those up to half the sample rate of real ones."""
     mirror: np.ndarray | None
-    """(rx, bins from 1 to below half): mean of Y(k) Y(-k), |Y(k)|^2 if samples are real but for
-    a phase; None of real samples."""
+    """(rx, bins from 1 to below half): mean of Y(k) Y(-k); None of real samples."""
+    unlike: np.ndarray | None
+    """Of the same bins: mean of the difference, without its sign, of |Y(k)|^2 and |Y(-k)|^2."""
     n_samples: int
     n_chirps: int
 
@@ -41,6 +42,7 @@ def mean_spectrum(samples: np.ndarray, lost: np.ndarray, scale: float) -> Spectr
     weights = (taper("hann", n_samples) / scale).astype(np.float32)
     power = np.zeros((n_rx, n_bins))
     mirror = np.zeros((n_rx, (n_samples - 1) // 2 if is_complex else 0), np.complex128)
+    unlike = np.zeros(mirror.shape)
     kept = np.flatnonzero(~lost)
     per_block = max(1, _BLOCK_NUMBERS // n_samples)
     for first in range(0, kept.size, per_block):
@@ -50,26 +52,29 @@ def mean_spectrum(samples: np.ndarray, lost: np.ndarray, scale: float) -> Spectr
         for k in range(n_rx):
             tapered = samples[rows, k] * weights
             spectra = scipy.fft.fft(tapered) if is_complex else scipy.fft.rfft(tapered)
-            _add(spectra, power[k], mirror[k])
+            _add(spectra, power[k], mirror[k], unlike[k])
     n_chirps = max(kept.size, 1)
     return Spectrum(
         power=power / n_chirps,
         mirror=mirror / n_chirps if is_complex else None,
+        unlike=unlike / n_chirps if is_complex else None,
         n_samples=n_samples,
         n_chirps=kept.size,
     )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _add(spectra: np.ndarray, power: np.ndarray, mirror: np.ndarray) -> None:
-    """Add powers, and products of mirrored bins, of spectra (chirp, bin) to their sums."""
+def _add(spectra: np.ndarray, power: np.ndarray, mirror: np.ndarray, unlike: np.ndarray) -> None:
+    """Add powers, and what mirrored bins have in common, of spectra (chirp, bin) to their sums."""
     n_chirps, n_bins = spectra.shape
     for m in range(n_chirps):
         for k in range(n_bins):
             z = spectra[m, k]
             power[k] += z.real * z.real + z.imag * z.imag
         for k in range(mirror.size):
-            mirror[k] += spectra[m, k + 1] * spectra[m, n_bins - k - 1]
+            y, z = spectra[m, k + 1], spectra[m, n_bins - k - 1]
+            mirror[k] += y * z
+            unlike[k] += abs(y.real * y.real + y.imag * y.imag - z.real * z.real - z.imag * z.imag)
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,7 @@ def beats(spectrum: Spectrum, alive: np.ndarray) -> Beats:
     echoes = counted & (over_noise > max(stands_out, _FOR_A_SIDE))
     positive = bins < half
     energy = np.array([over_noise[echoes & side].sum() for side in (positive, ~positive)])
-    if spectrum.mirror is None:
+    if spectrum.mirror is None or spectrum.unlike is None:
         return Beats(
             n_echoes=n_echoes,
             echo_energy=energy,
@@ -131,7 +136,7 @@ def beats(spectrum: Spectrum, alive: np.ndarray) -> Beats:
     return Beats(
         n_echoes=n_echoes,
         echo_energy=energy,
-        mirrored=_mirrored(power, spectrum.mirror[usable], spectrum.n_chirps),
+        mirrored=_mirrored(power, spectrum.unlike[usable], spectrum.n_chirps),
         image=image,
         strongest_bin=float(strongest),
     )
@@ -144,19 +149,19 @@ def _noise(power: np.ndarray, n_chirps: int) -> np.ndarray:
     return np.maximum(median, smallest) / (gammaincinv(n_chirps, 0.5) / n_chirps)
 
 
-def _mirrored(power: np.ndarray, mirror: np.ndarray, n_chirps: int) -> float:
-    """How near the products of both sides come to what exactly mirrored ones give.
+def _mirrored(power: np.ndarray, unlike: np.ndarray, n_chirps: int) -> float:
+    """How alike mirrored bins are in every chirp: 1 if samples are real but for a phase.
 
-    Of noise, the mean product of n pairs reaches 0.98 with a chance of 0.02^(n - 1), below
-    1e-11 for the 16 and more that are asked for (a Hann window halves their number). Leakage
-    from about 0 lies on both sides, but more of it on its own.
+    Bins near 0 and half the sample rate are left out: leakage lies on both sides of them. Of
+    noise, the power of one bin has an even chance of any share of both, so that it is 0.5 on
+    average, and of the 16 pairs or more that are asked for near 1 with no chance to speak of.
     """
-    last = mirror.shape[1] - NEAR_BINS + 1
+    last = unlike.shape[1] - NEAR_BINS + 1
     pairs = np.arange(NEAR_BINS, last + 1)
     if pairs.size * n_chirps < 16:
         return np.nan
-    both = np.maximum((power[:, pairs] + power[:, -pairs]).sum(axis=1) / 2, 1e-300)
-    return float(np.mean((np.abs(mirror[:, pairs - 1].sum(axis=1)) / both) ** 2))
+    both = np.maximum((power[:, pairs] + power[:, -pairs]).sum(axis=1), 1e-300)
+    return float(np.mean(1 - unlike[:, pairs - 1].sum(axis=1) / both))
 
 
 def _image(power: np.ndarray, mirror: np.ndarray, strongest: int, n_chirps: int) -> float:

@@ -33,8 +33,9 @@ def _real(recorded: Recorded, mirrored: float) -> Finding:
         setting="recording.iq",
         got=f"complex samples whose spectrum is its own mirror image to {mirrored:.2%}: {why}",
         need="two parts, of which one lags the other by a quarter of a period",
-        fix="If the radar has one mixer, set radar.frame.chirp.sampling to real; else a part was"
-        " lost on the way.",
+        fix="If the radar has one mixer, set radar.frame.chirp.sampling to real, or, where each"
+        " channel was turned in phase, use the nearer half of the ranges; else a part was lost on"
+        " the way.",
     )
 
 
