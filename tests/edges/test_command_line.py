@@ -528,7 +528,6 @@ def test_a_mistake_in_a_file_is_pointed_at(refused, folder, old, new, line, sett
     [
         ("scene:", "chain: {n_range_bins: 25}\nscene:", 10, "chain.n_range_bins"),
         ("scene:", "chain: {n_velocity_bins: 25}\nscene:", 10, "chain.n_velocity_bins"),
-        ("n_chirps: 32", "n_chirps: 24", 1, "chain.cfar.n_training"),
         (
             "scene:",
             "chain: {cfar: {estimator: {kind: cell-averaging},"

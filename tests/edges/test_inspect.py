@@ -123,6 +123,44 @@ def test_rules_that_the_device_breaks_are_findings(folder, capsys):
     assert "radar.frame.chirp.sample_rate" in [finding["setting"] for finding in broken]
 
 
+def test_rules_of_frames_count_only_where_the_period_is_known(folder, capsys):
+    # Without a period 300 chirps may have come in frames of one; with it they are one frame.
+    (folder / "many.yaml").write_text(RADAR.replace("n_chirps: 32", "n_chirps: 300"))
+    (folder / "framed.yaml").write_text(
+        RADAR.replace("n_chirps: 32", "n_chirps: 300\n  period: 12.1 ms")
+    )
+    np.save("many.npy", np.concatenate([cube().reshape(1, 96, 2, 64, 2)] * 4, axis=1)[:, :300])
+
+    settings = {}
+    for name in ("many", "framed"):
+        told = ("--radar", f"{name}.yaml", *AXES[2:], "--device", "xwr1443")
+        _, out, _ = call(capsys, "many.npy", *told, "--json")
+        broken = [f for f in json.loads(out)["findings"] if f["level"] == "error"]
+        settings[name] = {finding["setting"] for finding in broken}
+
+    frames = {"radar.frame.n_chirps", "radar.frame.period"}
+    assert settings["framed"] & frames == frames
+    assert not settings["many"] & frames
+
+
+@pytest.mark.parametrize(
+    ("told", "named"),
+    [
+        (("--device", "xwr9999"), "xwr9999"),
+        (("--radar", "absent.yaml"), "absent.yaml"),
+        (("--radar", "wrong.cfg"), "profileCfg"),
+    ],
+)
+def test_what_is_told_wrongly_is_no_finding_of_the_recording(folder, capsys, told, named):
+    (folder / "wrong.cfg").write_text("profileCfg 0 77\n")
+
+    status, _, err = call(capsys, "cube.npy", *AXES[2:], *told)
+
+    assert status == 2
+    assert named in err
+    assert not (folder / "dechirp-inspect").exists()
+
+
 def test_a_part_of_the_frames_is_looked_at_when_asked(folder, capsys):
     _, out, _ = call(capsys, "cube.npy", *AXES, "--frames", "1:3", "--json")
 

@@ -884,3 +884,94 @@ def test_a_bomb_is_refused_or_read_a_frame_at_a_time(tmp_path):
 
     assert "335544320 bytes to be held" in wrong.got
     assert not out.any()
+
+
+# --- What a look at the first frame, or at the header, cannot tell ----------------------
+
+
+def test_a_silent_first_frame_does_not_tell_the_encoding(tmp_path):
+    numbers = np.zeros((2, 4, 2, 8))
+    numbers[1] = 1234
+    file = as_npy(tmp_path, numbers)
+
+    wrong = mistake(file, "npy", radar(sampling="real"), axes=AXES)
+
+    assert "up to 1234 in frame 1, whose encoding nobody named" in wrong.got
+
+
+@pytest.mark.parametrize("how", [{}, {"shuffle": True, "fletcher32": True}])
+def test_a_chunk_that_unpacks_to_more_than_a_chunk_is_refused(tmp_path, how):
+    sent = integers(3, 4, 2, 8)
+    file = as_hdf5(tmp_path, sent, compression="gzip", chunks=(1, 4, 2, 8), **how)
+    told = {"axes": AXES, "encoding": "int16"}
+    assert np.array_equal(decoded(read(file, "hdf5", **told)) * 32768, sent)
+
+    with h5py.File(file, "r+") as made:  # 100 kB that would become 100 MB
+        samples = made["scene/radar/samples"]
+        samples.id.write_direct_chunk((1, 0, 0, 0), zlib.compress(bytes(10**8)))
+
+    assert "unpacks to more than" in mistake(file, "hdf5", **told).got
+
+
+def test_an_archive_of_a_million_members_is_refused_before_they_are_listed(tmp_path):
+    member = b"PK\1\2" + struct.pack("<6H3I5H2I", *[20, 20], *[0] * 7, 1, *[0] * 6) + b"a"
+    listed = member * 10**6
+    end = b"PK\5\6" + struct.pack("<4H2IH", 0, 0, 65535, 65535, len(listed), 30, 0)
+    file = tmp_path / "cube.npz"
+    file.write_bytes(b"PK\3\4" + bytes(26) + listed + end)
+
+    assert "list of members has 47000000 bytes" in mistake(file, "npz", axes=AXES).got
+
+
+def test_what_was_compressed_twice_is_refused(tmp_path):
+    made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    made.set_chunk((4, 2, 8))
+    for _ in range(2):
+        made.set_filter(h5py.h5z.FILTER_DEFLATE, 0, (9,))
+    with h5py.File(tmp_path / "cube.h5", "w") as file:
+        space, kind = h5py.h5s.create_simple((4, 2, 8)), h5py.h5t.py_create(np.dtype("c16"))
+        dataset = h5py.h5d.create(file.id, b"samples", kind, space, made)
+        h5py.Dataset(dataset)[...] = 0.5
+
+    wrong = mistake(tmp_path / "cube.h5", "hdf5", axes=AXES[1:])
+
+    assert "filters [1, 1]" in wrong.got
+
+
+def test_a_pipe_in_the_place_of_a_chunk_is_not_waited_for(tmp_path):
+    folder = as_zarr(tmp_path, integers(3, 4, 2, 8))
+    chunk = folder / "samples" / "c" / "0" / "0" / "0" / "0"
+    chunk.unlink()
+    os.mkfifo(chunk)
+
+    assert "neither a file nor a folder" in mistake(folder, "zarr-array", axes=AXES).got
+
+
+def test_compressed_frames_that_do_not_lie_one_after_the_other_are_called_slow(tmp_path):
+    of = radar(n_chirps=64, n_rx=4, n_samples=64, sampling="real")
+    frames_last = np.zeros((64, 4, 64, 1100), np.float32)  # 72 MB: more than is kept
+    file = as_npz(tmp_path, frames_last, save=np.savez_compressed)
+    told = {"axes": ("chirp", "rx", "sample", "frame")}
+
+    (note,) = read(file, "npz", of, inside="samples", **told).findings
+
+    assert "unpacked anew for each of 1100 frames" in note.got
+
+
+def test_half_a_number_at_the_end_of_bare_ones_is_refused(tmp_path):
+    numbers = np.zeros((4, 2, 8, 2), "<i2")
+    (tmp_path / "cube.bin").write_bytes(numbers.tobytes() + b"x")
+
+    wrong = mistake(tmp_path / "cube.bin", "bare-cube", axes=("chirp", "rx", "sample", "iq"))
+
+    assert wrong.got == "of 257 bytes"
+
+
+def test_bare_frames_of_receivers_that_nobody_told_are_pointed_out(tmp_path):
+    (tmp_path / "cube.bin").write_bytes(np.zeros((3, 4, 2, 8, 2), "<i2").tobytes())
+    untold = Radar(frame=radar().frame)
+
+    contents = read(tmp_path / "cube.bin", "bare-cube", untold, axes=(*AXES, "iq"))
+
+    assert contents.n_frames == 6
+    assert [finding.setting for finding in contents.findings] == ["radar.array.rx"]

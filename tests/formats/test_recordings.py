@@ -527,6 +527,14 @@ def test_samples_that_do_not_fit_the_config_are_refused(tmp_path, recorded, name
     assert named in mistake(infineon_folder(tmp_path, recorded)).got
 
 
+def test_samples_of_infineon_that_lie_elsewhere_are_refused(tmp_path):
+    folder = infineon_folder(tmp_path, codes(2, 3, 4, 8))
+    (folder / "radar.npy").rename(tmp_path / "other.npy")
+    (folder / "radar.npy").symlink_to(tmp_path / "other.npy")
+
+    assert "radar.npy is a link" in mistake(folder).got
+
+
 def test_two_recordings_in_a_folder_are_not_taken_for_one(tmp_path):
     folder = infineon_folder(tmp_path, codes(2, 3, 4, 8))
     folder.rename(tmp_path / "RadarIfxAvian_01")
@@ -740,6 +748,10 @@ def test_pickled_objects_are_never_opened(tmp_path):
 
 def test_a_path_that_is_not_there_says_so(tmp_path):
     assert "no such file" in mistake(tmp_path / "capture.bin").got
+
+
+def test_a_name_that_no_disk_takes_is_no_recording(tmp_path):
+    assert "too long" in mistake(tmp_path / ("x" * 300)).got
 
 
 def test_a_folder_without_a_recording_says_what_it_holds(tmp_path):

@@ -4,6 +4,7 @@ The writers here put the samples down one word after the other, as TI's applicat
 SWRA581 and the descriptions of the recorders say, without looking at the readers.
 """
 
+import itertools
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -273,6 +274,75 @@ def test_packets_are_sorted_by_their_counters_not_by_arrival(tmp_path):
             assert "came twice" in said
 
 
+@pytest.mark.parametrize("first", [(1, 0), (0, 0, 1)], ids=["exchanged", "twice"])
+def test_headers_are_known_whatever_became_of_the_first_two_packets(tmp_path, first):
+    numbers = codes()
+    packets = packets_of(two_lanes(numbers))
+    content = with_headers([packets[place] for place in first] + packets[2:])
+
+    recording = opened(tmp_path / "adc_data_Raw_0.bin", content, device="xwr1642")
+
+    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+
+
+@pytest.mark.parametrize("cuts", [(10, 11), (4.25, 9.004), (9.996, 12.5)])
+def test_a_capture_with_headers_may_be_split_anywhere(tmp_path, cuts):
+    numbers = codes()
+    content = with_headers(packets_of(two_lanes(numbers)))
+    ends = [0, *(round(1470 * cut) for cut in cuts), len(content)]
+    for n, (start, end) in enumerate(itertools.pairwise(ends)):
+        (tmp_path / f"adc_data_Raw_{n}.bin").write_bytes(content[start:end])
+    told = {"radar": RADAR, "device": "xwr1642", "iq": "iq"}
+
+    recording = open_recording(tmp_path / "adc_data_Raw_0.bin", **told)
+
+    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    assert [level for level, _ in levels(recording)] == ["note"]
+    assert "3 files of one capture" in str(recording.findings)
+
+
+def test_captures_with_headers_that_begin_anew_are_not_joined(tmp_path):
+    content = with_headers(packets_of(two_lanes(codes())))
+    for n in range(2):
+        (tmp_path / f"adc_data_Raw_{n}.bin").write_bytes(content)
+    told = {"radar": RADAR, "device": "xwr1642", "iq": "iq"}
+
+    assert open_recording(tmp_path / "adc_data_Raw_0.bin", **told).n_frames == N_FRAMES
+
+
+def test_a_part_of_a_split_capture_by_itself_is_pointed_out(tmp_path):
+    content = two_lanes(codes(n_frames=5))
+    half = len(content) // 2 + 8
+    for n in range(2):
+        (tmp_path / f"adc_data_{n}.bin").write_bytes(content[n * half : (n + 1) * half])
+
+    part = open_recording(tmp_path / "adc_data_1.bin", radar=RADAR, device="xwr1642", iq="iq")
+
+    assert "Open adc_data_0.bin" in str(part.findings)
+
+
+def test_two_boards_in_one_capture_are_not_mixed(tmp_path):
+    both = zip(*(packets_of(two_lanes(codes(seed))) for seed in (1, 2)), strict=True)
+    content = pcap([samples_in(packet) for pair in both for packet in pair])
+
+    with pytest.raises(RecordingError, match="17 of 17 looked at hold other samples"):
+        opened(tmp_path / "x.pcap", content, device="xwr1642")
+
+
+def test_one_packet_whose_counter_is_wrong_costs_no_other(tmp_path):
+    numbers = codes()
+    packets = packets_of(two_lanes(numbers))
+    packets[5] = (packets[5][0], packets[3][1], packets[5][2])
+
+    recording = opened(
+        tmp_path / "x.pcap", pcap([samples_in(packet) for packet in packets]), device="xwr1642"
+    )
+
+    is_lost = recording.cube.gap.values
+    np.testing.assert_array_equal(recording.cube.values[~is_lost], samples_of(numbers)[~is_lost])
+    assert "1 of 1 looked at hold other samples" in str(recording.findings)
+
+
 def test_a_capture_that_joins_late_begins_with_the_frame_that_it_joined(tmp_path):
     numbers = codes(n_frames=6)
     packets = packets_of(two_lanes(numbers))
@@ -287,6 +357,20 @@ def test_a_capture_that_joins_late_begins_with_the_frame_that_it_joined(tmp_path
     assert recording.cube.gap.values[0].any()
     assert not recording.cube.gap.values[1:].any()
     np.testing.assert_array_equal(recording.cube.values[1:], samples_of(numbers[3:]))
+
+
+def test_a_capture_that_joins_late_is_judged_by_a_whole_frame(tmp_path):
+    # Of the first frame that it joined, all but the last chirp are lost.
+    numbers = np.concatenate([echoes(), echoes()])
+    packets = packets_of(four_lanes(numbers[..., ::-1]))
+    late = [packet for packet in packets if packet[1] > 2.8 * numbers[0].nbytes]
+
+    recording = opened(tmp_path / "x.pcap", pcap([samples_in(packet) for packet in late]), iq=None)
+
+    np.testing.assert_array_equal(recording.cube.values[1:], samples_of(numbers[3:]))
+    lost = late[0][1] - 2 * numbers[0].nbytes
+    (warning,) = [finding for finding in recording.findings if finding.level == "warning"]
+    assert f"{lost} bytes lost in 1 places" in warning.got
 
 
 def test_a_second_capture_in_one_file_is_left_out(tmp_path):
@@ -331,6 +415,24 @@ def test_offset_binary_is_known_by_its_codes(tmp_path):
     np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
 
 
+@pytest.mark.parametrize("told", [{"device": "xwr1443", "format": "dca1000"},
+                                  {"format": "tsw1400"}])  # fmt: skip
+def test_more_receivers_than_have_room_in_a_sample_are_refused(tmp_path, told):
+    eight = replace(RADAR, array=Array(rx_m=tuple((0.0, 0.002 * n, 0.0) for n in range(8))))
+
+    with pytest.raises(RecordingError, match="8 receivers.*must be of 4 receivers at most"):
+        opened(tmp_path / "x.bin", pairs(codes()), radar=eight, **told)
+
+
+def test_receivers_that_nobody_told_are_asked_for(tmp_path):
+    untold = Radar(frame=RADAR.frame)
+
+    recording = opened(tmp_path / "x.bin", two_lanes(codes()), radar=untold, device="xwr1642")
+
+    assert recording.sizes["frame"] == 4 * N_FRAMES  # of one receiver: it cannot be known
+    assert ("warning", "radar.array.rx") in levels(recording)
+
+
 def test_twelve_bits_in_a_word_are_full_scale_whether_their_sign_was_extended_or_not(tmp_path):
     numbers = np.array([[[-2048, 2047], [1, -1]]], np.int16)
     for words in (numbers, numbers & 0x0FFF):
@@ -369,6 +471,34 @@ def test_four_chips_of_a_cascade_are_one_cube(tmp_path, cascade_radar):
         assert recording.format == "ti-cascade"
         np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
         assert recording.cube.transmitter.values[:13].tolist() == [*range(12), 0]
+
+
+def test_the_parts_of_a_sample_have_one_order_in_all_chips_of_a_cascade(tmp_path, cascade_radar):
+    frame = cascade_radar.frame
+    shape = (1, frame.n_sent, 16, frame.chirp.n_samples)
+    tone = np.exp(2j * np.pi * 0.2 * np.arange(frame.chirp.n_samples))
+    beat = np.broadcast_to(tone, shape).copy()
+    beat[:, :, 8:12] = beat[:, :, 8:12].conj()  # what noise alone may look like
+    numbers = (999 * np.stack([beat.real, beat.imag], axis=-1)).astype(np.int16)
+    cascade(tmp_path, numbers, cascade_radar)
+
+    recording = open_recording(tmp_path, radar=cascade_radar)
+
+    assert recording.contents.iq == "iq"
+    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+
+
+def test_a_chip_of_a_cascade_may_not_lie_elsewhere(tmp_path, cascade_radar):
+    folder, elsewhere = tmp_path / "capture", tmp_path / "elsewhere.bin"
+    folder.mkdir()
+    frame = cascade_radar.frame
+    numbers = np.zeros((1, frame.n_sent, 16, frame.chirp.n_samples, 2), np.int16)
+    cascade(folder, numbers, cascade_radar)
+    (folder / "slave1_0000_data.bin").rename(elsewhere)
+    (folder / "slave1_0000_data.bin").symlink_to(elsewhere)
+
+    with pytest.raises(RecordingError, match="slave1_0000_data.bin is a link"):
+        open_recording(folder, radar=cascade_radar, iq="iq")
 
 
 def test_a_cascade_without_one_of_its_chips_is_refused(tmp_path, cascade_radar):

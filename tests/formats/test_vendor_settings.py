@@ -65,6 +65,22 @@ def test_positions_are_those_of_the_antennas_that_the_masks_switch_on(tmp_path):
     assert made.findings == ()
 
 
+def test_codes_of_back_off_and_phase_of_three_transmitters_are_numbers(tmp_path):
+    # 20 dB and 354.4 degrees of each, a byte each: 1315860 and 16579836.
+    coded = CFG.replace("profileCfg 0 77 10 6 60 0 0", "profileCfg 0 77 10 6 60 1315860 16579836")
+
+    assert coded != CFG
+    assert from_text(tmp_path, coded).radar == from_text(tmp_path, CFG).radar
+
+
+def test_a_frame_of_a_newer_chip_says_whose_it_is(tmp_path):
+    # Its frameCfg has one number more, that of the samples.
+    newer = CFG.replace("frameCfg 0 1 32 0 50", "frameCfg 0 1 32 0 256 50")
+
+    with pytest.raises(InvalidFile, match="AWR2944"):
+        from_text(tmp_path, newer)
+
+
 def test_transmitters_keep_their_order_of_turns(tmp_path):
     swapped = CFG.replace("0 0 0 0 0 4", "0 0 0 0 0 x").replace("0 0 0 0 0 1\n", "0 0 0 0 0 4\n")
 
@@ -424,8 +440,8 @@ API:select_chip_version,{chip},0,
 API:ChannelConfig,7,15,0,
 API:DataFmtConfig,15,{bits},{form},0,{interleave},0,
 API:ProfileConfig,0,1435388860,1000,600,6000,0,0,621,0,256,5000,0,0,30,0,
-API:ChirpConfig,0,0,0,0,0,0,0,1,0,0,
-API:ChirpConfig,1,1,0,0,0,0,0,0,0,1,
+API:ChirpConfig,0,0,0,0,0,0,0,1,0,
+API:ChirpConfig,1,1,0,0,0,0,0,4,0,
 API:FrameConfig,0,1,8,32,10000000,0,512,0,
 API:SensorStart,0,
 """
@@ -444,6 +460,14 @@ def test_a_log_of_transmitters_that_take_turns_has_their_multiplexing(tmp_path):
     assert (made.device, made.interleaved, made.receivers) == ("xwr1443", True, (0, 1, 2, 3))
 
 
+def test_the_transmitters_of_a_chirp_in_a_log_are_a_mask(tmp_path):
+    # 2 is the second transmitter, and no flag of the first.
+    made = from_text(tmp_path, log().replace("0,0,0,0,0,4,0,", "0,0,0,0,0,2,0,"), "LogFile.txt")
+
+    assert made.radar.frame.multiplexing == Tdm(order=(0, 1))
+    assert made.radar.array == device("AWR1243").part(0b011, 0b1111)
+
+
 def test_a_log_says_how_the_samples_were_kept(tmp_path):
     real = from_text(tmp_path, log("other chip", bits=0, form=0, interleave=1), "LogFile.txt")
 
@@ -455,8 +479,8 @@ def test_a_log_says_how_the_samples_were_kept(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "named"),
     [
-        ("0,0,0,0,0,1,0,0,", "0,0,0,0,0,1,1,0,", "transmitters 1+2 at once"),
-        ("0,0,0,0,0,1,0,0,", "0,0,0,0,0,0,0,0,", "chirp 0 with none"),
+        ("0,0,0,0,0,1,0,", "0,0,0,0,0,3,0,", "transmitters 1+2 at once"),
+        ("0,0,0,0,0,1,0,", "0,0,0,0,0,0,0,", "chirp 0 with none"),
         ("ChannelConfig,7,15,", "ChannelConfig,7,0,", "rx_mask"),
         ("DataFmtConfig,15,2,1", "DataFmtConfig,15,2,3", "format 3"),
         ("DataFmtConfig,15,2,1", "DataFmtConfig,15,3,1", "bits 3"),

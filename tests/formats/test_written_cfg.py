@@ -172,6 +172,39 @@ def test_the_demo_of_sdk_3_is_told_all_that_its_visualizer_tells_it():
     assert len(numbers_of(text, "compRangeBiasAndRxChanPhase")) == 1 + 2 * 12  # 3 tx, 4 rx
 
 
+def test_demos_that_run_on_the_dsp_are_also_told_that_no_code_is_sent():
+    # mss_main.c of xwr16xx and xwr68xx refuses to start without bpmCfg; xwr18xx knows none.
+    told = {kind: "bpmCfg -1 0 0 1" in ti_cfg_text(radar(kind), device=kind) for kind in KINDS}
+
+    assert told == {"xwr1443": False, "xwr1642": True, "xwr1843": False, "xwr6843": True}
+
+
+@pytest.mark.parametrize(
+    ("kind", "sdk", "layout", "low_power"),
+    [
+        ("xwr1443", 2, [0, 1, 0, 1], 0),
+        ("xwr1642", 2, [-1, 0, 0, 1, 1], 1),
+        ("xwr1642", 3, [-1, 0, 1, 1, 1], 1),
+        ("xwr1843", 3, [-1, 0, 1, 1, 1], 0),
+        ("xwr6843", 3, [-1, 0, 1, 1, 1], 0),
+    ],
+)
+def test_samples_come_as_the_demo_of_the_chip_takes_them(kind, sdk, layout, low_power):
+    # As the visualizer writes them: I first for the DSP of the first demos alone.
+    text = ti_cfg_text(radar(kind), device=kind, sdk=sdk)
+
+    assert numbers_of(text, "adcbufCfg") == layout
+    assert numbers_of(text, "lowPower") == [0, low_power]
+
+
+@pytest.mark.parametrize(("kind", "last_bin"), [("xwr1443", 229), ("xwr1642", 255)])
+def test_peaks_are_grouped_over_the_bins_of_the_transform(kind, last_bin):
+    # 240 samples are transformed to 256 bins; 229 is in every file for 14xx chips.
+    text = ti_cfg_text(radar(kind, n_samples=240), device=kind, sdk=2)
+
+    assert numbers_of(text, "peakGrouping")[-1] == last_bin
+
+
 @pytest.mark.parametrize(("n_samples", "rate_hz"), [(256, 5.209e6), (272, 2.559e6), (64, 12.5e6)])
 def test_slices_of_the_monitors_fit_into_a_chirp(n_samples, rate_hz):
     made = radar(

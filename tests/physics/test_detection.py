@@ -265,3 +265,32 @@ def test_a_sidelobe_beyond_the_end_of_an_axis_counts_as_near(n_bins):
         power[1, 30], power[place, 30] = 1.0, 0.02
         found = peaks(power, threshold, noise)
         assert len(found) == 1 + is_target
+
+
+@pytest.mark.parametrize("n_chirps", [1, 3, 4, 5, 8, 16, 24])
+@pytest.mark.parametrize("n_samples", [8, 20, 64])
+def test_the_default_chain_fits_every_radar(radar, n_chirps, n_samples):
+    chirp = replace(radar.frame.chirp, n_samples=n_samples)
+    small = replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=n_chirps))
+    target = dc.Target(position_m=(chirp.max_range_m / 3, 0, 0), rcs_m2=1e4)
+    cube = dc.simulate(dc.Scene(targets=[target]), small, seed=1)
+
+    found = dc.detect(cube, small)
+
+    nearest = np.abs(found.range.values - chirp.max_range_m / 3).min(initial=np.inf)
+    assert nearest < chirp.range_resolution_m
+
+
+def test_cells_that_were_set_are_kept_and_default_ones_become_fewer(radar):
+    short = replace(radar, frame=replace(radar.frame, n_chirps=16))
+    default = dc.Chain().cfar
+
+    fewer = dc.Chain().fitted(short).cfar
+
+    assert dc.Chain().fitted(radar).cfar == default
+    assert (fewer.n_training, fewer.n_guard) == (
+        dc.Cells(range=10, velocity=4),
+        dc.Cells(range=4, velocity=3),
+    )
+    own = replace(default, n_training=dc.Cells(range=10, velocity=9))
+    assert dc.Chain(cfar=own).fitted(short).cfar == own

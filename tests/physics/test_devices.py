@@ -226,6 +226,9 @@ SAMPLES, ADC, RAMP = "frame.chirp.n_samples", "frame.chirp.adc_start", "frame.ch
 SAMPLING, INTERVAL, PERIOD = "frame.chirp.sampling", "frame.interval", "frame.period"
 CHIRPS = "frame.n_chirps"
 
+# Room for many samples: 2048 take 393 us.
+LONG = {"slope_hz_per_s": 5e12, "ramp_duration_s": 420e-6, "interval_s": 430e-6, "n_chirps": 12}
+
 # Each breaks one rule and keeps all others.
 ONE_BROKEN = [
     ("xwr1843", {"start_frequency_hz": 75.9e9}, START, "oscillator"),
@@ -258,18 +261,19 @@ ONE_BROKEN = [
     ("xwr1642", {"sample_rate_hz": 6.3e6}, RATE, "filter"),
     ("xwr1843", {"sample_rate_hz": 12.6e6}, RATE, "filter"),
     (
-        "xwr1443",
-        {"sample_rate_hz": 18.75e6, "n_samples": 1025, "slope_hz_per_s": 40e12}
-        | {"ramp_duration_s": 62e-6, "n_chirps": 8},
-        SAMPLES,
-        "buffer",
-    ),
-    (
         "bgt60tr13c",
         {**BGT60, "n_samples": 5462, "ramp_duration_s": 2.8e-3, "interval_s": 3e-3}
         | {"slope_hz_per_s": 1e12, "period_s": 1.0},
         SAMPLES,
         "buffer",
+    ),
+    # 2048 complex samples of four receivers fill 32 kB, but no transform of the demo.
+    ("xwr1843", {**LONG, "n_samples": 2048}, SAMPLES, "transforms a chirp"),
+    (
+        "xwr6843",
+        {**LONG, "start_frequency_hz": 60.3e9, "n_samples": 1025},
+        SAMPLES,
+        "transforms a chirp",
     ),
     ("xwr1843", {"adc_start_s": 2.4e-6}, ADC, "straight"),
     ("xwr1843", {"adc_start_s": 0.9e-6, "slope_hz_per_s": 50e12}, ADC, "straight"),
@@ -324,6 +328,21 @@ def test_a_radar_that_breaks_one_rule_is_told_that_rule_and_why(name, settings, 
     assert settings_of(found) == [setting]
     assert reason in found[0].need
     assert device(name).name in found[0].need
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("xwr1443", 1024), ("xwr1642", 2048), ("xwr6843", 2048)]
+)
+def test_a_chirp_fits_into_the_buffer_of_its_chip(name, most):
+    # 4 bytes of four receivers: 16 kB hold 1024 samples, and those of later chips twice that.
+    start = {"start_frequency_hz": 60.3e9 if name == "xwr6843" else 77e9}
+    full, too_long = (
+        radar_on(name, rx=0b1111, **LONG | start, n_samples=n) for n in (most, most + 1)
+    )
+
+    assert device(name).broken_rules(full, demo=False) == ()
+    (found,) = device(name).broken_rules(too_long, demo=False)
+    assert f"at most {16 * most} bytes, {most} samples" in found.need
 
 
 @pytest.mark.parametrize(("side", "number"), [("tx", 4), ("rx", 5)])
@@ -393,7 +412,7 @@ def test_the_reference_waveform_is_beyond_the_chip_it_is_likened_to():
     # 300 MS/s, sampled from the start of ramps without a pause, in frames without a gap, of
     # 4096 x 128 points; its band, its slope of 20 MHz/us and its one receiver are possible.
     found = device("xwr1843").broken_rules(dc.reference().radar)
-    assert settings_of(found) == [RATE, RATE, ADC, INTERVAL, PERIOD, CHIRPS]
+    assert settings_of(found) == [RATE, RATE, ADC, INTERVAL, PERIOD, SAMPLES, CHIRPS]
 
 
 def test_settings_are_kept_in_the_steps_of_the_synthesiser():

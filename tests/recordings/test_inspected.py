@@ -2,10 +2,10 @@
 
 import pytest
 import xarray as xr
-from recordings.opened import RECORDINGS, opened
 
 from dechirp.process.health.findings import findings
 from dechirp.process.health.measures import measure
+from recordings.opened import RECORDINGS, opened
 
 # Chirp 0 of both settles: its first samples hold a transient. In 190347 as much energy lies
 # at negative beat frequencies as at positive ones, so that the order of I and Q is a guess.
@@ -15,7 +15,7 @@ WRONG = {
     "20180613-190347.bin": {"iq", "recording.interference"},
     "20181128-214451.bin": {"recording.interference"},
     "giulioCammina.json": {"recording.iq_image"},
-    **dict.fromkeys(RECORDINGS["mimo12_known_angles_mat"], {"recording.iq"}),
+    **{key: {"recording.iq"} for key in RECORDINGS["mimo12_known_angles_mat"]},
 }
 
 

@@ -103,9 +103,15 @@ def test_a_real_cfg_survives_being_written_and_read(real_data, tmp_path, name, t
     back = read_settings(tmp_path / "radar.cfg")
 
     assert back.radar == settings.radar
-    assert (back.n_frames, back.iq) == (settings.n_frames, settings.iq)
+    assert back.n_frames == settings.n_frames
     # The commands that say what is sent are the same, number for number.
-    sent = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpCfg", "frameCfg")
+    sent = ("channelCfg", "adcCfg", "profileCfg", "chirpCfg", "frameCfg")
+    if settings.device == "xwr1443":
+        # That was for the capture demo, which keeps I first; the out-of-the-box demo has Q first.
+        assert (settings.iq, back.iq) == ("iq", "qi")
+    else:
+        assert back.iq == settings.iq
+        sent = (*sent, "adcbufCfg")
     original = (real_data / name).read_text().splitlines()
     assert [line for line in text.splitlines() if line.startswith(sent)] == [
         line for line in original if line.startswith(sent)

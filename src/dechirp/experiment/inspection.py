@@ -10,11 +10,15 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.formats.recording import Recording, recognised
 from dechirp.formats.recording import open as open_recording
+from dechirp.formats.settings.read import read_radar
 from dechirp.process.chain import Chain, power_map
 from dechirp.process.health.findings import findings as judged
 from dechirp.process.health.measures import measure
+from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.known import device as known_device
 from dechirp.radar.radar import Radar
+
+_OF_FRAMES = ("radar.frame.n_chirps", "radar.frame.period")
 
 
 @value
@@ -48,18 +52,27 @@ def inspect(
     Parameters
     ----------
     path, radar, device, format, axes, encoding, iq, frames
-        As `open` takes them. With a device, its rules are checked as well.
+        As `open` takes them. With a device, its rules are checked as well; those of whole
+        frames only where the period of the frames is known.
     progress : callable, optional
         Called with the number of frames done and of all frames.
 
     Raises
     ------
     RecordingError
-        If the content fits no format. What is missing to read one that is known is a
-        finding.
+        If the content fits no format, or the settings that are given cannot be read. What is
+        missing to read a recording of a known format is a finding.
+    InvalidFile
+        If the settings that are given have mistakes.
+    InvalidSetting
+        If no device of that name is known.
     """
     path = Path(path)
     kinds = recognised(path, format)
+    # What is wrong with a name or a file that was told is no finding of the recording.
+    chip = None if device is None else known_device(device)
+    if isinstance(radar, str | Path):
+        read_radar(radar, chip)
     try:
         recording = open_recording(
             path,
@@ -78,8 +91,8 @@ def inspect(
     except DechirpError as error:
         missing = tuple(_finding(mistake) for mistake in error.mistakes)
         return Inspection(path=path, formats=kinds, recording=None, power=None, findings=missing)
-    if device is not None and recording.contents.radar is not None:
-        found += known_device(device).broken_rules(recording.radar, demo=False)
+    if chip is not None and recording.contents.radar is not None:
+        found += _broken_rules(chip, recording.radar)
     return Inspection(
         path=path, formats=(recording.format,), recording=recording, power=power, findings=found
     )
@@ -102,6 +115,15 @@ def _samples(
     if "iq" in said:  # opening it has seen the side on which echoes lie
         seen = tuple(finding for finding in seen if finding.setting != "recording.iq")
     return power, recording.findings + seen
+
+
+def _broken_rules(chip: Device, radar: Radar) -> tuple[Finding, ...]:
+    """Rules of a chip that the radar of a recording breaks."""
+    broken = chip.broken_rules(radar, demo=False)
+    if radar.frame.period_s is not None:
+        return broken
+    # Nobody said in which frames the chirps came: they may have been frames of one chirp.
+    return tuple(rule for rule in broken if rule.setting not in _OF_FRAMES)
 
 
 def _finding(mistake: Mistake) -> Finding:

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from time import perf_counter
 
 import xarray as xr
@@ -13,6 +14,7 @@ from dechirp.experiment.link import added_noise_w, link_budget
 from dechirp.experiment.scenario import Scenario, check_chain
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
+from dechirp.process.cfar.base import Cfar
 from dechirp.process.chain import detect, power_map, threshold_map
 from dechirp.process.peaks import MOST_PEAKS
 from dechirp.process.remarks import remarks
@@ -89,7 +91,7 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     started = perf_counter()
     source, radar, findings = _source(scenario)
     opened = perf_counter()
-    chain = scenario.chain
+    chain = scenario.chain.fitted(radar)
     numbers = _numbers(source)
     found = []
     with warnings.catch_warnings(record=True) as crowded:
@@ -105,7 +107,7 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     threshold = threshold_map(power, radar, chain)
     finished = perf_counter()
     return Result(
-        scenario=scenario,
+        scenario=replace(scenario, chain=chain),
         radar=radar,
         source=source,
         power=power,
@@ -113,11 +115,36 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
         detections=xr.concat(found, "detection"),
         truth=None if scenario.scene is None else _truth(scenario, radar),
         budget=None if scenario.scene is None else link_budget(scenario, radar),
-        findings=(*findings, *remarks(radar, chain), *_crowded(len(crowded))),
+        findings=(
+            *findings,
+            *_fewer_cells(scenario.chain.cfar, chain.cfar),
+            *remarks(radar, chain),
+            *_crowded(len(crowded)),
+        ),
         timing_s={
             "simulate" if scenario.scene is not None else "open": opened - started,
             "process": finished - opened,
         },
+    )
+
+
+def _fewer_cells(usual: Cfar, taken: Cfar) -> tuple[Finding, ...]:
+    """What is said when the map has no room for the default training cells."""
+    if usual == taken:
+        return ()
+    cells = [
+        f"{getattr(taken.n_training, axis)} training and {getattr(taken.n_guard, axis)} guard cells"
+        f" along {axis}"
+        for axis in ("range", "velocity")
+    ]
+    return (
+        Finding(
+            level="note",
+            setting="chain.cfar",
+            got=f"{' and '.join(cells)}, on each side, fewer than usual",
+            need="a ring of cells that fits into the map",
+            fix="Set chain.cfar.n_training and chain.cfar.n_guard to choose others.",
+        ),
     )
 
 

@@ -13,8 +13,7 @@ from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.formats.settings.read import read_radar
-from dechirp.process.chain import Chain
-from dechirp.process.spectrum import independent_rows
+from dechirp.process.chain import Chain, searched_rows
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 
@@ -110,22 +109,15 @@ class Scenario:
 def check_chain(chain: Chain, radar: Radar) -> None:
     """Raise `InvalidSetting`, with the path of the setting, unless the maps of a radar can be made.
 
-    There must be a bin for each sample and chirp, and room for the training cells.
+    There must be a bin for each sample and chirp, and room for training cells that were set.
     """
     with _called("chain.n_range_bins", instead_of="Transform.n_bins"):
         over_range = chain.over_range(radar.frame.chirp)
     with _called("chain.n_velocity_bins", instead_of="Transform.n_bins"):
         over_velocity = chain.over_velocity(radar.frame)
-    n_rows = over_range.n_bins
-    if radar.frame.chirp.sampling == "real":
-        n_rows = n_rows // 2 + 1
-        # In a large map the few rows that the noise law leaves out make no odds, and finding
-        # them takes the square of their number.
-        if n_rows <= 2048:
-            rows = independent_rows(radar.frame.chirp, over_range)
-            n_rows = rows.stop - rows.start
+    n_rows = searched_rows(radar.frame.chirp, over_range)
     with _called("chain.cfar", instead_of="Cfar"):
-        chain.cfar.ring.fits(over_velocity.n_bins, n_rows)
+        chain.cfar.fitted(over_velocity.n_bins, n_rows).ring.fits(over_velocity.n_bins, n_rows)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from dechirp.core.values import value
-from dechirp.formats.arrays.axes import contents, shape_in
+from dechirp.formats.arrays.axes import contents, must_be_words, shape_in
 from dechirp.formats.arrays.on_disk import mapped
 from dechirp.formats.base import Contents, Fit, Format, Told, foreign
 from dechirp.formats.settings_for import settings_for
@@ -32,8 +32,9 @@ class BareCube(Format):
         """See `Format.read`."""
         settings = settings_for(path, told)
         n_bytes = path.stat().st_size
+        must_be_words(path, n_bytes)
         what = f"a file of {n_bytes} bytes, 2 for each number,"
-        shape, findings = shape_in(path, told.axes, settings.radar, n_bytes // 2, what=what)
+        shape, findings = shape_in(path, told.axes, settings, n_bytes // 2, what=what)
         encoding = told.encoding or "int16"
         stored = mapped(path, np.dtype("<i2" if encoding == "int16" else "<u2"), shape)
         known = replace(told, settings=settings, encoding=encoding)

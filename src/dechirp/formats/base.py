@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import xarray as xr
 
+from dechirp.core.errors import RecordingError
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
@@ -135,3 +136,14 @@ def foreign(path: Path) -> str | None:
     if path.suffix.lower() in _MARKED:
         return f"bytes without a mark of their kind, which no {path.suffix} file is"
     return None
+
+
+def must_stay_in(folder: Path, file: Path) -> None:
+    """Raise `RecordingError` if a file of a folder is a link that leads out of it."""
+    if file.resolve().parent != folder.resolve():
+        raise RecordingError(
+            folder,
+            got=f"a folder in which {file.name} is a link to another one",
+            need="one whose files lie in it: none may be read elsewhere",
+            fix="Copy the folder with what its links lead to.",
+        )

@@ -75,32 +75,98 @@ def has_headers(path: Path) -> bool:
     if not second:  # one packet in all, and not a byte more
         return path.stat().st_size == _HEADER_BYTES + LARGEST_PAYLOAD
     size = int.from_bytes(second[4:8], "little")
-    numbers = [int.from_bytes(header[:4], "little") for header in (first, second)]
-    return 0 < size <= LARGEST_PAYLOAD and 0 < numbers[1] - numbers[0] < 2**16
+    one, two = (int.from_bytes(header[:4], "little") for header in (first, second))
+    before_one, before_two = (int.from_bytes(header[8:], "little") for header in (first, second))
+    # They may have come in the wrong order, or twice, but both counters run in step.
+    in_step = before_two - before_one == (two - one) * LARGEST_PAYLOAD
+    return 0 < size <= LARGEST_PAYLOAD and abs(two - one) < 2**16 and in_step
 
 
 def _stream(path: Path, settings: Settings) -> tuple[BytesIn, tuple[Finding, ...]]:
     if has_headers(path):
-        rows, stopped = walk(path, _headers, 0)
-        found = Packets(
-            sequence=rows[:, 0], starts=rows[:, 1], offsets=rows[:, 2], sizes=rows[:, 3]
-        )
-        packets, findings = in_places(path, found)
-        if stopped < path.stat().st_size:
-            findings += (_cut_packet(path, stopped),)
-        return packets, findings
+        return _packets(path)
     parts = _parts(path, settings)
-    stream = files_in(*parts)
+    return files_in(*parts), _joined(parts) + _torn_off(path, settings)
+
+
+def _joined(parts: list[Path]) -> tuple[Finding, ...]:
     if len(parts) == 1:
-        return stream, ()
-    joined = Finding(
-        level="note",
-        setting="recording",
-        got=f"{len(parts)} files of one capture, {parts[0].name} to {parts[-1].name}, joined",
-        need="the parts of a split capture in the order of their numbers",
-        fix="Nothing is to be done; move a file away that is not part of it.",
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting="recording",
+            got=f"{len(parts)} files of one capture, {parts[0].name} to {parts[-1].name}, joined",
+            need="the parts of a split capture in the order of their numbers",
+            fix="Nothing is to be done; move a file away that is not part of it.",
+        ),
     )
-    return stream, (joined,)
+
+
+def _torn_off(path: Path, settings: Settings) -> tuple[Finding, ...]:
+    """Warn of a file in which a capture goes on that began in another: so do its frames."""
+    name = re.fullmatch(r"(.*_)[1-9]\d*(\.\w+)", path.name)
+    first = path if name is None else path.with_name(f"{name[1]}0{name[2]}")
+    if first == path or not first.is_file() or path not in _parts(first, settings):
+        return ()
+    return (
+        Finding(
+            level="warning",
+            setting="recording",
+            got=f"a part of the capture that begins in {first.name}, read by itself: its first"
+            " frame may begin in the part before",
+            need="the first part, to which the others are joined",
+            fix=f"Open {first.name}.",
+        ),
+    )
+
+
+def _packets(path: Path) -> tuple[BytesIn, tuple[Finding, ...]]:
+    """Payloads of packets with their headers, of all the files over which they were split."""
+    every, stopped = walk(path, _headers, 0)
+    parts, base = [path], 0
+    while (following := _following(parts)) is not None:
+        begins = _goes_on(parts[-1], stopped, following, int(every[-1, 0]))
+        if begins is None:
+            break
+        across, at = begins
+        across[:, 2] += base + stopped
+        base += parts[-1].stat().st_size
+        parts.append(following)
+        found, stopped = walk(following, _headers, at)
+        if len(found):
+            found[:, 2] += base
+            across = np.concatenate([across, found])
+        every = np.concatenate([every, across])
+    packets, findings = in_places(
+        path,
+        files_in(*parts),
+        Packets(sequence=every[:, 0], starts=every[:, 1], offsets=every[:, 2], sizes=every[:, 3]),
+    )
+    if stopped < parts[-1].stat().st_size:
+        findings += (_cut_packet(parts[-1], stopped),)
+    return packets, _joined(parts) + findings
+
+
+def _goes_on(
+    before: Path, stopped: int, following: Path, number: int
+) -> tuple[np.ndarray, int] | None:
+    """Row, if any, of the packet across two files, and where in the second the next begins.
+
+    None if the second does not go on where the first ends, at the packet after this number.
+    """
+    longest = _HEADER_BYTES + LARGEST_PAYLOAD
+    with before.open("rb") as file:
+        file.seek(stopped)
+        rest = file.read(longest)
+    with following.open("rb") as file:
+        both = np.frombuffer(rest + file.read(longest), np.uint8)
+    _, rows = _headers(both, 0, 1)
+    if len(rest) == longest or not len(rows) or not 0 < rows[0, 0] - number < 2**16:
+        return None
+    if not rest:
+        return rows[:0], 0
+    return rows[:1], _HEADER_BYTES + int(rows[0, 3]) - len(rest)
 
 
 def _parts(path: Path, settings: Settings) -> list[Path]:
@@ -113,14 +179,25 @@ def _parts(path: Path, settings: Settings) -> list[Path]:
     if name is None or _is_whole(size, settings):
         return [path]
     parts = [path]
-    while (following := path.with_name(f"{name[1]}{len(parts)}{name[2]}")).is_file():
+    while (following := _following(parts)) is not None:
         # All but the last are full.
-        if following.stat().st_size > size or following.resolve().parent != path.resolve().parent:
+        if following.stat().st_size > size:
             break
         parts.append(following)
         if following.stat().st_size < size:
             break
     return parts
+
+
+def _following(parts: list[Path]) -> Path | None:
+    """File of the next number, in the same folder; None if there is none."""
+    first = parts[0]
+    name = re.fullmatch(r"(.*_)0(\.\w+)", first.name)
+    if name is None:
+        return None
+    following = first.with_name(f"{name[1]}{len(parts)}{name[2]}")
+    is_there = following.is_file() and following.resolve().parent == first.resolve().parent
+    return following if is_there else None
 
 
 def _is_whole(size: int, settings: Settings) -> bool:
@@ -137,7 +214,8 @@ def _cut_packet(path: Path, stopped: int) -> Finding:
     return Finding(
         level="warning",
         setting="recording",
-        got=f"{size - stopped} bytes from byte {stopped} on that are no whole packet, left out",
+        got=f"{size - stopped} bytes of {path.name}, from byte {stopped} on, that are no whole"
+        " packet, left out",
         need="whole packets to the end of the file",
         fix="If more than the end is missing, copy the file again from its source.",
     )
@@ -154,10 +232,13 @@ def _little(content: np.ndarray, at: int, n: int) -> int:
 
 @numba.njit(cache=True)
 def _headers(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
-    """Rows number, bytes before, place and size of the payload, of packets that begin here."""
-    rows = np.empty(((stop - at) // _HEADER_BYTES + 1, 4), np.int64)
+    """Rows number, bytes before, place and size of the payload, of packets that begin here.
+
+    All packets but the last of a capture are full; where they are tiny, nothing is to be won.
+    """
+    rows = np.empty(((stop - at) // 64 + 16, 4), np.int64)
     n = 0
-    while at < stop:
+    while at < stop and n < len(rows):
         if at + _HEADER_BYTES > content.size:
             break
         size = _little(content, at + 4, 4)

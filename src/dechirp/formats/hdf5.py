@@ -4,6 +4,8 @@ Only what lies in the file itself is read: no links to other files, no external 
 virtual datasets.
 """
 
+import math
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -23,6 +25,7 @@ from dechirp.formats.arrays.stored import (
     must_be_countable,
     must_be_plausible,
     parsing,
+    too_large,
 )
 from dechirp.formats.base import Contents, Fit, Format, Told
 
@@ -34,6 +37,7 @@ _MOST_HOPS = 16
 _DEEPEST = 16
 # Chunks of several frames are kept until the next frame needs them.
 _CACHE_BYTES = 2**26
+_FILTERS_ADD = 1024  # bytes at most that others add to a chunk before it is compressed
 _NOT_NUMBERS = (b"char", b"logical", b"cell", b"struct", b"function_handle")
 
 
@@ -154,9 +158,14 @@ def _stored(path: Path, file: Any, dataset: Any) -> Stored:
     if dataset.external:
         raise _elsewhere(path, name, "in external storage")
 
+    checked: set[tuple[int, ...]] = set()
+    last = _filters(path, dataset)
+
     def read(part: Part) -> np.ndarray:
         assert file  # closed with its last reference, and its datasets with it
         with parsing(path, _NEED):
+            if last is not None:
+                _must_unpack_to_size(path, dataset, part, last, checked)
             made: np.ndarray = dataset[part]
         return made
 
@@ -168,6 +177,55 @@ def _stored(path: Path, file: Any, dataset: Any) -> Stored:
     )
     must_be_plausible(path, stored, file_bytes=path.stat().st_size)
     return replace(stored, absent=_absent(path, stored, dataset))
+
+
+def _filters(path: Path, dataset: Any) -> int | None:
+    """Place of the compression (deflate) among the filters of a dataset; None without it.
+
+    Raises
+    ------
+    RecordingError
+        If more was made of what it had compressed than a checksum was added.
+    """
+    import h5py
+
+    made = dataset.id.get_create_plist()
+    kinds = [made.get_filter(number)[0] for number in range(made.get_nfilters())]
+    if h5py.h5z.FILTER_DEFLATE not in kinds:
+        return None
+    place = kinds.index(h5py.h5z.FILTER_DEFLATE)
+    if kinds[place + 1 :] not in ([], [h5py.h5z.FILTER_FLETCHER32]):
+        raise RecordingError(
+            path,
+            got=f"a file whose {dataset.name} went through filters {kinds}",
+            need="samples that were compressed once (deflate, filter 1), last of all",
+            fix="Save it again, with one compression or without.",
+        )
+    return place
+
+
+def _must_unpack_to_size(
+    path: Path, dataset: Any, part: Part, place: int, checked: set[tuple[int, ...]]
+) -> None:
+    """Raise `RecordingError` if a compressed chunk holds more than a chunk of the array.
+
+    HDF5 itself unpacks whatever is there: 2 MB can become 2 GB.
+    """
+    most = math.prod(dataset.chunks) * dataset.dtype.itemsize + _FILTERS_ADD
+    for slices in dataset.iter_chunks(part):
+        sizes = zip(slices, dataset.chunks, strict=True)
+        start = tuple(along.start // size * size for along, size in sizes)
+        if start in checked:
+            continue
+        checked.add(start)
+        if not dataset.id.get_chunk_info_by_coord(start).size:  # never written
+            continue
+        skipped, packed = dataset.id.read_direct_chunk(start)
+        if skipped >> place & 1:
+            continue
+        if len(zlib.decompressobj().decompress(packed, most + 1)) > most:
+            what = f"a piece of {len(packed)} bytes that unpacks to more than {most}"
+            raise too_large(path, what, file_bytes=path.stat().st_size)
 
 
 def _absent(path: Path, stored: Stored, dataset: Any) -> np.ndarray | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.values import value
-from dechirp.formats.base import Contents, Fit, Format, Told
+from dechirp.formats.base import Contents, Fit, Format, Told, must_stay_in
 from dechirp.formats.npy import array_in
 from dechirp.formats.settings.read import read_settings
 from dechirp.formats.settings.receivers import with_receivers
@@ -43,6 +43,7 @@ class Infineon(Format):
             )
         settings = told.settings or read_settings(folders[0] / _CONFIG)
         file = folders[0] / _SAMPLES
+        must_stay_in(folders[0], file)
         codes = array_in(file)
         frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
         n_rx_told = codes.shape[1] if len(codes.shape) == 4 and n_rx == 1 else n_rx

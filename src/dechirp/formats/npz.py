@@ -21,6 +21,8 @@ _MAGIC = b"PK\x03\x04"
 _NEED = "a NumPy archive (.npz)"
 _LOCAL_HEADER_BYTES = 30  # of a member, before its name
 _MOST_MEMBERS = 1000
+_END_BYTES, _LONGEST_COMMENT = 22, 2**16
+_LONGEST_LIST = 2**22  # bytes; as objects, the members in it take 8 times as much
 
 
 @value
@@ -43,7 +45,7 @@ class Npz(Format):
             if file.read(len(_MAGIC)) != _MAGIC:
                 return Fit.NO
         try:
-            with zipfile.ZipFile(path) as archive:
+            with _archive(path) as archive:
                 names = archive.namelist()
         except Exception:  # foreign bytes: `read` says what is wrong with them
             return Fit.CONTAINER
@@ -52,7 +54,7 @@ class Npz(Format):
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""
         file_bytes = path.stat().st_size
-        with parsing(path, _NEED), zipfile.ZipFile(path) as archive:
+        with parsing(path, _NEED), _archive(path) as archive:
             headers = _headers(path, archive)
             name = chosen(path, {key: (h.shape, h.dtype) for key, h in headers.items()}, told)
             info = archive.getinfo(f"{name}.npy")
@@ -61,6 +63,22 @@ class Npz(Format):
             stored = _stored(path, info, header)
         must_be_plausible(path, stored, file_bytes=file_bytes)
         return contents(path, stored, told, file_bytes=file_bytes)
+
+
+def _archive(path: Path) -> zipfile.ZipFile:
+    """Open an archive whose list of members, which is read at once, is not too long for one."""
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - _END_BYTES - _LONGEST_COMMENT, 0))
+        end = file.read()
+    at = end.rfind(b"PK\5\6")
+    if at >= 0 and (n_bytes := int.from_bytes(end[at + 12 : at + 16], "little")) > _LONGEST_LIST:
+        raise RecordingError(
+            path,
+            got=f"an archive whose list of members has {n_bytes} bytes",
+            need=f"at most {_LONGEST_LIST}",
+            fix="Save the samples as one array with an axis for the frames.",
+        )
+    return zipfile.ZipFile(path)
 
 
 def _headers(path: Path, archive: zipfile.ZipFile) -> dict[str, Header]:

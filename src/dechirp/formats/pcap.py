@@ -20,6 +20,7 @@ from dechirp.formats.base import Contents, Fit, Format, Told
 from dechirp.formats.dca1000 import layouts
 from dechirp.formats.samples.bare import bare_contents
 from dechirp.formats.settings_for import settings_for
+from dechirp.formats.streams.bytes_in import files_in
 from dechirp.formats.streams.packets import Packets, in_places
 from dechirp.formats.streams.walk import walk
 
@@ -58,7 +59,7 @@ class Pcap(Format):
         found = Packets(
             sequence=rows[:, 0], starts=rows[:, 1], offsets=rows[:, 2], sizes=rows[:, 3]
         )
-        stream, findings = in_places(path, found)
+        stream, findings = in_places(path, files_in(path), found)
         size = path.stat().st_size
         if stopped < size:
             findings += (_cut(size - stopped, stopped),)

@@ -14,11 +14,11 @@ import numpy as np
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
-from dechirp.formats.arrays.axes import contents, shape_in
+from dechirp.formats.arrays.axes import contents, must_be_words, shape_in
 from dechirp.formats.arrays.on_disk import mapped
 from dechirp.formats.arrays.stored import Part, Stored
 from dechirp.formats.arrays.unverified import unverified
-from dechirp.formats.base import Contents, Fit, Format, Told
+from dechirp.formats.base import Contents, Fit, Format, Told, must_stay_in
 from dechirp.formats.settings_for import settings_for
 
 _AXES = ("frame", "chirp", "rx", "sample", "iq")
@@ -57,11 +57,14 @@ class Radial(Format):
                 fix="Copy all of them again from their source.",
             )
         (n_bytes,) = sizes
+        for file in files:
+            must_stay_in(file.parent, file)
+        must_be_words(files[0], n_bytes)
         settings = settings_for(files[0], told)
         radar = settings.radar
         # A chip's file is like a recording of that chip's receivers alone.
         rx_m = (radar.array.rx_m * _RX_PER_CHIP)[:_RX_PER_CHIP]
-        of_chip = replace(radar, array=replace(radar.array, rx_m=rx_m))
+        of_chip = replace(settings, radar=replace(radar, array=replace(radar.array, rx_m=rx_m)))
         what = f"files of {n_bytes} bytes, 2 for each number,"
         shape, findings = shape_in(path, _AXES, of_chip, n_bytes // 2, what=what)
         stored = _together([mapped(file, np.dtype("<i2"), shape) for file in files])

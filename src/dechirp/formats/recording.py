@@ -203,16 +203,17 @@ def open(
         axes = axes.replace(",", " ").split()
     _check_choice(path, "iq", iq, IQ_ORDERS)
     known = None if device is None else known_device(device)
-    file, inside = _inside(path)
-    told = Told(
-        settings=_settings(radar, known),
-        device=known,
-        inside=inside,
-        axes=None if axes is None else tuple(axes),
-        encoding=encoding,
-        iq=cast(Iq | None, iq),
-    )
+    settings = _settings(radar, known)
     try:
+        file, inside = _inside(path)
+        told = Told(
+            settings=settings,
+            device=known,
+            inside=inside,
+            axes=None if axes is None else tuple(axes),
+            encoding=encoding,
+            iq=cast(Iq | None, iq),
+        )
         kind, contents = _contents(file, format, told)
     except OSError as error:
         raise _unreadable(path, error) from None

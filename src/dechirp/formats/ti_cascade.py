@@ -19,7 +19,7 @@ import numpy as np
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
-from dechirp.formats.base import Contents, Fit, Format, Told
+from dechirp.formats.base import Contents, Fit, Format, Told, must_stay_in
 from dechirp.formats.samples.bare import bare_contents
 from dechirp.formats.samples.layouts import N_LANES, Pairs
 from dechirp.formats.settings.base import Settings
@@ -62,7 +62,11 @@ class TiCascade(Format):
                 need=f"of {n_rx} receivers, as radar.array.rx says",
                 fix="Give the settings of the capture, with --device cascade.",
             )
-        chips = [_chip(folder, number, settings, told) for number in range(len(CHIPS))]
+        chips: list[Contents] = []
+        for number in range(len(CHIPS)):
+            chips.append(_chip(folder, number, settings, told))
+            # One order for all: guessed chip by chip, noise could exchange the parts of one.
+            told = replace(told, iq=chips[0].iq)
         n_frames = min(chip.n_frames for chip in chips)
 
         def decode(index: int, out: np.ndarray) -> None:
@@ -71,8 +75,10 @@ class TiCascade(Format):
                     chip.decode(index, out[:, N_LANES * number : N_LANES * (number + 1)])
 
         findings = tuple(dict.fromkeys(finding for chip in chips for finding in chip.findings))
+        # Frames of one chirp, merged into one, can be shorter than the settings say.
+        shortest = min((chip.radar.frame for chip in chips if chip.radar), key=lambda f: f.n_sent)
         return Contents(
-            radar=settings.radar,
+            radar=replace(settings.radar, frame=shortest),
             n_frames=n_frames,
             decode=decode,
             findings=findings + _uneven([chip.n_frames for chip in chips]),
@@ -91,6 +97,7 @@ def _chip(folder: Path, number: int, settings: Settings, told: Told) -> Contents
     alone = replace(settings, radar=replace(radar, array=replace(radar.array, rx_m=own)))
     data: list[Path] = []
     while (part := folder / f"{name}_{len(data):04}_data.bin").is_file():
+        must_stay_in(folder, part)
         data.append(part)
     if not data:
         raise RecordingError(

@@ -184,6 +184,8 @@ def _files(folder: Path) -> tuple[set[str], int]:
                     raise _link(folder, name)
                 if entry.is_dir():
                     waiting.append(f"{name}/")
+                elif not entry.is_file():  # a pipe would be waited for
+                    raise ValueError(f"{name} is neither a file nor a folder")
                 else:
                     names.add(name)
                     n_bytes += entry.stat().st_size

@@ -1,5 +1,6 @@
 """The processing chain, from the samples of a frame to its detections."""
 
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -73,6 +74,11 @@ class Chain:
         n_bins = frame.n_chirps if self.n_velocity_bins is None else self.n_velocity_bins
         return Transform(window=self.doppler_window, n_points=frame.n_chirps, n_bins=n_bins)
 
+    def fitted(self, radar: Radar) -> "Chain":
+        """The same, with fewer training cells where the default ones have no room in the map."""
+        n_rows = searched_rows(radar.frame.chirp, self.over_range(radar.frame.chirp))
+        return replace(self, cfar=self.cfar.fitted(self.over_velocity(radar.frame).n_bins, n_rows))
+
     def noise(self, radar: Radar) -> Noise:
         """What white noise looks like in the map of a radar."""
         return Noise(
@@ -127,7 +133,7 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         The waveform and the receivers that the cube was taken with.
     chain : Chain, optional
         Windows, bins and detector; Hann windows and a 2-D cell-averaging CFAR at 1e-6
-        without it.
+        without it. The default training cells become fewer where the map is small.
 
     Returns
     -------
@@ -160,7 +166,7 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     PhysicsWarning
         If a frame has more than 2,000 peaks: the strongest are kept.
     """
-    chain = chain or Chain()
+    chain = (chain or Chain()).fitted(radar)
     _must_be_of(cube, radar)
     starts_s = (
         cube.coords["frame"].values
@@ -238,6 +244,19 @@ def _threshold(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     threshold = np.full_like(power, np.inf)
     threshold[:, rows] = chain.cfar.threshold(np.ascontiguousarray(power[:, rows]), noise)
     return threshold
+
+
+def searched_rows(chirp: Chirp, over_range: Transform) -> int:
+    """Range rows of a map in which targets are looked for."""
+    if chirp.sampling == "complex":
+        return over_range.n_bins
+    n_rows = over_range.n_bins // 2 + 1
+    # In a large map the few rows that the noise law leaves out make no odds, and finding them
+    # takes the square of their number.
+    if n_rows > 2048:
+        return n_rows
+    rows = independent_rows(chirp, over_range)
+    return rows.stop - rows.start
 
 
 def _must_be_of(cube: xr.DataArray, radar: Radar) -> None:

@@ -10,10 +10,12 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.formats.arrays.encodings import LIMITS, to_full_scale
 from dechirp.formats.arrays.named_array import AXES, NamedArray, is_finite
+from dechirp.formats.arrays.on_disk import KEPT_BYTES
 from dechirp.formats.arrays.stored import Stored, pair, written
 from dechirp.formats.base import Contents, Told
+from dechirp.formats.settings.base import Settings
 from dechirp.formats.settings.receivers import with_receivers
-from dechirp.formats.settings_for import settings_for
+from dechirp.formats.settings_for import settings_for, untold_receivers
 from dechirp.radar.array import Array
 from dechirp.radar.radar import Radar
 
@@ -58,6 +60,7 @@ def contents(
     )
     cube.must_be_bounded(file_bytes)
     encoding = told.encoding or _encoding(path, stored.dtype, cube)
+    must_stay_below_1 = told.encoding is None and encoding == "full-scale"
     gaps = cube.gaps(radar.frame.n_sent)
 
     def decode(index: int, out: np.ndarray) -> None:
@@ -66,6 +69,8 @@ def contents(
             rows = out[first : first + len(parts[0])]
             if not all(is_finite(part).all() for part in parts):
                 raise cube.not_finite(index, lost)
+            if must_stay_below_1:
+                _must_stay_below_1(path, index, parts)
             _fill(path, index, parts, encoding, rows)
             rows[lost[first : first + len(rows)]] = 0
 
@@ -74,14 +79,14 @@ def contents(
         n_frames=sizes.get("frame", 1),
         decode=decode,
         gaps=gaps,
-        findings=(*settings.findings, *added, *findings, *_never_written(gaps)),
+        findings=(*settings.findings, *added, *findings, *_slow(cube), *_never_written(gaps)),
     )
 
 
 def shape_in(
-    path: Path, axes: tuple[str, ...] | None, radar: Radar, n_numbers: int, *, what: str
+    path: Path, axes: tuple[str, ...] | None, settings: Settings, n_numbers: int, *, what: str
 ) -> tuple[tuple[int, ...], tuple[Finding, ...]]:
-    """Shape of numbers that lie one after the other, and a finding if the last frame is cut.
+    """Shape of numbers that lie one after the other, and findings where it is in doubt.
 
     All sizes follow from the radar but the number of frames, and that of receivers if the
     radar does not tell it and there is one frame.
@@ -94,6 +99,7 @@ def shape_in(
     if axes is None:
         raise _without_axes(path, f"{what} whose axes nobody named")
     _check_names(path, axes, what)
+    radar = settings.radar
     n_slots, n_rx = radar.frame.n_slots, radar.array.n_rx
     turns = "tx" in axes or "element" in axes
     sizes = {
@@ -110,6 +116,7 @@ def shape_in(
     if "frame" not in axes and channels and radar.array == Array():
         sizes[channels] = max(1, n_numbers * sizes[channels] // frame_numbers)
         frame_numbers = math.prod(sizes[name] for name in axes)
+    untold = untold_receivers(settings) if "frame" in axes and channels else ()
     n_frames, rest = divmod(n_numbers, frame_numbers)
     if n_frames < 1 or (n_frames > 1 and "frame" not in axes) or (rest and axes[0] != "frame"):
         one = " x ".join(f"{sizes[name]} {name}" for name in axes if name != "frame")
@@ -123,7 +130,7 @@ def shape_in(
         )
     shape = tuple(n_frames if name == "frame" else sizes[name] for name in axes)
     if not rest:
-        return shape, ()
+        return shape, untold
     cut = Finding(
         level="warning",
         setting="recording",
@@ -131,7 +138,18 @@ def shape_in(
         need=f"whole frames of {frame_numbers} numbers",
         fix="If more than the end is missing, the settings are not those of this recording.",
     )
-    return shape, (cut,)
+    return shape, (*untold, cut)
+
+
+def must_be_words(path: Path, n_bytes: int) -> None:
+    """Raise `RecordingError` if so many bytes are no whole number of words of 16 bits."""
+    if n_bytes % 2:
+        raise RecordingError(
+            path,
+            got=f"of {n_bytes} bytes",
+            need="of an even number of bytes, 2 for each number",
+            fix="Copy the whole file again from its source, or name another format.",
+        )
 
 
 def _sizes(path: Path, stored: Stored, axes: tuple[str, ...] | None) -> dict[str, int]:
@@ -235,14 +253,27 @@ def _encoding(path: Path, dtype: np.dtype, cube: NamedArray) -> str:
     numbers = dtype if dtype.names is None else dtype[0]
     if numbers.kind == "i" and numbers.itemsize == 2:
         return "int16"
-    seen = str(dtype)
-    if numbers.kind in "fc":
-        # NaN, too, goes through: its own error comes with the samples.
-        largest = max(float(np.max(np.abs(part))) for _, parts in cube.pieces(0) for part in parts)
-        if not largest > 1:
-            return "full-scale"
-        seen = f"{dtype} with numbers up to {largest:.6g}"
-    raise RecordingError(
+    if numbers.kind not in "fc":
+        raise _without_encoding(path, str(dtype))
+    for _, parts in cube.pieces(0):
+        _must_stay_below_1(path, 0, parts)
+    return "full-scale"
+
+
+def _must_stay_below_1(path: Path, index: int, parts: list[np.ndarray]) -> None:
+    """Raise `RecordingError` if floats are no samples at full scale 1, whatever else they are.
+
+    A first frame of small numbers, or of zeros, does not tell what the others are.
+    """
+    # NaN goes through: its own error comes with the samples.
+    largest = max(float(np.max(np.abs(part))) for part in parts)
+    if largest > 1:
+        seen = f"{parts[0].dtype} with numbers up to {largest:.6g} in frame {index}"
+        raise _without_encoding(path, seen)
+
+
+def _without_encoding(path: Path, seen: str) -> RecordingError:
+    return RecordingError(
         path,
         got=f"an array of {seen}, whose encoding nobody named",
         need=f"one of {', '.join(LIMITS)}",
@@ -273,6 +304,22 @@ def _fill(path: Path, index: int, parts: list[np.ndarray], encoding: str, out: n
             fix="Set sampling: complex.",
         )
     out[:] = scaled[0]
+
+
+def _slow(cube: NamedArray) -> tuple[Finding, ...]:
+    n_frames, n_bytes = cube.sizes.get("frame", 1), cube.unpacked_for_a_frame
+    if cube.goes_on_by_frame or n_frames == 1 or n_bytes <= KEPT_BYTES:
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting="recording",
+            got=f"a compressed array of {n_bytes} bytes, which is unpacked anew for each of"
+            f" {n_frames} frames: slow",
+            need="frames along the axis that runs slowest, or no compression",
+            fix="Save it with its frames along the first axis, in MATLAB the last.",
+        ),
+    )
 
 
 def _never_written(gaps: np.ndarray | None) -> tuple[Finding, ...]:

@@ -46,14 +46,22 @@ class NamedArray:
         """Whether a part of a frame takes as long to read as all of it."""
         return self.stored.outer is not None
 
+    @property
+    def unpacked_for_a_frame(self) -> int:
+        """Bytes that have to be unpacked for a frame; 0 where any part can be read alone."""
+        if self.stored.outer is None:
+            return 0
+        whole = math.prod(self.stored.shape) * self.stored.dtype.itemsize
+        return whole // self.sizes["frame"] if self.goes_on_by_frame else whole
+
+    @property
+    def goes_on_by_frame(self) -> bool:
+        """Whether the frames lie one after the other in what is unpacked in its order."""
+        return self.stored.outer is not None and list(self.sizes)[self.stored.outer] == "frame"
+
     def must_be_bounded(self, file_bytes: int) -> None:
         """Raise `RecordingError` if more has to be held for a frame than the file is worth."""
-        if self.stored.outer is None:
-            return
-        names = list(self.sizes)
-        by_frame = names[self.stored.outer] == "frame"
-        held = math.prod(self.stored.shape) * self.stored.dtype.itemsize
-        held //= self.sizes["frame"] if by_frame else 1
+        held = self.unpacked_for_a_frame
         if held > 2 * file_bytes + ALLOWED_BYTES:
             what = f"{held} bytes to be held for a frame of its array"
             raise too_large(self.path, what, file_bytes=file_bytes)

@@ -13,7 +13,8 @@ from dechirp.formats.arrays.stored import Part, Stored, parsing
 
 _BLOCK_BYTES = 2**24
 _READ_BYTES = 2**18
-_KEPT_BYTES = 2**26
+KEPT_BYTES = 2**26
+"""Of a compressed array: up to so many stay in memory for the next frame."""
 
 
 def mapped(
@@ -139,7 +140,7 @@ def streamed(
         made = raw.view(dtype).reshape(sizes, order="F" if fortran else "C")
         kept.clear()
         # Frames along another axis all need the same rows: those are not read again for each.
-        if raw.size <= _KEPT_BYTES:
+        if raw.size <= KEPT_BYTES:
             kept[first, last] = made
         return made
 

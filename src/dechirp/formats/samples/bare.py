@@ -12,9 +12,10 @@ from dechirp.core.spans import spans
 from dechirp.core.values import value
 from dechirp.formats.base import Contents, Told
 from dechirp.formats.samples.iq_order import guess, on_the_wrong_side
-from dechirp.formats.samples.layouts import Code, Layout, TwoLanes
+from dechirp.formats.samples.layouts import Code, FourLanes, Layout, Pairs, TwoLanes
 from dechirp.formats.samples.sample_order import choose, concentration
 from dechirp.formats.settings.base import Settings
+from dechirp.formats.settings_for import untold_receivers
 from dechirp.formats.streams.bytes_in import BytesIn
 from dechirp.radar.radar import Radar
 
@@ -59,7 +60,7 @@ def bare_contents(
         fix="give --device, or the settings file of the vendor.",
     )
     best = readings[place]
-    findings = best.settings.findings + _lost(stream, best) + chosen
+    findings = best.settings.findings + untold_receivers(settings) + _lost(stream, best) + chosen
     iq = told.iq or settings.iq
     if best.radar.frame.chirp.sampling == "real":
         iq = None
@@ -100,18 +101,29 @@ class _Reading:
     def chirp_bytes(self) -> int:
         return 2 * self.layout.chirp_words(self.radar.frame.chirp, self.radar.array.n_rx)
 
+    @property
+    def first_byte(self) -> int:
+        """Of the first frame."""
+        return self.first_frame * self.radar.frame.n_sent * self.chirp_bytes
+
     def first_chirps(self) -> np.ndarray:
-        """(chirp, rx, sample) of the first frame: enough of them to tell noise from echoes."""
-        frame = self.radar.frame
-        shape = (min(frame.n_sent, _LOOKED_AT), self.radar.array.n_rx, frame.chirp.n_samples)
+        """(chirp, rx, sample) of a frame: enough of them to tell noise from echoes.
+
+        Of the first frame whose chirps are whole: lost samples, which are zero, tell nothing.
+        """
+        frame, gaps = self.radar.frame, self.gaps()
+        n_chirps = min(frame.n_sent, _LOOKED_AT)
+        # Where no frame is whole, the one with the fewest gaps.
+        index = 0 if gaps is None else int(np.argmin(gaps[:, :n_chirps].sum(axis=1)))
+        shape = (n_chirps, self.radar.array.n_rx, frame.chirp.n_samples)
         samples = np.empty(shape, np.complex64 if frame.chirp.sampling == "complex" else np.float32)
-        self.decode(0, samples)
+        self.decode(index, samples)
         return samples
 
     def decode(self, index: int, out: np.ndarray) -> None:
         """Fill (chirp, rx, sample) with one frame."""
         size = self.chirp_bytes
-        start = (self.first_frame + index) * self.radar.frame.n_sent * size
+        start = self.first_byte + index * self.radar.frame.n_sent * size
         per_block = max(1, _BLOCK_BYTES // size)
         block = np.empty((min(per_block, len(out)), size), np.uint8)
         for first in range(0, len(out), per_block):
@@ -157,6 +169,15 @@ def _reading(
             got=f"said to hold chirps of {chirp.n_samples} complex samples",
             need="of an even number of complex samples, in which this format groups them",
             fix="Correct radar.frame.chirp.n_samples.",
+        )
+    # Beyond the places that a sample has lie those of the next one.
+    if isinstance(layout, FourLanes | Pairs) and max(layout.receivers) >= layout.n_present:
+        raise RecordingError(
+            path,
+            got=f"said to hold {settings.radar.array.n_rx} receivers, up to number"
+            f" {max(layout.receivers) + 1} of the chip",
+            need=f"of {layout.n_present} receivers at most: {layout.name}",
+            fix="Correct radar.array.rx, or the device.",
         )
     settings, first_frame, n_frames = _frames(path, stream, layout, settings)
     return _Reading(
@@ -237,12 +258,16 @@ def _lost(stream: BytesIn, reading: _Reading) -> tuple[Finding, ...]:
         )
     if gaps is not None:
         frames = np.flatnonzero(gaps.any(axis=1))
-        n_bytes = int(np.sum(stream.lost[:, 1] - stream.lost[:, 0]))
+        # Parts before the first frame or behind the last are told elsewhere.
+        end = reading.first_byte + gaps.size * reading.chirp_bytes
+        lost = np.clip(stream.lost, reading.first_byte, end)
+        lost = lost[lost[:, 1] > lost[:, 0]]
+        n_bytes = int(np.sum(lost[:, 1] - lost[:, 0]))
         found.append(
             Finding(
                 level="warning",
                 setting="recording",
-                got=f"{n_bytes} bytes lost in {len(stream.lost)} places: {gaps.sum()} of"
+                got=f"{n_bytes} bytes lost in {len(lost)} places: {gaps.sum()} of"
                 f" {gaps.size} chirps have gaps, in {spans('frame', frames)}",
                 need="every packet that the radar sent",
                 fix="The lost samples are zero, and the cube's coordinate `gap` marks their"

@@ -96,6 +96,7 @@ class FourLanes(Layout):
     name: ClassVar[str] = "four lanes, receivers in turn"
     receivers: tuple[int, ...]
     """Lanes that count, from 0 to 3; all four are always there."""
+    n_present: ClassVar[int] = N_LANES
 
     def chirp_words(self, chirp: Chirp, n_rx: int) -> int:
         """See `Layout.chirp_words`."""

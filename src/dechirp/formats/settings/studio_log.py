@@ -134,7 +134,8 @@ def _one_profile(
     file: Path, made: list[Call], profiles: dict[int, Call], sent: range
 ) -> tuple[Call, tuple[int, ...]]:
     """Give the profile of all chirps of the frame, and the transmitters of each."""
-    # Profile, then the changes to it, then a flag for each transmitter.
+    # Profile, then the changes to it, then a mask of the transmitters: a bit each, as in
+    # ChannelConfig. A 0 ends every line: it is the call's status.
     # Of calls for the same chirps only the last counts: a log may repeat them for years.
     latest: dict[tuple[int, int], Call] = {}
     for call in made:
@@ -152,9 +153,7 @@ def _one_profile(
             need="a frame of equal chirps, of any transmitters in turn",
             fix="Record with one kind of chirp; others are not read yet.",
         )
-    flags = [chirp[5:8] for chirp in used if chirp]
-    masks = tuple(sum(1 << n for n, on in enumerate(flag) if on) for flag in flags)
-    return profiles[kind[0]], masks
+    return profiles[kind[0]], tuple(chirp[5] for chirp in used if chirp)
 
 
 def _chirp(chip: str, profile: Call, *, real: bool) -> Chirp:

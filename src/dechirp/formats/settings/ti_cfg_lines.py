@@ -142,13 +142,15 @@ def _line(
     fix = "Take the file as it was sent to the radar."
     if command == "frameCfg" and len(words) == 6:
         fix = "Files of the chips that have chirpComnCfg and chirpTimingCfg are not read yet."
+    elif command == "frameCfg" and len(words) == 8:
+        fix = "Files of newer chips (AWR2944, AWR2544) are not read yet: give the radar as YAML."
     wrong.append(line.mistake(file, got=got, need=need, fix=fix))
     return None
 
 
 def _number(name: str, word: str) -> float | None:
     found = float(word) if _NUMBER.fullmatch(word) else None
-    # No number of these files has more than five digits before the point.
-    if found is None or abs(found) > 1e6 or (not name.endswith(_FRACTIONS) and found % 1):
+    # The largest are codes of 24 bits: back-off and phase of three transmitters.
+    if found is None or abs(found) >= 2**24 or (not name.endswith(_FRACTIONS) and found % 1):
         return None
     return found

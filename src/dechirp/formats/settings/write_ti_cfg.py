@@ -1,8 +1,10 @@
 """A radar as the commands that TI's out-of-the-box demo is sent (`.cfg`).
 
 Commands and the order of their numbers: TI mmWave SDK User Guide 1.2, its section on the
-configuration file, and files that TI's visualizer wrote for SDK 2 and 3. How the demo itself
-processes is left at what the visualizer writes.
+configuration file, and files that TI's visualizer wrote for SDK 2 and 3. Which commands the
+demo of SDK 3 waits for before it starts: `mss_main.c` of SDK 3.5, for each chip. How the demo
+itself processes is left at what the visualizer writes; only the stream of raw samples over LVDS,
+which the visualizer switches off, is on where the demo has one.
 """
 
 import math
@@ -24,6 +26,8 @@ _TIMES_PER_S, _PERIODS_PER_S, _RATE_HZ = 1e8, 2e8, 1e3
 _FIRST = "xwr1443"  # its demo ended with SDK 2, and knows no sub-frames
 _SDKS = {_FIRST: (1, 2, 3), "xwr1642": (2, 3), "xwr1843": (3,), "xwr6843": (3,)}
 _GAINS = {"xwr6843": 158}  # 30 dB, and a code for the radio's own, as TI's files have it
+_LOW_POWER = ("xwr1642",)  # whose converter TI's files run in its mode of less power
+_BPM = ("xwr1642", "xwr6843")  # whose demos also wait for the code of their transmitters
 _APART_M = 10e-6  # positions that are the same: 1 degree of phase
 _THRESHOLD_DB = 15
 
@@ -32,7 +36,8 @@ def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: i
     """Text of the file with which a TI device becomes a radar.
 
     Times, rates and periods are rounded to the chip's steps. Start and slope, whose steps
-    are no decimals, are written as they are: the chip itself rounds them down.
+    are no decimals, are written as they are: the chip itself rounds them down. Transmitters
+    send in the radar's order; the demo's own angles are right only where a raised one is last.
 
     Parameters
     ----------
@@ -44,7 +49,7 @@ def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: i
         Frames to send; 0: until stopped.
     sdk : {3, 2, 1}
         SDK of the demo: 3, or 2 for an xwr1642. That of the xwr1443 ended with 2, and takes the
-        same commands since 1: it gets them for 3 as well.
+        same commands since 1.2: it gets them for 3 as well.
 
     Raises
     ------
@@ -70,7 +75,8 @@ def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: i
     first = of.kind() == _FIRST
     index = "" if first else "-1 "
     new = sdk == 3 and not first
-    layout = "0 0 0 1" if first else "0 1 1 1" if new else "0 0 1 1"
+    # Q comes first, but for the demo of SDK 2 on a DSP. The first chip alternates receivers.
+    layout = "0 1 0 1" if first else "0 1 1 1" if new else "0 0 1 1"
     lines = [
         f"% Created for SDK ver:{'03' if new else '02'}",
         f"% Platform:xWR{of.kind()[3:5]}xx",
@@ -81,7 +87,7 @@ def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: i
         "adcCfg 2 1",
         f"adcbufCfg {index}{layout}",
         *_sent(rounded.frame, tx, n_frames, gain=_GAINS.get(of.kind(), 30)),
-        "lowPower 0 0",
+        f"lowPower 0 {int(of.kind() in _LOW_POWER)}",
         *(_processing(rounded, of) if new else _earlier_processing(rounded, of, index)),
         "sensorStart",
     ]
@@ -241,6 +247,7 @@ def _processing(radar: Radar, of: Device) -> list[str]:
         "clutterRemoval -1 0",
         "calibDcRangeSig -1 0 -5 8 256",
         "extendedMaxVelocity -1 0",
+        *(["bpmCfg -1 0 0 1"] if of.kind() in _BPM else []),
         "lvdsStreamCfg -1 0 1 0",
         *_no_corrections(of),
         *_monitors(chirp),
@@ -253,7 +260,9 @@ def _processing(radar: Radar, of: Device) -> list[str]:
 
 def _earlier_processing(radar: Radar, of: Device, index: str) -> list[str]:
     """What the demos of SDK 1 and 2 must be told, whose thresholds are logarithms."""
-    last_bin = radar.frame.chirp.n_samples - 1
+    # Bins of the next power of two; the visualizer leaves out the last tenth for the first chip.
+    n_bins = 1 << (radar.frame.chirp.n_samples - 1).bit_length()
+    last_bin = (n_bins * 9 // 10 if of.kind() == _FIRST else n_bins) - 1
     lines = [f"guiMonitor {index}1 1 0 0 0 1"]
     if of.kind() == _FIRST:
         lines += [f"cfarCfg 0 2 8 4 3 0 {512 * _THRESHOLD_DB // 6}"]

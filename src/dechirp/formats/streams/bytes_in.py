@@ -55,17 +55,17 @@ def files_in(*paths: Path) -> FilesIn:
 
 @value
 class PacketsIn(BytesIn):
-    """Payloads of packets in a file, which may have come in any order, twice or not at all.
+    """Payloads of packets in files, which may have come in any order, twice or not at all.
 
     Sorted by `starts`, without overlap.
     """
 
-    path: Path
+    files: FilesIn
     n_bytes: int
     starts: np.ndarray
     """(n,) int64: place in the stream of the first byte of each payload."""
     offsets: np.ndarray
-    """(n,) int64: its place in the file."""
+    """(n,) int64: its place in the files, one after the other."""
     sizes: np.ndarray
     """(n,) int64: its bytes."""
 
@@ -83,7 +83,7 @@ class PacketsIn(BytesIn):
         low, high = int(offsets.min()), int((offsets + sizes).max())
         if high - low <= 2 * into.size + 2**16:
             block = np.empty(high - low, np.uint8)
-            _fill(self.path, low, block)
+            self.files.read(low, block)
         else:
             block = None
         for at, offset, size in zip(starts.tolist(), offsets.tolist(), sizes.tolist(), strict=True):
@@ -92,7 +92,7 @@ class PacketsIn(BytesIn):
                 continue
             part = into[at + skip - start : at + end - start]
             if block is None:
-                _fill(self.path, offset + skip, part)
+                self.files.read(offset + skip, part)
             else:
                 part[:] = block[offset + skip - low : offset + end - low]
 

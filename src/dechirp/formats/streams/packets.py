@@ -1,5 +1,6 @@
 """Packets of a DCA1000: payloads put in their places, and what became of the others."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,33 +8,38 @@ import numpy as np
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
-from dechirp.formats.streams.bytes_in import PacketsIn
+from dechirp.formats.streams.bytes_in import FilesIn, PacketsIn
 
 LARGEST_PAYLOAD = 1456
 """Bytes of samples in a packet; the last of a capture has fewer."""
 
+_MOST_COMPARED = 256
+_MANY = 8
+"""Packets that came twice, of which both are looked at, and how many of them may differ."""
+
 
 @value
 class Packets:
-    """What was found in a file, (n,) each, in the order of arrival."""
+    """What was found in files, (n,) each, in the order of arrival."""
 
     sequence: np.ndarray
     """Number of the packet, counted from 1."""
     starts: np.ndarray
     """Bytes of samples that the radar had sent before."""
     offsets: np.ndarray
-    """Place of the payload in the file."""
+    """Place of the payload in the files, one after the other."""
     sizes: np.ndarray
     """Bytes of the payload."""
 
 
-def in_places(path: Path, found: Packets) -> tuple[PacketsIn, tuple[Finding, ...]]:
+def in_places(path: Path, files: FilesIn, found: Packets) -> tuple[PacketsIn, tuple[Finding, ...]]:
     """Payloads sorted by the bytes before them, not by arrival, and findings on the way.
 
     Raises
     ------
     RecordingError
-        If there are none, or their counters jump so far that most of the samples are missing.
+        If there are none, if their counters jump so far that most of the samples are missing,
+        or if those of one place differ.
     """
     if not found.sequence.size:
         raise RecordingError(
@@ -50,7 +56,7 @@ def in_places(path: Path, found: Packets) -> tuple[PacketsIn, tuple[Finding, ...
     new = np.concatenate([[True], starts[1:] >= ends[:-1]])
     chosen = order[new]
     stream = PacketsIn(
-        path=path,
+        files=files,
         n_bytes=int(ends[-1]),
         starts=found.starts[chosen],
         offsets=found.offsets[chosen],
@@ -67,9 +73,38 @@ def in_places(path: Path, found: Packets) -> tuple[PacketsIn, tuple[Finding, ...
         )
     if late:
         findings += (_note(f"{late} packets out of order, sorted by their counters"),)
-    if n_twice := int(np.count_nonzero(~new)):
-        findings += (_note(f"{n_twice} packets that came twice, the second left out"),)
-    return stream, findings
+    return stream, findings + _twice(path, stream, found, order[~new])
+
+
+def _twice(path: Path, kept: PacketsIn, found: Packets, again: np.ndarray) -> tuple[Finding, ...]:
+    """What is said of packets that came again, which must hold what the first ones did."""
+    if not again.size:
+        return ()
+    looked_at = again[:: -(-again.size // _MOST_COMPARED)]
+    n_other = sum(_differs(kept, found, index) for index in looked_at.tolist())
+    got = f"{again.size} packets that came twice, the second left out"
+    if not n_other:
+        return (_note(got),)
+    got += f"; {n_other} of {looked_at.size} looked at hold other samples than the first"
+    # A few may be damaged ones, of which the counter is wrong.
+    if n_other >= _MANY:
+        raise RecordingError(
+            path,
+            got=got,
+            need="packets of one radar and of one recording",
+            fix="Split the file: by the address of the sender where several boards sent at once,"
+            " by time where one recorded several times.",
+        )
+    return (replace(_note(got), level="warning"),)
+
+
+def _differs(kept: PacketsIn, found: Packets, index: int) -> bool:
+    """Whether a packet that was left out holds other bytes than those kept in its place."""
+    first, second = np.empty((2, int(found.sizes[index])), np.uint8)
+    kept.read(int(found.starts[index]), first)
+    kept.files.read(int(found.offsets[index]), second)
+    # Of what is zero, the first may have been cut short.
+    return bool(np.any((first != second) & (first != 0)))
 
 
 def _first_capture(found: Packets) -> tuple[Packets, tuple[Finding, ...]]:

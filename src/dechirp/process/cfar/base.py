@@ -1,6 +1,7 @@
 """Constant-false-alarm-rate thresholds: what all noise estimators share."""
 
 from abc import abstractmethod
+from dataclasses import replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -29,6 +30,10 @@ class Cells:
 
     def __post_init__(self) -> None:
         count(self, "range", "velocity", at_least=0)
+
+
+_USUAL_TRAINING = Cells(range=10, velocity=8)
+_USUAL_GUARD = Cells(range=4, velocity=4)
 
 
 @value
@@ -135,8 +140,8 @@ class Cfar:
     """
 
     estimator: NoiseEstimator
-    n_training: Cells = Cells(range=10, velocity=8)
-    n_guard: Cells = Cells(range=4, velocity=4)
+    n_training: Cells = _USUAL_TRAINING
+    n_guard: Cells = _USUAL_GUARD
     false_alarm_probability: float | None = None
     offset: float | None = None
     """Threshold over the estimated noise power, a ratio (dB of power in files)."""
@@ -165,6 +170,23 @@ class Cfar:
                 need="training cells along range or velocity",
                 fix="Give at least one.",
             )
+
+    def fitted(self, n_velocity: int, n_range: int) -> "Cfar":
+        """The same with fewer cells, if the default ones have no room in a map of that size.
+
+        Cells that were set otherwise stay as they are, whether they fit or not.
+        """
+        if (self.n_training, self.n_guard) != (_USUAL_TRAINING, _USUAL_GUARD):
+            return self
+        room = {"range": (n_range - 1) // 2, "velocity": (n_velocity - 1) // 2}
+        guard, training = {}, {}
+        for axis, half in room.items():
+            most = getattr(self.n_guard, axis) + getattr(self.n_training, axis)
+            # Fewer than three cells on each side are no guard and ring: none of either then.
+            reach = min(half, most) if half > 1 else 0
+            guard[axis] = min(getattr(self.n_guard, axis), reach // 2)
+            training[axis] = reach - guard[axis]
+        return replace(self, n_training=Cells(**training), n_guard=Cells(**guard))
 
     @property
     def ring(self) -> Ring:

@@ -31,6 +31,8 @@ class Limits:
     """One real sample in the buffer; a complex one takes twice that."""
     cube_bytes: int | None = None
     """Memory for the range spectra of a frame and its range-Doppler map."""
+    max_points: int | None = None
+    """Points of a chirp's transform in the vendor's program, a power of two."""
 
     max_chirps: int | None = None
     """Chirps of each transmitter in a frame."""

@@ -27,7 +27,8 @@ def broken_rules(
     found += [*_idle(frame, limits, name), *_count(frame, limits, name)]
     found += _gap(frame, limits, name)
     if demo:
-        found += [*_demo_count(frame, limits, name), *_memory(radar, limits, name)]
+        found += [*_points(chirp, limits, name), *_demo_count(frame, limits, name)]
+        found += _memory(radar, limits, name)
     return tuple(found)
 
 
@@ -250,6 +251,18 @@ def _demo_count(frame: Frame, limits: Limits, name: str) -> Iterator[Finding]:
         " other number",
         fix="Round it, or capture raw samples instead.",
     )
+
+
+def _points(chirp: Chirp, limits: Limits, name: str) -> Iterator[Finding]:
+    most = limits.max_points
+    if most is not None and chirp.n_samples > most:
+        yield _error(
+            "radar.frame.chirp.n_samples",
+            got=f"{chirp.n_samples}",
+            need=f"at most {most}: the accelerator with which the demo on {name} transforms a"
+            " chirp takes no more",
+            fix="Take fewer samples, or capture raw samples instead.",
+        )
 
 
 def _memory(radar: Radar, limits: Limits, name: str) -> Iterator[Finding]:

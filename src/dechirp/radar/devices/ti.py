@@ -4,7 +4,9 @@ Ranges and steps: `rl_sensor.h` of mmWave SDK 1.2 and 3.5 (profile and frame con
 Shortest idle times: TI's table for more than 5 MS/s, 2, 3.5, 5 and 7 us for ramps of less
 than 1, 2, 3 and of more than 3 GHz, as users quote it; demo profiles keep to it (7 us for
 4 GHz on the 6843). Settling of the ramp before the first sample: 1 us, or 2.5 us above
-50 MHz/us (answer of TI in its forum, thread 1342307).
+50 MHz/us (answer of TI in its forum, thread 1342307). Buffer of the converter: 32 kB, and 16
+on the xWR1443, by the text of `rl_sensor.h` of SDK 3.5 and by the demo, which counts with it (the
+table under that text has the numbers of 16 kB, as the header of SDK 1 gave every chip).
 """
 
 from dataclasses import replace
@@ -42,7 +44,7 @@ FIRST_77 = replace(
     max_slope_hz_per_s=2072 * SLOPE_STEP_77_HZ_PER_S,
     max_complex_rate_hz=18.75e6,
     max_real_rate_hz=37.5e6,
-    adc_buffer_bytes=16 * 1024,
+    adc_buffer_bytes=32 * 1024,
     min_gap_s=300e-6,
     max_period_s=1.342,
     frequency_step_hz=FREQUENCY_STEP_77_HZ,

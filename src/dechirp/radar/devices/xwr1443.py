@@ -16,7 +16,7 @@ class Xwr1443(Device):
     wavelength. Beat frequencies to 15 MHz: data sheet of the AWR1243; the AWR1443 is
     sold for less, which is not confirmed. Memory of 384 kB: `mmwave_sdk_xwr14xx.mak`.
     Chirps of each transmitter in a power of two: user guide of SDK 1.2, `frameCfg`; later
-    SDKs have no demo for it.
+    SDKs have no demo for it. Transforms of 1024 points: `hwa.c`.
     """
 
     name = "xWR1443BOOST"
@@ -24,5 +24,10 @@ class Xwr1443(Device):
     rx_m = positions((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
     lanes = 4
     limits = replace(
-        FIRST_77, max_beat_frequency_hz=15e6, cube_bytes=384 * 1024, chirps="power of two"
+        FIRST_77,
+        max_beat_frequency_hz=15e6,
+        adc_buffer_bytes=16 * 1024,
+        cube_bytes=384 * 1024,
+        max_points=1024,
+        chirps="power of two",
     )

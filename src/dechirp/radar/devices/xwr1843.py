@@ -17,7 +17,7 @@ class Xwr1843(Device):
     `mmwave_sdk_xwr18xx.mak`. Chirps of each transmitter in a multiple of 4: the Doppler
     transform in hardware takes any number (`dopplerproccommon.h` of SDK 3.5), but the demo of
     SDK 3.3 stopped with 33 where 32 worked (TI forum, thread 963670), and what makes it stop
-    is not confirmed.
+    is not confirmed. Transforms of 1024 points: `hwa.c`.
     """
 
     name = "xWR1843BOOST"
@@ -25,5 +25,9 @@ class Xwr1843(Device):
     rx_m = positions((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
     lanes = 2
     limits = replace(
-        FIRST_77, max_beat_frequency_hz=10e6, cube_bytes=1024 * 1024, chirps="multiple of 4"
+        FIRST_77,
+        max_beat_frequency_hz=10e6,
+        cube_bytes=1024 * 1024,
+        max_points=1024,
+        chirps="multiple of 4",
     )

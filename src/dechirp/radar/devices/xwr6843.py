@@ -25,7 +25,7 @@ class Xwr6843(Device):
     rates: `rl_sensor.h` of SDK 3.5; steps of frequency and slope count in twos. Beat
     frequencies to 10 MHz: data sheet. Memory of 768 kB: `mmwave_sdk_xwr68xx.mak`. Chirps of
     each transmitter in a multiple of 4, and a Doppler transform of at least 16:
-    `dopplerprocdsp.c`, which its demo runs.
+    `dopplerprocdsp.c`, which its demo runs. Transforms of 1024 points: `hwa.c`.
     """
 
     name = "xWR6843ISK"
@@ -39,8 +39,9 @@ class Xwr6843(Device):
         max_complex_rate_hz=12.5e6,
         max_real_rate_hz=25e6,
         max_beat_frequency_hz=10e6,
-        adc_buffer_bytes=16 * 1024,
+        adc_buffer_bytes=32 * 1024,
         cube_bytes=768 * 1024,
+        max_points=1024,
         min_chirps=12,
         chirps="multiple of 4",
         min_gap_s=300e-6,
