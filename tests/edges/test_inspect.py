@@ -186,3 +186,33 @@ def test_a_folder_of_somebody_else_is_not_replaced(folder, capsys):
     assert status == 2
     assert "thesis.txt" in err
     assert (folder / "mine" / "thesis.txt").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("--frames", "3:9"), ("--device", "xwr9999"), ("--radar", "absent.yaml")],
+)
+def test_a_wrong_call_is_no_finding(folder, capsys, words):
+    status, out, _ = call(capsys, "cube.npy", *AXES, *words, "--json")
+
+    assert status == 2
+    assert set(json.loads(out)) == {"errors"}
+    assert not (folder / "dechirp-inspect").exists()
+
+
+def test_an_option_that_the_format_does_not_take_is_a_wrong_call(folder, capsys):
+    (folder / "capture.bin").write_bytes(cube().tobytes())
+
+    status, out, _ = call(capsys, "capture.bin", *AXES, "--json")
+
+    assert status == 2
+    assert "with axes given" in json.loads(out)["errors"][0]["got"]
+
+
+def test_a_settings_file_is_told_from_a_recording(folder, capsys):
+    status, out, _ = call(capsys, "radar.yaml", "--json")
+
+    (error,) = json.loads(out)["errors"]
+    assert status == 2
+    assert error["got"] == "the settings of a recording, not its samples"
+    assert "--radar" in error["fix"]

@@ -458,6 +458,23 @@ def test_codes_of_a_12_bit_converter_span_full_scale(tmp_path):
     assert np.allclose(recording.cube.values, expected, rtol=0, atol=2e-7)
 
 
+def test_two_transmitters_in_turn_are_read_in_either_order_of_their_chirps(tmp_path):
+    sent = codes(2, 4, 2, 3, 8)  # frame, chirp of a transmitter, transmitter, rx, sample
+    text = json.dumps(config(mimo_mode="tdm", tx_antennas=[1, 2]))
+    as_sent = sent.reshape(2, 8, 3, 8).transpose(0, 2, 1, 3)
+    by_pairs = sent.transpose(0, 2, 3, 1, 4).reshape(2, 6, 4, 8)
+    cubes = []
+    for name, order in (("sent", as_sent), ("pairs", by_pairs)):
+        (tmp_path / name).mkdir()
+        cubes.append(open_recording(infineon_folder(tmp_path / name, order, text)).cube)
+
+    assert cubes[0].sizes == {"frame": 2, "chirp": 8, "rx": 3, "sample": 8}
+    assert cubes[0].transmitter.values.tolist() == [0, 1] * 4
+    expected = sent.reshape(2, 8, 3, 8) / 4095 * 2 - 1
+    for cube in cubes:
+        assert np.allclose(cube.values, expected, rtol=0, atol=2e-7)
+
+
 def test_the_ramp_of_an_infineon_radar_lasts_as_long_as_its_samples(tmp_path):
     recording = open_recording(infineon_folder(tmp_path, codes(2, 3, 4, 8)))
 

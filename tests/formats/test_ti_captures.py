@@ -5,6 +5,7 @@ SWRA581 and the descriptions of the recorders say, without looking at the reader
 """
 
 import itertools
+import json
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +15,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dechirp.cli.main import main
 from dechirp.core.errors import RecordingError
+from dechirp.experiment.run import run
+from dechirp.experiment.scenario import Scenario, Source
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.samples.layouts import Code, TwoLanes
+from dechirp.formats.settings.read import find_settings
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.known import device as known_device
@@ -591,3 +596,53 @@ def test_any_damage_to_a_cascade_gives_a_cube_or_says_why(tmp_path_factory, casc
     file.write_bytes(data.draw(damaged(file.read_bytes())))
 
     gives_a_cube_or_says_why(folder, radar=cascade_radar, iq="iq")
+
+
+def test_a_changed_radar_keeps_how_the_samples_lie(tmp_path, monkeypatch, capsys):
+    """Lanes of receivers 1 and 3; a period that is set must not make it the first two."""
+    settings = (
+        "% Platform:xWR14xx\nchannelCfg 5 1 0\nadcCfg 2 1\nadcbufCfg 0 0 0 1\n"
+        "profileCfg 0 77 20 6 30 0 0 30 1 64 10000 0 0 30\nchirpCfg 0 0 0 0 0 0 0 1\n"
+        "frameCfg 0 0 32 3 50 1 0\nsensorStart\n"
+    )
+    rng = np.random.default_rng(2)
+    tone = 3000 * np.exp(2j * np.pi * 0.2 * np.arange(64))
+    shape = (3, 32, 2, 64)
+    beat = tone + 100 * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+    numbers = np.stack([beat.real, beat.imag], axis=-1).round().astype(np.int16)
+    (tmp_path / "capture.cfg").write_text(settings)
+    (tmp_path / "capture.bin").write_bytes(four_lanes(numbers, (0, 2)))
+    monkeypatch.chdir(tmp_path)
+
+    found = []
+    words = ["run", "capture.bin", "--format", "dca1000", "--json"]
+    for changes in ([], ["--set", "radar.frame.period=60 ms"]):
+        for radar in ([], ["--radar", "capture.cfg"]):
+            with pytest.raises(SystemExit) as ended:
+                main([*words, *changes, *radar])
+            assert ended.value.code == 0
+            found.append(json.loads(capsys.readouterr().out)["detections"])
+            with pytest.raises(SystemExit):
+                main(["run", "dechirp-run/scenario.yaml", "--json", "--out", "again"])
+            assert json.loads(capsys.readouterr().out)["detections"] == found[-1]
+
+    strengths = [[round(row["snr_db"], 6) for row in rows] for rows in found]
+    assert strengths == [strengths[0]] * 4
+    assert len(found[0]) == 3
+
+
+def test_settings_of_the_studio_are_found_by_the_name_of_the_capture(tmp_path):
+    (tmp_path / "adc_data_Raw_0.bin").write_bytes(with_headers(packets_of(two_lanes(codes()))))
+    yaml = Path(__file__).parents[2] / "examples" / "radar.yaml"
+    for name in ("adc_data_settings.yaml", "other.yaml"):
+        (tmp_path / name).write_text(yaml.read_text())
+
+    assert find_settings(tmp_path / "adc_data_Raw_0.bin").name == "adc_data_settings.yaml"
+
+
+def test_points_cannot_be_run(tmp_path):
+    stream = bytes.fromhex("0201040306050807") + struct.pack("<8I", 1, 40, 0xA1843, 7, 0, 0, 0, 0)
+    (tmp_path / "points.dat").write_bytes(stream * 2)
+
+    with pytest.raises(RecordingError, match="holds detections and no samples"):
+        run(Scenario(recording=Source(path=str(tmp_path / "points.dat"))))

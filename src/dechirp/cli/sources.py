@@ -79,19 +79,21 @@ def _made(
         return reference(changes)
     if source.suffix.lower() in (".yaml", ".yml"):
         return load(source, changes)
-    path, iq, own = source.absolute(), None, None
+    path, iq, own, layout = source.absolute(), None, None, None
     chip = known_device(told["device"]) if "device" in told else None
     if _of_radar(changes):
-        # There must be a radar to change. Its file also knows the order of I and Q.
+        # There must be a radar to change. Its file also knows how the samples lie.
         opened = open_recording(source, **{"radar": radar, **told})
         iq, own = opened.contents.iq, opened.radar
+        if opened.contents.settings_path is not None:
+            layout = str(opened.contents.settings_path.absolute())
         if radar is None:
             changes = [f"radar={_quoted(path)}", *changes]
 
     def radar_of(file: Path) -> Radar:
         return own if own is not None and file == path else read_radar(file, chip)
 
-    made = Scenario(name=source.stem, recording=Source(path=str(path), iq=iq))
+    made = Scenario(name=source.stem, recording=Source(path=str(path), iq=iq, settings_path=layout))
     return _changed(made, changes, radar_of) if changes else made
 
 

@@ -8,7 +8,8 @@ import xarray as xr
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
-from dechirp.formats.recording import Recording, recognised
+from dechirp.formats.recognise import recognised
+from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.settings.read import read_radar
 from dechirp.process.chain import Chain, power_map
@@ -68,29 +69,26 @@ def inspect(
         If no device of that name is known.
     """
     path = Path(path)
-    kinds = recognised(path, format)
+    said = {"axes": axes, "encoding": encoding, "iq": iq}
+    kinds = recognised(path, format, given=[name for name, one in said.items() if one is not None])
     # What is wrong with a name or a file that was told is no finding of the recording.
     chip = None if device is None else known_device(device)
     if isinstance(radar, str | Path):
         read_radar(radar, chip)
     try:
         recording = open_recording(
-            path,
-            radar=radar,
-            device=device,
-            format=format,
-            axes=axes,
-            encoding=encoding,
-            iq=iq,
-            frames=frames,
+            path, radar=radar, device=device, format=format, axes=axes, encoding=encoding, iq=iq
         )
-        if not recording.sizes:
-            power, found = None, recording.findings
-        else:
+    except DechirpError as error:
+        return _unread(path, kinds, error)
+    if frames is not None:
+        recording = recording.part(*frames)
+    power, found = None, recording.findings
+    try:
+        if recording.sizes:
             power, found = _samples(recording, progress)
     except DechirpError as error:
-        missing = tuple(_finding(mistake) for mistake in error.mistakes)
-        return Inspection(path=path, formats=kinds, recording=None, power=None, findings=missing)
+        return _unread(path, kinds, error)
     if chip is not None and recording.contents.radar is not None:
         found += _broken_rules(chip, recording.radar)
     return Inspection(
@@ -124,6 +122,12 @@ def _broken_rules(chip: Device, radar: Radar) -> tuple[Finding, ...]:
         return broken
     # Nobody said in which frames the chirps came: they may have been frames of one chirp.
     return tuple(rule for rule in broken if rule.setting not in _OF_FRAMES)
+
+
+def _unread(path: Path, kinds: tuple[str, ...], error: DechirpError) -> Inspection:
+    """Say what is missing to read a recording that is known."""
+    missing = tuple(_finding(mistake) for mistake in error.mistakes)
+    return Inspection(path=path, formats=kinds, recording=None, power=None, findings=missing)
 
 
 def _finding(mistake: Mistake) -> Finding:

@@ -186,7 +186,8 @@ def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[
     told = scenario.recording
     recording = open_recording(
         told.path,
-        radar=scenario.radar or told.settings_path,
+        radar=scenario.radar,
+        settings=told.settings_path,
         device=told.device,
         format=told.format,
         axes=told.axes,
@@ -194,6 +195,7 @@ def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[
         iq=told.iq,
         frames=told.frames,
     )
+    recording.must_hold_samples()
     check_chain(scenario.chain, recording.radar)
     return recording, recording.radar, recording.findings
 

@@ -34,8 +34,8 @@ class Source:
     iq: Literal["iq", "qi"] | None = None
     """Whether the in-phase part comes first."""
     settings_path: str | None = None
-    """File that says what the radar sent: YAML, or the vendor's own; none: the recording
-    itself, or a file beside it."""
+    """File that says what the radar sent and how samples lie: YAML, or the vendor's own; none:
+    the recording itself, or a file beside it. With a radar in the scenario, the latter alone."""
     frames: tuple[int, int] | None = None
     """First frame, and the one after the last; none: all."""
 

@@ -70,6 +70,8 @@ class Contents:
     findings: tuple[Finding, ...] = ()
     iq: Iq | None = None
     """Order in which the parts of a sample were read, where the format has two."""
+    settings_path: Path | None = None
+    """File that says how bare samples lie."""
     concentration: float | None = None
     """How few beat frequencies hold the energy, at most 1: bare samples read the wrong way
     have it spread over more. None where the format leaves no doubt."""

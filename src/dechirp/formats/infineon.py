@@ -2,6 +2,8 @@
 
 Codes of a 12-bit converter, (frame, rx, chirp, sample), of the real beat signal. They hold
 the converter's offset, about 0.4 of full scale, which stays: it is part of what was sampled.
+Of two transmitters in turn either all chirps lie in the order sent, or `rx` runs over the
+receivers of each transmitter; the sizes tell (no real recording of them was at hand).
 """
 
 from pathlib import Path
@@ -14,6 +16,7 @@ from dechirp.formats.base import Contents, Fit, Format, Told, must_stay_in
 from dechirp.formats.npy import array_in
 from dechirp.formats.settings.read import read_settings
 from dechirp.formats.settings.receivers import with_receivers
+from dechirp.radar.frame import Frame
 
 _LARGEST_CODE = 4095
 _SAMPLES, _CONFIG = "radar.npy", "config.json"
@@ -48,7 +51,13 @@ class Infineon(Format):
         frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
         n_rx_told = codes.shape[1] if len(codes.shape) == 4 and n_rx == 1 else n_rx
         need = (n_rx_told, frame.n_sent, frame.chirp.n_samples)
-        if codes.dtype.kind not in "iu" or codes.shape[1:] != need:
+        # Transmitters that take turns may also be sorted already: rows of both pairs of each.
+        is_sorted = frame.n_slots > 1 and codes.shape[1:] == (
+            frame.n_slots * n_rx,
+            frame.n_chirps,
+            frame.chirp.n_samples,
+        )
+        if codes.dtype.kind not in "iu" or not (codes.shape[1:] == need or is_sorted):
             raise RecordingError(
                 file,
                 got=f"an array of {codes.dtype} of shape {codes.shape}",
@@ -63,12 +72,14 @@ class Infineon(Format):
                 need="one whose radar.frame.chirp.sampling is real",
                 fix="Set sampling: real.",
             )
-        radar, findings = with_receivers(settings.radar, codes.shape[1], file=file)
+        n_present = n_rx if is_sorted else codes.shape[1]
+        radar, findings = with_receivers(settings.radar, n_present, file=file)
 
         def decode(index: int, out: np.ndarray) -> None:
             whole = (slice(0, size) for size in codes.shape[1:])
-            frame = codes.read((slice(index, index + 1), *whole))[0]
-            _to_full_scale(file, frame, index, out)
+            read = codes.read((slice(index, index + 1), *whole))[0]
+            in_order = _as_sent(read, frame, n_rx) if is_sorted else np.swapaxes(read, 0, 1)
+            _to_full_scale(file, in_order, index, out)
 
         return Contents(
             radar=radar,
@@ -88,8 +99,15 @@ def _folders(path: Path) -> list[Path]:
     return sorted(file.parent for file in path.glob(f"*/{_SAMPLES}"))
 
 
+def _as_sent(codes: np.ndarray, frame: Frame, n_rx: int) -> np.ndarray:
+    """Codes (tx and rx, chirp of each, sample) as (chirp, rx, sample) in the order sent."""
+    by_transmitter = codes.reshape(frame.n_slots, n_rx, frame.n_chirps, -1)
+    order = [transmitter for (transmitter,) in frame.slots]
+    return by_transmitter[order].transpose(2, 0, 1, 3).reshape(frame.n_sent, n_rx, -1)
+
+
 def _to_full_scale(file: Path, codes: np.ndarray, index: int, out: np.ndarray) -> None:
-    """Fill (chirp, rx, sample) within -1 to 1 with codes (rx, chirp, sample)."""
+    """Fill (chirp, rx, sample) within -1 to 1 with codes in that order."""
     low, high = int(codes.min()), int(codes.max())
     if low < 0 or high > _LARGEST_CODE:
         raise RecordingError(
@@ -98,6 +116,6 @@ def _to_full_scale(file: Path, codes: np.ndarray, index: int, out: np.ndarray) -
             need=f"codes from 0 to {_LARGEST_CODE}, of a 12-bit converter",
             fix="Copy the recording again from its source.",
         )
-    out[:] = np.swapaxes(codes, 0, 1)
+    out[:] = codes
     out *= np.float32(2 / _LARGEST_CODE)
     out -= np.float32(1)

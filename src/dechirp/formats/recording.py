@@ -15,8 +15,8 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.memory import must_fit
 from dechirp.core.values import value
-from dechirp.formats.base import IQ_ORDERS, Contents, Fit, Format, Told, foreign
-from dechirp.formats.samples.sample_order import choose
+from dechirp.formats.base import IQ_ORDERS, Contents, Told
+from dechirp.formats.recognise import contents_of, inside_of, must_be_one_of, unreadable
 from dechirp.formats.settings.base import Iq, Settings
 from dechirp.formats.settings.read import read_settings
 from dechirp.radar.cube import labelled_cube
@@ -62,6 +62,25 @@ class Recording:
         """Number of frames that are read."""
         return len(self.frame_numbers)
 
+    def part(self, first: int, stop: int) -> "Recording":
+        """Give the same recording with these of its frames alone, counted from 0.
+
+        Raises
+        ------
+        RecordingError
+            If not all of them are there, or there is none.
+        """
+        n_frames = self.contents.n_frames
+        if not 0 <= first < stop <= n_frames:
+            raise RecordingError(
+                self.path,
+                got=f"of {n_frames} frame{'s' if n_frames > 1 else ''}, asked for those from"
+                f" {first} to before {stop}",
+                need="of all the frames that are asked for, at least one",
+                fix=f"Ask for frames between 0 and {n_frames}.",
+            )
+        return replace(self, frame_numbers=range(first, stop))
+
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What was assumed, and what looks wrong."""
@@ -76,6 +95,16 @@ class Recording:
         numbers = found["frame"].values
         inside = (numbers >= self.frame_numbers.start) & (numbers < self.frame_numbers.stop)
         return found.isel(detection=np.flatnonzero(inside))
+
+    def must_hold_samples(self) -> None:
+        """Raise `RecordingError` if it holds detections alone."""
+        if self.contents.decode is None:
+            raise RecordingError(
+                self.path,
+                got=f"of the format {self.format}, which holds detections and no samples",
+                need="a recording of samples",
+                fix="Use its `points`, or `dechirp inspect` to see them.",
+            )
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -120,13 +149,7 @@ class Recording:
             yield self._labelled(samples, range(number, number + 1))
 
     def _shape(self) -> tuple[int, ...]:
-        if not self.sizes:
-            raise RecordingError(
-                self.path,
-                got=f"of the format {self.format}, which holds detections and no samples",
-                need="a recording of samples",
-                fix="Use its `points`.",
-            )
+        self.must_hold_samples()
         return tuple(self.sizes.values())
 
     def _dtype(self) -> np.dtype:
@@ -139,7 +162,7 @@ class Recording:
         try:
             self.contents.decode(number, out)
         except OSError as error:
-            raise _unreadable(self.path, error) from None
+            raise unreadable(self.path, error) from None
 
     def _labelled(self, samples: np.ndarray, numbers: range) -> xr.DataArray:
         cube = labelled_cube(
@@ -157,6 +180,7 @@ def open(
     path: str | Path,
     *,
     radar: Radar | str | Path | None = None,
+    settings: str | Path | None = None,
     device: str | None = None,
     format: str | None = None,
     axes: Sequence[str] | str | None = None,
@@ -175,6 +199,9 @@ def open(
         The radar, or its settings file (YAML, TI .cfg, .mmwave.json or .setup.json, mmWave
         Studio log, Infineon config.json). Without it: the settings in the recording, else the
         file beside it whose name starts with the recording's, else the folder's only one.
+    settings : path, optional
+        Beside a radar that was changed or made otherwise: the vendor's file that says how its
+        samples lie, of which that holds.
     device : str, optional
         The chip or board, as xwr1843: where its antennas are, and how it writes samples.
     format : str, optional
@@ -201,172 +228,38 @@ def open(
     path = Path(path)
     if isinstance(axes, str):
         axes = axes.replace(",", " ").split()
-    _check_choice(path, "iq", iq, IQ_ORDERS)
+    must_be_one_of(path, "iq", iq, IQ_ORDERS)
     known = None if device is None else known_device(device)
-    settings = _settings(radar, known)
+    told_settings = _settings(radar, settings, known)
     try:
-        file, inside = _inside(path)
+        file, inside = inside_of(path)
         told = Told(
-            settings=settings,
+            settings=told_settings,
             device=known,
             inside=inside,
             axes=None if axes is None else tuple(axes),
             encoding=encoding,
             iq=cast(Iq | None, iq),
         )
-        kind, contents = _contents(file, format, told)
+        kind, contents = contents_of(file, format, told)
     except OSError as error:
-        raise _unreadable(path, error) from None
-    numbers = _numbers(path, frames, contents.n_frames)
-    return Recording(path=path, format=kind, contents=contents, frame_numbers=numbers)
+        raise unreadable(path, error) from None
+    whole = Recording(
+        path=path, format=kind, contents=contents, frame_numbers=range(contents.n_frames)
+    )
+    return whole if frames is None else whole.part(*frames)
 
 
-def recognised(path: str | Path, format: str | None = None) -> tuple[str, ...]:
-    """Kinds of the formats that fit the content of a path: one, or several of bare samples.
-
-    Raises
-    ------
-    RecordingError
-        If none does, or there is nothing to be read.
-    """
-    path = Path(path)
-    members: dict[str, Format] = {kind: made() for kind, made in Format.members().items()}
-    _check_choice(path, "format", format, tuple(members))
-    try:
-        return tuple(_fitting(_inside(path)[0], format, members))
-    except OSError as error:
-        raise _unreadable(path, error) from None
-
-
-def _inside(path: Path) -> tuple[Path, str | None]:
-    """Path on disk, and the name of an array in it where one is named below it."""
-    if not path.exists():
-        for above in path.parents:
-            if above.is_file():
-                return above, path.relative_to(above).as_posix()
-    return path, None
-
-
-def _numbers(path: Path, frames: tuple[int, int] | None, n_frames: int) -> range:
-    """Numbers of the frames to read, all of which there must be."""
-    first, stop = (0, n_frames) if frames is None else frames
-    if not 0 <= first < stop <= n_frames:
-        raise RecordingError(
-            path,
-            got=f"of {n_frames} frames, asked for those from {first} to before {stop}",
-            need="of all the frames that are asked for, at least one",
-            fix=f"Ask for frames between 0 and {n_frames}.",
-        )
-    return range(first, stop)
-
-
-def _settings(radar: Radar | str | Path | None, device: Device | None) -> Settings | None:
+def _settings(
+    radar: Radar | str | Path | None, layout: str | Path | None, device: Device | None
+) -> Settings | None:
+    """The radar, with what is known of the layout; none: neither was given."""
+    read = None if layout is None else read_settings(Path(layout), device)
     if radar is None:
-        return None
-    if isinstance(radar, Radar):
-        return Settings(radar=radar).of_device(device)
-    return read_settings(Path(radar), device)
-
-
-def _check_choice(path: Path, name: str, got: str | None, choices: tuple[str, ...]) -> None:
-    if got is not None and got not in choices:
-        raise RecordingError(
-            path,
-            got=f"given with {name} {got!r}",
-            need=f"given with {name} one of {', '.join(choices)}",
-            fix="Choose one of them.",
-        )
-
-
-def _contents(path: Path, wanted: str | None, told: Told) -> tuple[str, Contents]:
-    """Kind of the format of a path, and what it holds: the wanted one, else the best fit."""
-    formats: dict[str, Format] = {kind: made() for kind, made in Format.members().items()}
-    _check_choice(path, "format", wanted, tuple(formats))
-    kinds = _fitting(path, wanted, formats)
-    if len(kinds) == 1:
-        (kind,) = kinds
-        return kind, _read(path, kind, formats[kind], told)
-    # Bare samples: each format that they fit is tried, and the one is taken that leaves the
-    # energy in clearly the fewest beat frequencies. If none fits, the first says why.
-    found, refused = {}, []
-    for kind in kinds:
-        try:
-            found[kind] = _read(path, kind, formats[kind], told)
-        except RecordingError as error:
-            refused.append(error)
-    if not found:
-        raise refused[0]
-    names, contents = list(found), list(found.values())
-    place, chosen = choose(
-        names,
-        [one.concentration or 0.0 for one in contents],
-        n_samples=max(one.radar.frame.chirp.n_samples for one in contents if one.radar),
-        setting="format",
-        fix="give --format.",
+        return read
+    made = (
+        Settings(radar=radar).of_device(device)
+        if isinstance(radar, Radar)
+        else read_settings(Path(radar), device)
     )
-    best = contents[place]
-    return names[place], replace(best, findings=best.findings + chosen)
-
-
-def _fitting(path: Path, wanted: str | None, formats: dict[str, Format]) -> list[str]:
-    """Kinds that fit the content best: the wanted one if it can be; several of bare samples."""
-    if not path.exists():
-        raise FileNotFoundError(2, "no such file or folder")
-    if not (path.is_file() or path.is_dir()):
-        raise OSError(0, "neither a file nor a folder")
-    if path.is_file() and path.stat().st_size == 0:
-        got, fits = "an empty file (0 bytes)", {}
-    else:
-        got = _looks(path)
-        asked = [kind for kind, member in formats.items() if wanted == kind or not member.only_told]
-        fits = {kind: formats[kind].recognise(path) for kind in asked}
-    best = fits.get(wanted, Fit.NO) if wanted else max(fits.values(), default=Fit.NO)
-    if best > Fit.NO:
-        return [wanted] if wanted else [kind for kind, fit in fits.items() if fit == best]
-    raise RecordingError(
-        path,
-        got=got,
-        need=f"a recording of the format {wanted}, as it is said to be"
-        if wanted
-        else f"a recording of a format that is read: {', '.join(formats)}",
-        fix="Copy it again from its source, or name what it is with --format (format=...).",
-    )
-
-
-def _read(path: Path, kind: str, reader: Format, told: Told) -> Contents:
-    """Contents of a path, after a look at whether the format takes what was said of it."""
-    if told.inside is not None and "inside" not in reader.options:
-        raise RecordingError(
-            path / told.inside,
-            got=f"named inside {path.name}, of the format {kind}",
-            need="a file, or an array in one that holds several",
-            fix=f"Name {path.name} itself.",
-        )
-    options = {"axes": told.axes, "encoding": told.encoding, "iq": told.iq}
-    for name, given in options.items():
-        if given is not None and name not in reader.options:
-            raise RecordingError(
-                path,
-                got=f"in the format {kind}, with {name} given",
-                need=f"given without {name}: the format has its own",
-                fix=f"Leave out {name}, or name the format it is meant for.",
-            )
-    _check_choice(path, "encoding", told.encoding, reader.encodings)
-    return reader.read(path, told)
-
-
-def _looks(path: Path) -> str:
-    if path.is_file():
-        return foreign(path) or "bytes without a mark of their kind"
-    names = sorted(file.name for file in path.iterdir())
-    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-    return f"a folder with {', '.join(names[:8]) or 'nothing'}{more}"
-
-
-def _unreadable(path: Path, error: OSError) -> RecordingError:
-    return RecordingError(
-        path,
-        got=f"not readable ({error.strerror or error})",
-        need="a file or folder that can be read",
-        fix="Check its name and who may read it.",
-    )
+    return made if read is None else read.of_radar(made.radar)

@@ -77,6 +77,7 @@ def bare_contents(
         gaps=best.gaps(),
         findings=findings,
         iq=iq,
+        settings_path=settings.path,
         concentration=concentrations[place],
     )
 

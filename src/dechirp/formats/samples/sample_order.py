@@ -55,9 +55,8 @@ def choose(
         Finding(
             level="note" if _clearly(level, other, n_samples) else "warning",
             setting=setting,
-            got=f"not given, taken as {names[place]}: its energy lies in"
-            f" {1 / max(level, 1e-9):.3g} beat frequencies, in {1 / max(other, 1e-9):.3g} read as"
-            f" {name}",
+            got=f"not given, taken as {names[place]}: its energy lies in {_tones(level)} beat"
+            f" frequencies, in {_tones(other)} read as {name}",
             need="the device that wrote the samples, which bare samples do not name",
             fix=f"Nothing is to be done if the map looks right; else {fix}",
         ),
@@ -72,3 +71,8 @@ def _clearly(best: float, other: float, n_samples: int) -> bool:
     the number of samples however it is read, and tells nothing.
     """
     return best > 1.15 * other and best > 2 / n_samples
+
+
+def _tones(concentration: float) -> str:
+    """How many equal tones would be as concentrated; all of their energy may be mirrored."""
+    return f"{1 / concentration:.3g}" if concentration > 1e-4 else "no few"

@@ -36,7 +36,13 @@ class Settings:
     """Which receivers of the chip were on, counted from 0; None where the file does not say."""
     device: str | None = None
     """Kind of the chip, as `radar.devices` calls it; None where the file does not say."""
+    path: Path | None = None
+    """The file that says so; None where they were made in Python."""
     findings: tuple[Finding, ...] = ()
+
+    def of_radar(self, radar: Radar) -> "Settings":
+        """What the file says of the layout, for a radar that was changed since."""
+        return replace(self, radar=radar, n_frames=None, findings=())
 
     def with_findings(self, *found: Finding) -> "Settings":
         """The same settings, with more to be said of them."""

@@ -1,5 +1,7 @@
 """Settings of a recording, from whatever file holds them."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 from dechirp.config import files
@@ -64,7 +66,7 @@ def read_settings(file: Path, device: Device | None = None) -> Settings:
         settings = infineon_json.read(file, text, device)
     else:
         settings = Settings(radar=files.read(file, Radar))
-    return settings.of_device(device)
+    return replace(settings.of_device(device), path=file)
 
 
 def find_settings(recording: Path) -> Path:
@@ -79,13 +81,12 @@ def find_settings(recording: Path) -> Path:
         If there is none, or several could be meant; it names them.
     """
     candidates = sorted(
-        file
-        for file in recording.parent.iterdir()
-        if file != recording and file.suffix.lower() in _SUFFIXES and _holds_settings(file)
+        file for file in recording.parent.iterdir() if file != recording and holds_settings(file)
     )
     pairs = {used: file for file in candidates if (used := _used_by(file)) is not None}
     candidates = [file for file in candidates if file not in pairs]
-    stem = recording.stem
+    # mmWave Studio calls the settings of adc_data_Raw_0.bin adc_data_LogFile.txt.
+    stem = re.sub(r"_Raw_\d+$", "", recording.stem)
     stems = {file: [file.name] for file in candidates}
     for used, file in pairs.items():
         stems[file].append(used.name)
@@ -113,9 +114,12 @@ def find_settings(recording: Path) -> Path:
     )
 
 
-def _holds_settings(file: Path) -> bool:
+def holds_settings(file: Path) -> bool:
+    """Whether a file holds settings of a recording, of ours or of a vendor's."""
     # A meta.json describes a collection of recordings, not the radar.
-    if file.name == "meta.json" or not mmwave_setup.lies_in_its_folder(file):
+    if file.suffix.lower() not in _SUFFIXES or file.name == "meta.json":
+        return False
+    if not mmwave_setup.lies_in_its_folder(file):
         return False
     try:
         text = _text(file)

@@ -1,0 +1,118 @@
+"""How much a compressed piece unpacks to, found before a library unpacks it into memory.
+
+Those make room for whatever comes out: 1 MB can become 2 GB.
+"""
+
+import bz2
+import gzip
+import io
+import lzma
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numba
+import numpy as np
+
+HEAD_BYTES = 18
+"""Bytes at the start of a piece that `size_in_head` needs."""
+
+UNPACKED = ("blosc", "gzip", "zlib", "zstd", "lz4", "bz2", "lzma")
+"""Compressions whose pieces can be judged, by their names in Zarr."""
+
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_STEP_BYTES = 2**20
+
+
+def size_in_head(codec: str, head: bytes) -> int | None:
+    """Bytes that a piece says it unpacks to, and that no more room is made for; None: unsaid.
+
+    Raises
+    ------
+    ValueError
+        If it does not begin as one of its kind does.
+    """
+    if codec == "blosc" and len(head) >= 16:
+        return int.from_bytes(head[4:8], "little")
+    if codec == "lz4" and len(head) >= 4:
+        return int.from_bytes(head[:4], "little")
+    if codec == "zstd" and head.startswith(_ZSTD_MAGIC) and len(head) >= 6:
+        return _size_in_frame(head)
+    if codec in ("blosc", "lz4", "zstd"):
+        raise ValueError(f"a piece that does not begin as one of {codec}")
+    return None
+
+
+def _size_in_frame(head: bytes) -> int | None:
+    """Of Zstandard: its frame header, RFC 8878, section 3.1.1.1."""
+    said = head[4]
+    is_single = said >> 5 & 1
+    n_bytes = (is_single, 2, 4, 8)[said >> 6]
+    if not n_bytes:
+        return None
+    at = 5 + (1 - is_single) + (0, 1, 2, 4)[said & 3]
+    size = int.from_bytes(head[at : at + n_bytes], "little")
+    return size + 256 if n_bytes == 2 else size
+
+
+def unpacks_beyond(codec: str, config: Mapping[str, Any], packed: bytes, most: int) -> bool:
+    """Whether a piece unpacks to more bytes than `most`, found without holding many more.
+
+    Raises
+    ------
+    Exception
+        Whatever its library does of damaged bytes.
+    """
+    said = size_in_head(codec, packed[:HEAD_BYTES])
+    if said is not None:
+        return said > most
+    if codec == "zlib":  # its one stream: what follows is not unpacked
+        return len(zlib.decompressobj().decompress(packed, most + 1)) > most
+    if codec == "zstd":
+        return not _fits(packed, most)
+    source = io.BytesIO(packed)
+    if codec == "gzip":
+        stream: io.BufferedIOBase = gzip.GzipFile(fileobj=source)
+    elif codec == "bz2":
+        stream = bz2.BZ2File(source)
+    elif codec == "lzma":
+        kind = config.get("format", lzma.FORMAT_AUTO)
+        stream = lzma.LZMAFile(source, format=kind, filters=config.get("filters"))
+    else:
+        raise ValueError(f"no size is known of what {codec} made")
+    n_bytes = 0
+    while n_bytes <= most and (block := stream.read(_STEP_BYTES)):
+        n_bytes += len(block)
+    return n_bytes > most
+
+
+def _fits(packed: bytes, most: int) -> bool:
+    """Whether a piece of Zstandard, written as a stream, unpacks to exactly so many bytes."""
+    from numcodecs import zstd  # comes with Zarr, for this format alone
+
+    try:
+        zstd.decompress(packed, np.empty(most, np.uint8))
+    except RuntimeError:
+        return False
+    return True
+
+
+@numba.njit(cache=True)
+def size_of_lzf(packed: np.ndarray) -> int:
+    """Bytes that a piece (n,) uint8, compressed by LZF, unpacks to."""
+    made, at = 0, 0
+    while at < packed.size:
+        control = int(packed[at])
+        if control < 32:  # so many bytes and one more, as they are
+            made += control + 1
+            at += control + 2
+            continue
+        length = control >> 5  # bytes that came before, to be repeated
+        at += 2
+        if length == 7:
+            if at > packed.size:
+                break
+            length += int(packed[at - 1])
+            at += 1
+        made += length + 2
+    return made
