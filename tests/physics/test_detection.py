@@ -267,7 +267,7 @@ def test_a_sidelobe_beyond_the_end_of_an_axis_counts_as_near(n_bins):
         assert len(found) == 1 + is_target
 
 
-@pytest.mark.parametrize("n_chirps", [1, 3, 4, 5, 8, 16, 24])
+@pytest.mark.parametrize("n_chirps", [1, 2, 3, 4, 5, 8, 16, 24])
 @pytest.mark.parametrize("n_samples", [8, 20, 64])
 def test_the_default_chain_fits_every_radar(radar, n_chirps, n_samples):
     chirp = replace(radar.frame.chirp, n_samples=n_samples)

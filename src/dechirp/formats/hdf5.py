@@ -5,7 +5,6 @@ virtual datasets.
 """
 
 import math
-import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -27,6 +26,7 @@ from dechirp.formats.arrays.stored import (
     parsing,
     too_large,
 )
+from dechirp.formats.arrays.unpacking import size_of_lzf, unpacks_beyond
 from dechirp.formats.base import Contents, Fit, Format, Told
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -38,6 +38,8 @@ _DEEPEST = 16
 # Chunks of several frames are kept until the next frame needs them.
 _CACHE_BYTES = 2**26
 _FILTERS_ADD = 1024  # bytes at most that others add to a chunk before it is compressed
+_DEFLATE, _FLETCHER32, _LZF = 1, 3, 32000
+_CHECKSUM_BYTES = 4
 _NOT_NUMBERS = (b"char", b"logical", b"cell", b"struct", b"function_handle")
 
 
@@ -159,13 +161,14 @@ def _stored(path: Path, file: Any, dataset: Any) -> Stored:
         raise _elsewhere(path, name, "in external storage")
 
     checked: set[tuple[int, ...]] = set()
-    last = _filters(path, dataset)
+    filters = _filters(path, dataset)
+    is_packed = _DEFLATE in filters or _LZF in filters
 
     def read(part: Part) -> np.ndarray:
         assert file  # closed with its last reference, and its datasets with it
         with parsing(path, _NEED):
-            if last is not None:
-                _must_unpack_to_size(path, dataset, part, last, checked)
+            if is_packed:
+                _must_unpack_to_size(path, dataset, part, filters, checked)
             made: np.ndarray = dataset[part]
         return made
 
@@ -179,33 +182,34 @@ def _stored(path: Path, file: Any, dataset: Any) -> Stored:
     return replace(stored, absent=_absent(path, stored, dataset))
 
 
-def _filters(path: Path, dataset: Any) -> int | None:
-    """Place of the compression (deflate) among the filters of a dataset; None without it.
+def _filters(path: Path, dataset: Any) -> tuple[int, ...]:
+    """Numbers of the filters that a dataset went through, in this order.
 
     Raises
     ------
     RecordingError
-        If more was made of what it had compressed than a checksum was added.
+        If more was made of what one had compressed than a checksum was added, or if it
+        cannot be told how much another's pieces unpack to.
     """
-    import h5py
-
     made = dataset.id.get_create_plist()
-    kinds = [made.get_filter(number)[0] for number in range(made.get_nfilters())]
-    if h5py.h5z.FILTER_DEFLATE not in kinds:
-        return None
-    place = kinds.index(h5py.h5z.FILTER_DEFLATE)
-    if kinds[place + 1 :] not in ([], [h5py.h5z.FILTER_FLETCHER32]):
+    kinds = tuple(made.get_filter(number)[0] for number in range(made.get_nfilters()))
+    packed = [place for place, kind in enumerate(kinds) if kind in (_DEFLATE, _LZF)]
+    if packed and kinds[packed[0] + 1 :] not in ((), (_FLETCHER32,)):
         raise RecordingError(
             path,
-            got=f"a file whose {dataset.name} went through filters {kinds}",
-            need="samples that were compressed once (deflate, filter 1), last of all",
+            got=f"a file whose {dataset.name} went through filters {list(kinds)}",
+            need="samples that were compressed once (deflate, filter 1, or LZF), last of all",
             fix="Save it again, with one compression or without.",
         )
-    return place
+    return kinds
 
 
 def _must_unpack_to_size(
-    path: Path, dataset: Any, part: Part, place: int, checked: set[tuple[int, ...]]
+    path: Path,
+    dataset: Any,
+    part: Part,
+    filters: tuple[int, ...],
+    checked: set[tuple[int, ...]],
 ) -> None:
     """Raise `RecordingError` if a compressed chunk holds more than a chunk of the array.
 
@@ -221,9 +225,12 @@ def _must_unpack_to_size(
         if not dataset.id.get_chunk_info_by_coord(start).size:  # never written
             continue
         skipped, packed = dataset.id.read_direct_chunk(start)
-        if skipped >> place & 1:
-            continue
-        if len(zlib.decompressobj().decompress(packed, most + 1)) > most:
+        used = [kind for place, kind in enumerate(filters) if not skipped >> place & 1]
+        n_behind = _CHECKSUM_BYTES if used[-1:] == [_FLETCHER32] else 0
+        packed = packed[: len(packed) - n_behind]
+        if (_DEFLATE in used and unpacks_beyond("zlib", {}, packed, most)) or (
+            _LZF in used and size_of_lzf(np.frombuffer(packed, np.uint8)) > most
+        ):
             what = f"a piece of {len(packed)} bytes that unpacks to more than {most}"
             raise too_large(path, what, file_bytes=path.stat().st_size)
 

@@ -5,6 +5,7 @@ that change numbers into bytes and back: one of version 2 is Python's pickle, wh
 it reads.
 """
 
+import itertools
 import json
 import os
 import warnings
@@ -28,6 +29,7 @@ from dechirp.formats.arrays.stored import (
     must_be_plausible,
     parsing,
 )
+from dechirp.formats.arrays.zarr_chunks import must_unpack_to_size, packing_in
 from dechirp.formats.base import Contents, Fit, Format, Told
 
 NEED = "a Zarr array or group of version 2 or 3"
@@ -82,7 +84,7 @@ def array_in(path: Path, told: Told) -> tuple[Stored, int]:
         known = {name: (array.shape, array.dtype) for name, array in opened.items()}
         name = chosen(path, known, told)
         files, n_bytes = _files(folders[name])
-        return _stored(path, opened[name], files, n_bytes), n_bytes
+        return _stored(path, opened[name], folders[name], files, n_bytes), n_bytes
 
 
 def _arrays(root: Path) -> Iterator[tuple[str, Path]]:
@@ -203,18 +205,36 @@ def _link(folder: Path, name: str) -> RecordingError:
     )
 
 
-def _stored(path: Path, array: Any, files: set[str], n_bytes: int) -> Stored:
+def _stored(path: Path, array: Any, folder: Path, files: set[str], n_bytes: int) -> Stored:
+    key = array.metadata.encode_chunk_key
+    sizes = tuple(int(size) for size in array.shards or array.chunks)
+    packing = packing_in(path, array.metadata.to_dict(), sizes, array.dtype.itemsize)
+    checked: set[str] = set()
+
     def read(part: Part) -> np.ndarray:
         with parsing(path, NEED):
+            for place in _places(part, sizes):
+                name = key(place)
+                if name in files and name not in checked:
+                    must_unpack_to_size(path, folder / name, packing)
+                    checked.add(name)
             return np.asarray(array[part])
 
     stored = Stored(
         shape=tuple(int(size) for size in array.shape),
         dtype=array.dtype,
         read=read,
-        chunk=tuple(int(size) for size in array.shards or array.chunks),
+        chunk=sizes,
     )
     must_be_plausible(path, stored, file_bytes=n_bytes)
     must_be_countable(path, stored)
-    key = array.metadata.encode_chunk_key
     return replace(stored, absent=absent_chunks(stored, lambda place: key(place) in files))
+
+
+def _places(part: Part, sizes: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """Places, among all chunks of these sizes, of those that a part needs."""
+    along = (
+        range(one.start // size, -(-one.stop // size))
+        for one, size in zip(part, sizes, strict=True)
+    )
+    return itertools.product(*along)

@@ -97,8 +97,9 @@ def _is_highest(power: np.ndarray, v: int, j: int) -> bool:
             if dv != 0 and n_v == 1:
                 continue  # round the end is the cell itself
             other = power[(v + dv) % n_v, j + dj]
-            # Of equal neighbours the first counts, so that a plateau is one peak.
-            first = dv < 0 or (dv == 0 and dj < 0)
+            # Of equal neighbours the first counts, so that a plateau is one peak. Of two rows
+            # each lies on both sides of the other: the upper one counts.
+            first = (dv < 0 and (n_v > 2 or v > 0)) or (dv == 0 and dj < 0)
             if other > power[v, j] or (first and other == power[v, j]):
                 return False
     return True

@@ -14,7 +14,7 @@ from typing import Any
 import numba
 import numpy as np
 
-HEAD_BYTES = 18
+HEAD_BYTES = 16
 """Bytes at the start of a piece that `size_in_head` needs."""
 
 UNPACKED = ("blosc", "gzip", "zlib", "zstd", "lz4", "bz2", "lzma")
@@ -36,23 +36,9 @@ def size_in_head(codec: str, head: bytes) -> int | None:
         return int.from_bytes(head[4:8], "little")
     if codec == "lz4" and len(head) >= 4:
         return int.from_bytes(head[:4], "little")
-    if codec == "zstd" and head.startswith(_ZSTD_MAGIC) and len(head) >= 6:
-        return _size_in_frame(head)
-    if codec in ("blosc", "lz4", "zstd"):
+    if codec in ("blosc", "lz4"):
         raise ValueError(f"a piece that does not begin as one of {codec}")
     return None
-
-
-def _size_in_frame(head: bytes) -> int | None:
-    """Of Zstandard: its frame header, RFC 8878, section 3.1.1.1."""
-    said = head[4]
-    is_single = said >> 5 & 1
-    n_bytes = (is_single, 2, 4, 8)[said >> 6]
-    if not n_bytes:
-        return None
-    at = 5 + (1 - is_single) + (0, 1, 2, 4)[said & 3]
-    size = int.from_bytes(head[at : at + n_bytes], "little")
-    return size + 256 if n_bytes == 2 else size
 
 
 def unpacks_beyond(codec: str, config: Mapping[str, Any], packed: bytes, most: int) -> bool:
@@ -69,7 +55,8 @@ def unpacks_beyond(codec: str, config: Mapping[str, Any], packed: bytes, most: i
     if codec == "zlib":  # its one stream: what follows is not unpacked
         return len(zlib.decompressobj().decompress(packed, most + 1)) > most
     if codec == "zstd":
-        return not _fits(packed, most)
+        size = _size_of_frame(packed)
+        return not _fits(packed, most) if size is None else size > most
     source = io.BytesIO(packed)
     if codec == "gzip":
         stream: io.BufferedIOBase = gzip.GzipFile(fileobj=source)
@@ -86,8 +73,30 @@ def unpacks_beyond(codec: str, config: Mapping[str, Any], packed: bytes, most: i
     return n_bytes > most
 
 
+def _size_of_frame(packed: bytes) -> int | None:
+    """Bytes that Zstandard says a piece unpacks to; None if unsaid, or of several frames.
+
+    Its frame and block headers: RFC 8878, section 3.1.1.
+    """
+    if len(packed) < 6 or not packed.startswith(_ZSTD_MAGIC):
+        return None
+    said = packed[4]
+    is_single = said >> 5 & 1
+    n_bytes = (is_single, 2, 4, 8)[said >> 6]
+    at = 5 + (1 - is_single) + (0, 1, 2, 4)[said & 3]
+    size = int.from_bytes(packed[at : at + n_bytes], "little") + (256 if n_bytes == 2 else 0)
+    at += n_bytes
+    is_last = False
+    while not is_last and at + 3 <= len(packed):
+        block = int.from_bytes(packed[at : at + 3], "little")
+        is_last = bool(block & 1)
+        at += 3 + (1 if block >> 1 & 3 == 1 else block >> 3)  # 1: a byte, repeated
+    at += 4 * (said >> 2 & 1)  # a checksum
+    return size if n_bytes and is_last and at == len(packed) else None
+
+
 def _fits(packed: bytes, most: int) -> bool:
-    """Whether a piece of Zstandard, written as a stream, unpacks to exactly so many bytes."""
+    """Whether a piece of Zstandard unpacks to exactly so many bytes."""
     from numcodecs import zstd  # comes with Zarr, for this format alone
 
     try:
