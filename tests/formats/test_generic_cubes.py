@@ -3,6 +3,7 @@
 Files are made by the libraries of their formats, or byte by byte, never with the package.
 """
 
+import gzip
 import json
 import math
 import os
@@ -15,10 +16,12 @@ import zlib
 from pathlib import Path
 
 import h5py
+import numcodecs
 import numpy as np
 import pytest
 import scipy.io
 import zarr
+import zarr.codecs
 
 import dechirp
 from dechirp.core.errors import RecordingError
@@ -352,7 +355,7 @@ def test_a_dataset_is_found_through_a_link_within_the_file(tmp_path):
 
 
 RESIDENT = """
-import resource, sys
+import re, sys
 from pathlib import Path
 import numpy as np
 from dechirp.formats.base import Told
@@ -363,8 +366,8 @@ told = Told(
     axes=("chirp", "sample", "frame"),
     encoding="full-scale",
 )
-def most():  # MiB, Linux counts in KiB
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
+def most():  # MiB; what `resource` says begins with the most of who started this
+    return int(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 2**10
 before = most()
 out = np.ones((2048, 1, 64), np.complex64)
 contents = FORMATS["npy"].read(Path(sys.argv[1]), told)
@@ -911,6 +914,160 @@ def test_a_chunk_that_unpacks_to_more_than_a_chunk_is_refused(tmp_path, how):
         samples.id.write_direct_chunk((1, 0, 0, 0), zlib.compress(bytes(10**8)))
 
     assert "unpacks to more than" in mistake(file, "hdf5", **told).got
+
+
+@pytest.mark.parametrize("how", [{}, {"shuffle": True, "fletcher32": True}])
+@pytest.mark.parametrize("packer", ["lzf", "szip"])
+def test_a_chunk_of_another_compression_is_held_to_its_size_too(tmp_path, packer, how):
+    sent = np.arange(192, dtype="<i2").reshape(3, 4, 2, 8) >> 2
+    file = as_hdf5(tmp_path, sent, compression=packer, chunks=(1, 4, 2, 8), **how)
+    told = {"of": radar(sampling="real"), "axes": AXES, "encoding": "int16"}
+    assert np.array_equal(decoded(read(file, "hdf5", **told)) * 32768, sent)
+
+    if packer == "lzf":  # a zero, and then 264 as the one before, over and over: 92 MB of 1
+        bomb = b"\0\0" + b"\xe0\xff\0" * 350_000
+    else:  # the size that it says
+        bomb = struct.pack("<I", 2**31) + bytes(100)
+    with h5py.File(file, "r+") as made:
+        made["scene/radar/samples"].id.write_direct_chunk((1, 0, 0, 0), bomb + bytes(4))
+
+    assert "unpacks to more than" in mistake(file, "hdf5", **told).got
+
+
+def many_zeros(n_bytes):
+    """Zeros as a stream of Zstandard: one repeated a whole block long, over and over."""
+    blocks = [struct.pack("<I", 2**17 << 3 | 2)[:3] + b"\0"] * (n_bytes >> 17)
+    blocks[-1] = bytes([blocks[-1][0] | 1]) + blocks[-1][1:]
+    return b"\x28\xb5\x2f\xfd\0\x58" + b"".join(blocks)
+
+
+PACKERS = {  # of Zarr 2, with what makes a bomb of 50 MB
+    "blosc": (numcodecs.Blosc("lz4"), numcodecs.Blosc("lz4").encode),
+    "zstd": (numcodecs.Zstd(), numcodecs.Zstd().encode),
+    "streamed zstd": (numcodecs.Zstd(), lambda zeros: many_zeros(len(zeros))),
+    "zstd in two frames": (
+        numcodecs.Zstd(),
+        lambda zeros: numcodecs.Zstd().encode(zeros[:1024]) + numcodecs.Zstd().encode(zeros),
+    ),
+    "gzip": (numcodecs.GZip(), numcodecs.GZip().encode),
+    "gzip in two members": (
+        numcodecs.GZip(),
+        lambda zeros: gzip.compress(zeros[:1024]) + gzip.compress(zeros),
+    ),
+    "zlib": (numcodecs.Zlib(), numcodecs.Zlib().encode),
+    "lz4": (numcodecs.LZ4(), numcodecs.LZ4().encode),
+    "bz2": (numcodecs.BZ2(), numcodecs.BZ2().encode),
+    "lzma": (numcodecs.LZMA(), numcodecs.LZMA().encode),
+}
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+@pytest.mark.parametrize("packer", PACKERS)
+def test_a_zarr_chunk_that_unpacks_to_more_than_a_chunk_is_refused(tmp_path, packer, filtered):
+    sent, told = integers(3, 4, 2, 8), {"axes": AXES, "encoding": "int16"}
+    codec, bomb = PACKERS[packer]
+    folder = tmp_path / "cube.zarr"
+    array = zarr.create_array(
+        folder,
+        shape=sent.shape,
+        chunks=(1, 4, 2, 8),
+        dtype="c16",
+        zarr_format=2,
+        filters=[numcodecs.Delta("c16"), numcodecs.Shuffle(16)] if filtered else None,
+        compressors=codec,
+    )
+    array[:] = sent
+    assert np.array_equal(decoded(read(folder, "zarr-array", **told)) * 32768, sent)
+
+    (folder / "1.0.0.0").write_bytes(bomb(bytes(50_000_000)))
+
+    assert "unpacks to more than 1024" in mistake(folder, "zarr-array", **told).got
+
+
+@pytest.mark.parametrize("checked", [False, True])
+def test_frames_of_a_zarr_chunk_that_was_streamed_are_read(tmp_path, checked):
+    folder = tmp_path / "cube.zarr"
+    packers = [zarr.codecs.ZstdCodec(), *([zarr.codecs.Crc32cCodec()] if checked else [])]
+    of = radar(n_chirps=2**14, n_rx=1)
+    array = zarr.create_array(  # of 2**20 bytes
+        folder, shape=(1, 2**14, 8), chunks=(1, 2**14, 8), dtype="c8", compressors=packers
+    )
+    array[:] = 1
+    content = many_zeros(2**20)
+    if checked:
+        content += numcodecs.CRC32C(location="end").encode(content)[-4:].tobytes()
+    (folder / "c" / "0" / "0" / "0").write_bytes(content)
+
+    cube = decoded(read(folder, "zarr-array", of, axes=("frame", "chirp", "sample")))
+
+    assert not cube.any()
+
+
+V3 = {
+    "zstd": zarr.codecs.ZstdCodec(),
+    "zstd with a checksum": zarr.codecs.ZstdCodec(checksum=True),
+    "blosc": zarr.codecs.BloscCodec(),
+    "gzip": zarr.codecs.GzipCodec(),
+}
+
+
+@pytest.mark.parametrize("checked", [False, True])
+@pytest.mark.parametrize("index_location", ["start", "end", None])
+@pytest.mark.parametrize("packer", V3)
+def test_a_piece_of_a_shard_is_held_to_its_size_too(tmp_path, packer, index_location, checked):
+    sent, told = integers(3, 4, 2, 8), {"axes": AXES, "encoding": "int16"}
+    packers = [V3[packer], *([zarr.codecs.Crc32cCodec()] if checked else [])]
+    inner = [zarr.codecs.BytesCodec(), *packers]
+    sharded = zarr.codecs.ShardingCodec(
+        chunk_shape=(1, 2, 2, 8), codecs=inner, index_location=index_location or "end"
+    )
+
+    def made(name, n_chirps):
+        folder = tmp_path / name
+        array = zarr.create_array(
+            folder,
+            shape=(3, n_chirps, 2, 8),
+            chunks=(1, n_chirps, 2, 8),
+            dtype="c16",
+            serializer=sharded if index_location else zarr.codecs.BytesCodec(),
+            compressors=None if index_location else packers,
+        )
+        array[:] = sent if n_chirps == 4 else 1j
+        return folder
+
+    folder = made("cube.zarr", 4)
+    assert np.array_equal(decoded(read(folder, "zarr-array", **told)) * 32768, sent)
+
+    # Two pieces of 2 chirps, each as one of 10**5.
+    sharded = zarr.codecs.ShardingCodec(
+        chunk_shape=(1, 10**5, 2, 8), codecs=inner, index_location=index_location or "end"
+    )
+    bomb = made("bomb.zarr", 2 * 10**5) / "c" / "1" / "0" / "0" / "0"
+    (folder / "c" / "1" / "0" / "0" / "0").write_bytes(bomb.read_bytes())
+
+    assert "unpacks to more than" in mistake(folder, "zarr-array", **told).got
+
+
+def test_what_makes_other_sizes_than_were_compressed_is_refused_by_its_name(tmp_path):
+    def refused(name, **how):
+        zarr.create_array(tmp_path / name, shape=(4, 2, 8), chunks=(4, 2, 8), dtype="f4", **how)[
+            :
+        ] = 1
+        of = radar(sampling="real")
+        return mistake(tmp_path / name, "zarr-array", of, axes=("chirp", "rx", "sample")).got
+
+    shrunk = [numcodecs.FixedScaleOffset(offset=0, scale=10, dtype="f4", astype="i2")]
+    packers = [zarr.codecs.GzipCodec(), zarr.codecs.ZstdCodec()]
+    nested = zarr.codecs.ShardingCodec(
+        chunk_shape=(2, 2, 8), codecs=[zarr.codecs.ShardingCodec(chunk_shape=(1, 2, 8))]
+    )
+
+    assert "zstd after gzip" in refused("a.zarr", compressors=packers)
+    assert "fixedscaleoffset" in refused("b.zarr", zarr_format=2, filters=shrunk)
+    assert "sharding_indexed" in refused("c.zarr", serializer=nested, compressors=None)
+    assert "zlib" in refused(
+        "d.zarr", zarr_format=2, filters=[numcodecs.Zlib()], compressors=numcodecs.Zlib()
+    )
 
 
 def test_an_archive_of_a_million_members_is_refused_before_they_are_listed(tmp_path):

@@ -1,12 +1,18 @@
 """SiRad recordings (JSON): ranges, order of I and Q, and files that cannot be right."""
 
 import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import dechirp
 from dechirp.core.errors import RecordingError
 from dechirp.formats.base import Fit, Told
 from dechirp.formats.settings.base import Settings
@@ -152,6 +158,68 @@ def test_a_long_recording_is_read_in_blocks_of_text(tmp_path):
     assert np.array_equal(frames.view(np.float32).reshape(3500, 64) * 2048, codes)
 
 
+@pytest.mark.parametrize("indent", [None, 2])
+@pytest.mark.parametrize("n_chirps", [1, 15, 16, 50, 3500])
+def test_frames_are_read_from_anywhere_in_a_recording(tmp_path, n_chirps, indent):
+    # Rows of different lengths, beyond the places that are remembered, every 16 of them.
+    codes = np.random.default_rng(2).integers(-2048, 2048, (3500, 64))
+    codes[::3] //= 100
+    text = json.dumps({**HEAD, "data": codes.tolist()}, indent=indent)
+
+    contents, frames = read(tmp_path, text, replace(told_radar(n_chirps), iq="iq"))
+    again = np.empty_like(frames[0])
+    contents.decode(0, again)
+
+    sent = codes[: len(frames) * n_chirps].reshape(len(frames), n_chirps, 64)
+    assert np.array_equal(frames[:, :, 0].view(np.float32) * 2048, sent)
+    assert np.array_equal(again, frames[0])
+
+
+def test_a_recording_that_changed_since_it_was_opened_is_refused(tmp_path):
+    contents, frames = read(tmp_path, document(echo(n_chirps=40)), told_radar(8))
+    for text in (GOOD, document(echo(n_chirps=40)).replace("], [", ", ")):
+        (tmp_path / "walk.json").write_text(text)
+        with pytest.raises(RecordingError):
+            for index in range(len(frames)):
+                contents.decode(index, frames[index])
+
+
+RESIDENT = """
+import re, sys
+from pathlib import Path
+import numpy as np
+from test_sirad import Sirad, told_radar
+def most():  # MiB; what `resource` says begins with the most of who started this
+    return int(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 2**10
+before = most()
+contents = Sirad().read(Path(sys.argv[1]), told_radar(64))
+out = np.empty((64, 1, 32), np.complex64)
+for index in (0, contents.n_frames - 1):
+    contents.decode(index, out)
+print(most() - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="measured as Linux counts")
+def test_a_long_recording_is_not_kept_in_memory(tmp_path):
+    file = tmp_path / "walk.json"
+    row = b"[" + b",".join([b"1"] * 64) + b"]"  # 129 bytes of text for 128 of codes
+    head = json.dumps(HEAD)[:-1].encode()
+    file.write_bytes(head + b', "data": [' + b",\n".join([row] * 500_000) + b"]}")
+
+    paths = [str(Path(dechirp.__file__).parent.parent), str(Path(__file__).parent)]
+    found = subprocess.run(
+        [sys.executable, "-c", RESIDENT, str(file)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+    # Of 65 MB: a block of text as numbers of Python, some chirps and places. All codes are 61.
+    assert float(found.stdout) < 50
+
+
 def test_a_file_is_known_by_its_first_kilobyte(tmp_path):
     file = tmp_path / "anything.bin"
     for text, fit in (
@@ -180,6 +248,8 @@ GOOD = document(echo(n_chirps=3))
         (GOOD.replace('"data": [[', '"data": [[7, '), "a row of 65 numbers"),
         (GOOD.replace('"data": [[', '"data": [7, ['), "a number in no row"),
         (GOOD.replace('"data": [[', '"data": [[[], '), "a row of 65 numbers"),
+        (json.dumps({**HEAD, "Samps": 1, "data": [[[1], [2]]] * 3}), "no list of numbers"),
+        (json.dumps({**HEAD, "Samps": 1, "data": [[[1], [2]]] * 2 + [[1, 2]]}), "16 bits"),
         (GOOD.replace("], [", "], , [", 1), "no list of numbers"),
         (GOOD.replace("], [", "9" * 30 + "], [", 1), "no number of 16 bits"),
         (GOOD.replace('"data": [[', '"data": [[' + "9" * 5000), "no list of numbers"),

@@ -116,23 +116,27 @@ def samples_in(packet: tuple[int, int, bytes]) -> bytes:
     return udp(struct.pack("<I", number) + start.to_bytes(6, "little") + payload)
 
 
-def pcap(frames: list[bytes], *, order: str = "<") -> bytes:
-    head = struct.pack(f"{order}IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
+def pcap(frames: list[bytes], *, order: str = "<", snap: int = 65535) -> bytes:
+    head = struct.pack(f"{order}IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, snap, 1)
     return head + b"".join(
-        struct.pack(f"{order}IIII", 0, 0, len(frame), len(frame)) + frame for frame in frames
+        struct.pack(f"{order}IIII", 0, 0, len(frame[:snap]), len(frame)) + frame[:snap]
+        for frame in frames
     )
 
 
-def pcapng(frames: list[bytes], *, order: str = "<") -> bytes:
+def pcapng(frames: list[bytes], *, order: str = "<", snap: int = 65535) -> bytes:
     def block(kind: int, body: bytes) -> bytes:
         body += bytes(-len(body) % 4)
         size = 12 + len(body)
         return struct.pack(f"{order}II", kind, size) + body + struct.pack(f"{order}I", size)
 
     section = block(0x0A0D0D0A, struct.pack(f"{order}IHHq", 0x1A2B3C4D, 1, 0, -1))
-    interface = block(1, struct.pack(f"{order}HHI", 1, 0, 65535))
+    interface = block(1, struct.pack(f"{order}HHI", 1, 0, snap))
     comment = block(0x0BAD, b"an unknown block")
-    packets = [block(6, struct.pack(f"{order}IIIII", 0, 0, 0, len(f), len(f)) + f) for f in frames]
+    packets = [
+        block(6, struct.pack(f"{order}5I", 0, 0, 0, len(f[:snap]), len(f)) + f[:snap])
+        for f in frames
+    ]
     return section + interface + comment + b"".join(packets)
 
 
@@ -399,6 +403,54 @@ def test_counters_that_jump_are_refused_before_memory_is_taken(tmp_path):
 def test_a_capture_of_commands_alone_has_no_samples(tmp_path):
     with pytest.raises(RecordingError, match="without a packet of samples"):
         opened(tmp_path / "x.pcap", pcap([udp(b"\x5a\xa5\x09\x00\x00\x00\xaa\xee", port=4096)]))
+
+
+@pytest.mark.parametrize("container", [pcap, pcapng])
+def test_what_a_snap_length_cut_off_is_lost_and_pointed_out(tmp_path, container):
+    numbers = codes()
+    packets = packets_of(two_lanes(numbers))
+    frames = [samples_in(packet) for packet in packets]
+    # Of each packet but the last, which is short, 14 + 20 + 8 + 10 bytes of headers and 1348.
+    assert len(frames[-1]) < 1400
+
+    recording = opened(tmp_path / "x.cap", container(frames, snap=1400), device="xwr1642")
+
+    place = np.arange(numbers.nbytes)
+    is_lost = (place % 1456 >= 1348) & (place < 1456 * (len(packets) - 1))
+    of_chirps = is_lost.reshape(N_FRAMES, RADAR.frame.n_chirps, -1).any(axis=-1)
+    np.testing.assert_array_equal(recording.cube.gap.values, of_chirps)
+    (said,) = [finding for finding in recording.findings if "snap" in finding.got]
+    assert said.level == "warning"
+    assert f"{len(packets) - 1} packets" in said.got
+    assert "snap length of 1400 bytes" in said.got
+
+
+@pytest.mark.parametrize("container", [pcap, pcapng])
+@pytest.mark.parametrize("snap", [40, 96, 1400])
+def test_a_capture_without_a_whole_packet_is_refused_for_its_snap_length(tmp_path, container, snap):
+    packets = packets_of(two_lanes(codes()))[:-1]
+    content = container([samples_in(packet) for packet in packets], snap=snap)
+
+    with pytest.raises(RecordingError) as error:
+        opened(tmp_path / "x.cap", content, device="xwr1642")
+
+    (mistake,) = error.value.mistakes
+    assert f"{len(packets)} packets captured with a snap length of {snap} bytes" in mistake.got
+    assert "Capture whole packets" in mistake.fix
+
+
+def test_one_short_packet_that_is_whole_does_not_hide_a_snap_length(tmp_path):
+    *packets, last = packets_of(two_lanes(codes()))
+    packets.append((*last[:2], last[2][:40]))
+    content = pcap([samples_in(packet) for packet in packets], snap=96)
+
+    with pytest.raises(RecordingError, match="snap length of 96 bytes"):
+        opened(tmp_path / "x.cap", content, device="xwr1642")
+
+
+def test_a_capture_of_nothing_but_its_header_has_no_samples(tmp_path):
+    with pytest.raises(RecordingError, match="without a packet of samples"):
+        opened(tmp_path / "x.pcap", pcap([]))
 
 
 def test_a_cut_file_gives_its_whole_frames_and_says_so(tmp_path):

@@ -158,6 +158,7 @@ GOOD = lines(beat(12.0, 0.0, n_chirps=8), times=True)
         (GOOD.replace(" ", " x", 1), told(), "'x"),
         (GOOD.replace(" ", " 4096", 1), told(), "in line 1"),
         (GOOD.replace(" ", " -", 1), told(), "'-"),
+        (GOOD.replace(" ", " 000", 1), told(), "'000"),  # more digits than a code has
         (GOOD.replace("\n", " \n12 13 ", 1), told(), "in line 2"),
         (GOOD.replace("\n", "\n\n", 1), told(), "in line 2"),
         (GOOD.replace(".000\n", ".0.0\n", 1), told(), "in line 1"),

@@ -38,7 +38,8 @@ _DEEPEST = 16
 # Chunks of several frames are kept until the next frame needs them.
 _CACHE_BYTES = 2**26
 _FILTERS_ADD = 1024  # bytes at most that others add to a chunk before it is compressed
-_DEFLATE, _FLETCHER32, _LZF = 1, 3, 32000
+_DEFLATE, _FLETCHER32, _SZIP, _LZF = 1, 3, 4, 32000
+_PACKERS = (_DEFLATE, _SZIP, _LZF)
 _CHECKSUM_BYTES = 4
 _NOT_NUMBERS = (b"char", b"logical", b"cell", b"struct", b"function_handle")
 
@@ -162,7 +163,7 @@ def _stored(path: Path, file: Any, dataset: Any) -> Stored:
 
     checked: set[tuple[int, ...]] = set()
     filters = _filters(path, dataset)
-    is_packed = _DEFLATE in filters or _LZF in filters
+    is_packed = any(kind in _PACKERS for kind in filters)
 
     def read(part: Part) -> np.ndarray:
         assert file  # closed with its last reference, and its datasets with it
@@ -188,17 +189,16 @@ def _filters(path: Path, dataset: Any) -> tuple[int, ...]:
     Raises
     ------
     RecordingError
-        If more was made of what one had compressed than a checksum was added, or if it
-        cannot be told how much another's pieces unpack to.
+        If more was made of what one had compressed than a checksum was added.
     """
     made = dataset.id.get_create_plist()
     kinds = tuple(made.get_filter(number)[0] for number in range(made.get_nfilters()))
-    packed = [place for place, kind in enumerate(kinds) if kind in (_DEFLATE, _LZF)]
+    packed = [place for place, kind in enumerate(kinds) if kind in _PACKERS]
     if packed and kinds[packed[0] + 1 :] not in ((), (_FLETCHER32,)):
         raise RecordingError(
             path,
             got=f"a file whose {dataset.name} went through filters {list(kinds)}",
-            need="samples that were compressed once (deflate, filter 1, or LZF), last of all",
+            need="samples that were compressed once (deflate, filter 1, LZF or SZIP), last of all",
             fix="Save it again, with one compression or without.",
         )
     return kinds
@@ -227,12 +227,18 @@ def _must_unpack_to_size(
         skipped, packed = dataset.id.read_direct_chunk(start)
         used = [kind for place, kind in enumerate(filters) if not skipped >> place & 1]
         n_behind = _CHECKSUM_BYTES if used[-1:] == [_FLETCHER32] else 0
-        packed = packed[: len(packed) - n_behind]
-        if (_DEFLATE in used and unpacks_beyond("zlib", {}, packed, most)) or (
-            _LZF in used and size_of_lzf(np.frombuffer(packed, np.uint8)) > most
-        ):
+        if _unpacks_beyond(used, packed[: len(packed) - n_behind], most):
             what = f"a piece of {len(packed)} bytes that unpacks to more than {most}"
             raise too_large(path, what, file_bytes=path.stat().st_size)
+
+
+def _unpacks_beyond(filters: list[int], packed: bytes, most: int) -> bool:
+    if _DEFLATE in filters:
+        return unpacks_beyond("zlib", {}, packed, most)
+    if _LZF in filters:
+        return size_of_lzf(np.frombuffer(packed, np.uint8)) > most
+    # SZIP begins with the size that room is made for.
+    return _SZIP in filters and int.from_bytes(packed[:4], "little") > most
 
 
 def _absent(path: Path, stored: Stored, dataset: Any) -> np.ndarray | None:

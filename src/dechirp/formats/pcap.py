@@ -33,6 +33,8 @@ _PCAP = {  # first bytes: of seconds and micro- or nanoseconds, in either order 
 }
 _PCAPNG = b"\x0a\x0d\x0d\x0a"
 _ETHERNET, _RAW_IP, _LINUX_SLL, _LINUX_SLL2 = 1, 101, 113, 276
+_MOST_LOST = 3  # bytes for each one that is left
+_CAPTURE_WHOLE = "Capture whole packets: without a snap length, or with one of 65535 bytes."
 
 
 @value
@@ -55,11 +57,15 @@ class Pcap(Format):
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""
-        rows, stopped = _records(path)
+        rows, stopped, cut = _records(path)
+        rows = rows.reshape(-1, 5)  # none at all of a file that ends with its header
+        _must_be_whole(path, rows, cut)
         found = Packets(
             sequence=rows[:, 0], starts=rows[:, 1], offsets=rows[:, 2], sizes=rows[:, 3]
         )
         stream, findings = in_places(path, files_in(path), found)
+        if n_cut := int(np.count_nonzero(rows[:, 4])):
+            findings += (_snapped(n_cut, int(cut[1])),)
         size = path.stat().st_size
         if stopped < size:
             findings += (_cut(size - stopped, stopped),)
@@ -74,8 +80,19 @@ def _byte_order(head: bytes) -> str | None:
     return {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}.get(head[8:12])
 
 
-def _records(path: Path) -> tuple[np.ndarray, int]:
-    """Rows number, bytes before, place and size of each payload; and where the file broke off."""
+def _records(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
+    """What a capture holds.
+
+    Returns
+    -------
+    rows : (n, 5) int64
+        Number, bytes before, place and size of each payload, and bytes of it not captured.
+    stopped : int
+        Where the file broke off.
+    cut : (2,) int64
+        Packets of any kind of which only the start was captured, and the bytes of the longest.
+    """
+    cut = np.zeros(2, np.int64)
     with path.open("rb") as file:
         head = file.read(24)
     if head.startswith(_PCAPNG):
@@ -84,18 +101,43 @@ def _records(path: Path) -> tuple[np.ndarray, int]:
         n_links = np.zeros(1, np.int64)
 
         def blocks(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
-            return _blocks(content, at, stop, little, links, n_links)
+            return _blocks(content, at, stop, little, links, n_links, cut)
 
-        return walk(path, blocks, 0)
+        return *walk(path, blocks, 0), cut
     order = _PCAP[head[:4]]
     if len(head) < 24:
         raise _damaged(path, "a capture without its header of 24 bytes")
     link = struct.unpack(f"{order}I", head[20:24])[0] & 0x0FFFFFFF
 
     def records(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
-        return _packets(content, at, stop, order == "<", link)
+        return _packets(content, at, stop, order == "<", link, cut)
 
-    return walk(path, records, 24)
+    return *walk(path, records, 24), cut
+
+
+def _must_be_whole(path: Path, rows: np.ndarray, cut: np.ndarray) -> None:
+    """Raise `RecordingError` if packets were cut, and no samples, or hardly any, are left."""
+    is_whole = rows[:, 4] == 0
+    if not cut[0] or (is_whole.any() and rows[:, 4].sum() <= _MOST_LOST * rows[:, 3].sum()):
+        return
+    raise RecordingError(
+        path,
+        got=f"{cut[0]} packets captured with a snap length of {cut[1]} bytes: too little of their"
+        " samples",
+        need="whole packets of samples",
+        fix=_CAPTURE_WHOLE,
+    )
+
+
+def _snapped(n_cut: int, length: int) -> Finding:
+    return Finding(
+        level="warning",
+        setting="recording",
+        got=f"{n_cut} packets of samples captured with a snap length of {length} bytes: the rest"
+        " of each is lost",
+        need="whole packets",
+        fix=_CAPTURE_WHOLE,
+    )
 
 
 def _damaged(path: Path, got: str) -> RecordingError:
@@ -141,34 +183,47 @@ def _inside_link(content: np.ndarray, at: int, stop: int, link: int) -> int:
 
 
 @numba.njit(cache=True)
-def _payload(content: np.ndarray, at: int, stop: int, link: int, row: np.ndarray) -> bool:
-    """Fill a row if a captured packet, from `at` to before `stop`, holds samples."""
+def _payload(
+    content: np.ndarray,
+    at: int,
+    stop: int,
+    n_bytes: int,
+    link: int,
+    row: np.ndarray,
+    cut: np.ndarray,
+) -> bool:
+    """Fill a row if a packet of n bytes, captured from `at` to before `stop`, holds samples."""
+    sent = max(stop, at + n_bytes)
+    if sent > stop:
+        cut[0] += 1
+        cut[1] = max(cut[1], stop - at)
     at = _inside_link(content, at, stop, link)
     if at + 20 > stop:
         return False
     is_udp = content[at] >> 4 == 4 and content[at + 9] == 17
     is_fragment = _whole(content, at + 6, 2, False) & 0x3FFF
-    end = min(stop, at + _whole(content, at + 2, 2, False))  # short frames are padded
+    end = min(sent, at + _whole(content, at + 2, 2, False))  # short frames are padded
     length = int(content[at] & 15) * 4
     at += length
-    if not is_udp or is_fragment or length < 20 or at + 18 >= end:
+    if not is_udp or is_fragment or length < 20 or at + 18 >= min(end, stop):
         return False
     end = min(end, at + _whole(content, at + 4, 2, False))
-    if _whole(content, at + 2, 2, False) != _DATA_PORT or at + 18 >= end:
+    if _whole(content, at + 2, 2, False) != _DATA_PORT or at + 18 >= min(end, stop):
         return False
     row[0] = _whole(content, at + 8, 4, True)
     row[1] = _whole(content, at + 12, 6, True)
     row[2] = at + 18
-    row[3] = end - at - 18
+    row[3] = min(end, stop) - at - 18
+    row[4] = max(end - stop, 0)
     return True
 
 
 @numba.njit(cache=True)
 def _packets(
-    content: np.ndarray, at: int, stop: int, little: bool, link: int
+    content: np.ndarray, at: int, stop: int, little: bool, link: int, cut: np.ndarray
 ) -> tuple[int, np.ndarray]:
     """Rows of the records of a pcap file that begin in this window."""
-    rows = np.empty(((stop - at) // 16 + 1, 4), np.int64)
+    rows = np.empty(((stop - at) // 16 + 1, 5), np.int64)
     n = 0
     while at < stop:
         if at + 16 > content.size:
@@ -176,7 +231,8 @@ def _packets(
         size = _whole(content, at + 8, 4, little)
         if at + 16 + size > content.size:
             break
-        if _payload(content, at + 16, at + 16 + size, link, rows[n]):
+        sent = _whole(content, at + 12, 4, little)
+        if _payload(content, at + 16, at + 16 + size, sent, link, rows[n], cut):
             n += 1
         at += 16 + size
     return at, rows[:n].copy()
@@ -184,10 +240,16 @@ def _packets(
 
 @numba.njit(cache=True)
 def _blocks(
-    content: np.ndarray, at: int, stop: int, little: bool, links: np.ndarray, n_links: np.ndarray
+    content: np.ndarray,
+    at: int,
+    stop: int,
+    little: bool,
+    links: np.ndarray,
+    n_links: np.ndarray,
+    cut: np.ndarray,
 ) -> tuple[int, np.ndarray]:
     """Rows of the blocks of a pcapng file that begin in this window."""
-    rows = np.empty(((stop - at) // 12 + 1, 4), np.int64)
+    rows = np.empty(((stop - at) // 12 + 1, 5), np.int64)
     n = 0
     while at < stop:
         if at + 12 > content.size:
@@ -199,16 +261,19 @@ def _blocks(
         if kind == 1 and size >= 20 and n_links[0] < links.size:  # an interface
             links[n_links[0]] = _whole(content, at + 8, 2, little)
             n_links[0] += 1
-        begin, captured, interface = 0, 0, 0
+        begin, captured, sent, interface = 0, 0, 0, 0
         if kind == 6 and size >= 32:  # a packet
             interface = _whole(content, at + 8, 4, little)
             captured = _whole(content, at + 20, 4, little)
+            sent = _whole(content, at + 24, 4, little)
             begin = at + 28
         elif kind == 3 and size >= 16:  # one without its time
             captured = size - 16
+            sent = _whole(content, at + 8, 4, little)
             begin = at + 12
         inside = begin > 0 and begin + captured <= at + size and interface < n_links[0]
-        if inside and _payload(content, begin, begin + captured, links[interface], rows[n]):
+        link = links[interface] if inside else 0
+        if inside and _payload(content, begin, begin + captured, sent, link, rows[n], cut):
             n += 1
         at += size
     return at, rows[:n].copy()

@@ -36,7 +36,10 @@ _NUMBERS = b"0123456789-,[] \t\r\n"
 
 _MORE_SAMPLES = 37.5
 _START_HZ = 119e9
-_LOOKED_AT = 4096  # chirps whose spectrum tells the order of I and Q
+# At most so many chirps, and numbers of them, whose spectrum tells the order of I and Q.
+_LOOKED_AT, _LOOKED_AT_NUMBERS = 4096, 2**20
+# Rows, and about how many numbers: the file is found again at each of these.
+_PER_MARK, _PER_MARK_NUMBERS = 16, 2**17
 
 
 @value
@@ -70,8 +73,8 @@ class Sirad(Format):
                 need="one with Ramps 1",
                 fix="Record one ramp a frame; how several lie in the file is not known.",
             )
-        codes = np.concatenate(list(_blocks(path, start, 2 * n_samples)))
-        settings = told.settings or _settings(path, head, n_samples, len(codes))
+        rows = _rows(path, start, 2 * n_samples)
+        settings = told.settings or _settings(path, head, n_samples, rows.n_rows)
         must_be_single(path, settings.radar, "complex")
         if settings.radar.frame.chirp.n_samples != n_samples:
             raise RecordingError(
@@ -81,11 +84,10 @@ class Sirad(Format):
                 " says",
                 fix="Correct it, or leave out the radar: the file has its own settings.",
             )
-        radar, n_frames, left = whole_frames(path, settings.radar, len(codes))
-        full_scale, scale = _full_scale(codes)
+        radar, n_frames, left = whole_frames(path, settings.radar, rows.n_rows)
+        full_scale, scale = _full_scale(rows.lowest, rows.highest)
         findings = (*settings.findings, *left, scale)
-        some = codes[:: -(-len(codes) // _LOOKED_AT)]
-        looked_at = some[:, 0::2] + 1j * some[:, 1::2]
+        looked_at = rows.some[:, 0::2] + 1j * rows.some[:, 1::2]
         if told.iq is None:
             iq, guessed = guess(looked_at)
             findings += (guessed,)
@@ -96,9 +98,26 @@ class Sirad(Format):
         n_chirps = radar.frame.n_sent
 
         def decode(index: int, out: np.ndarray) -> None:
-            _decode(codes[index * n_chirps : (index + 1) * n_chirps], full_scale, iq, out)
+            for at, codes in _parts(path, rows, index * n_chirps, (index + 1) * n_chirps):
+                _decode(codes, full_scale, iq, out[at : at + len(codes)])
 
         return Contents(radar=radar, n_frames=n_frames, decode=decode, findings=findings, iq=iq)
+
+
+@value
+class _Rows:
+    """Where the rows of numbers are, and what was seen of them."""
+
+    n_numbers: int
+    """Numbers in a row."""
+    n_rows: int
+    per_mark: int
+    marks: np.ndarray
+    """First byte of every so many rows, and the byte behind the last row."""
+    lowest: int
+    highest: int
+    some: np.ndarray
+    """(row, number): rows from all over the file."""
 
 
 def _decode(codes: np.ndarray, full_scale: int, iq: Iq, out: np.ndarray) -> None:
@@ -108,9 +127,8 @@ def _decode(codes: np.ndarray, full_scale: int, iq: Iq, out: np.ndarray) -> None
     out *= np.float32(1 / full_scale)
 
 
-def _full_scale(codes: np.ndarray) -> tuple[int, Finding]:
+def _full_scale(low: int, high: int) -> tuple[int, Finding]:
     """Full scale of the converter, which the file does not say."""
-    low, high = int(codes.min()), int(codes.max())
     bits = 12 if low >= -2048 and high <= 2047 else 16
     return 2 ** (bits - 1), Finding(
         level="note",
@@ -209,15 +227,58 @@ def _count(path: Path, head: dict[str, Any], key: str) -> int:
     return int(number)
 
 
-def _blocks(path: Path, start: int, n_numbers: int) -> Iterator[np.ndarray]:
-    """Rows of codes, (row, number) int16, a block of text at a time.
+def _rows(path: Path, start: int, n_numbers: int) -> _Rows:
+    """Look through all rows, of which only a few are kept.
 
     The whole text as Python numbers would take 12 times its size.
     """
+    marks: list[np.ndarray] = []
+    some: list[np.ndarray] = []
+    most = max(2, min(_LOOKED_AT, _LOOKED_AT_NUMBERS // n_numbers))
+    per_mark = max(1, min(_PER_MARK, _PER_MARK_NUMBERS // n_numbers))
+    n_rows, n_some, step, lowest, highest, end = 0, 0, 1, 2**15, -(2**15), start
     with path.open("rb") as file:
         file.seek(start)
-        for at, rows in _texts_of_rows(path, file, start, n_numbers):
-            yield _parsed(path, at, rows, n_numbers)
+        for at, text in _texts_of_rows(path, file, start, n_numbers):
+            rows = _parsed(path, at, text, n_numbers)
+            begins = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("["))
+            marks.append(at + begins[-n_rows % per_mark :: per_mark])
+            some.append(rows[-n_rows % step :: step].copy())
+            n_some += len(some[-1])
+            while n_some > most:
+                some = [np.concatenate(some)[::2]]
+                n_some, step = len(some[0]), 2 * step
+            n_rows += len(rows)
+            lowest, highest = min(lowest, int(rows.min())), max(highest, int(rows.max()))
+            end = at + len(text)
+    return _Rows(
+        n_numbers=n_numbers,
+        n_rows=n_rows,
+        per_mark=per_mark,
+        marks=np.append(np.concatenate(marks), end),
+        lowest=lowest,
+        highest=highest,
+        some=np.concatenate(some),
+    )
+
+
+def _parts(path: Path, rows: _Rows, first: int, last: int) -> Iterator[tuple[int, np.ndarray]]:
+    """Codes (row, number) of some rows, a block of text at a time, and which of them is first."""
+    mark, stop = first // rows.per_mark, -(-last // rows.per_mark)
+    with path.open("rb") as file:
+        while mark < stop:
+            at = int(rows.marks[mark])
+            then = int(np.searchsorted(rows.marks, at + _BLOCK_BYTES, side="right")) - 1
+            then = min(max(then, mark + 1), stop)
+            file.seek(at)
+            text = file.read(int(rows.marks[then]) - at).rstrip().removesuffix(b",")
+            codes = _parsed(path, at, text, rows.n_numbers)
+            begin, end = mark * rows.per_mark, min(then * rows.per_mark, rows.n_rows)
+            if len(codes) != end - begin:
+                raise _malformed(path, at, "other rows than when it was opened", rows.n_numbers)
+            chosen = codes[max(first - begin, 0) : last - begin]
+            yield max(begin - first, 0), chosen
+            mark = then
 
 
 def _texts_of_rows(
@@ -237,7 +298,7 @@ def _texts_of_rows(
     end = _END.fullmatch(text.lstrip())
     if end is None:
         raise _malformed(path, at, "rows that do not end in ]}", n_numbers)
-    yield at, end[1]
+    yield at + len(text) - len(text.lstrip()), end[1]
 
 
 def _parsed(path: Path, at: int, text: bytes, n_numbers: int) -> np.ndarray:
@@ -255,7 +316,7 @@ def _parsed(path: Path, at: int, text: bytes, n_numbers: int) -> np.ndarray:
             raise _malformed(path, at, got, n_numbers)
     try:
         codes = np.array(rows, dtype=np.int64)
-        if abs(codes).max() < 2**15:
+        if codes.ndim == 2 and abs(codes).max() < 2**15:
             return codes.astype(np.int16)
     except (ValueError, TypeError, OverflowError):  # lists in lists, or beyond 64 bits
         pass

@@ -210,7 +210,9 @@ def _codes(path: Path, number: int, words: list[bytes], n_numbers: int) -> np.nd
                 return codes
     except ValueError:
         pass
-    wrong = next(word for word in words if not word.isdigit() or int(word[:5]) > _LARGEST_CODE)
+    wrong = next(
+        word for word in words if len(word) > 4 or not word.isdigit() or int(word) > _LARGEST_CODE
+    )
     raise _malformed(path, number, f"{wrong[:20].decode('latin-1')!r}")
 
 

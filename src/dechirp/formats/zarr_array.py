@@ -42,7 +42,7 @@ _DEEPEST = 16
 _CODECS = {
     *("bytes", "transpose", "sharding_indexed", "crc32c"),
     *("blosc", "gzip", "zlib", "zstd", "lz4", "bz2", "lzma"),
-    *("shuffle", "delta", "fixedscaleoffset", "bitround", "packbits", "quantize", "astype"),
+    *("shuffle", "delta", "fixedscaleoffset", "bitround", "quantize", "astype"),
 }
 
 

@@ -57,20 +57,22 @@ def unpacks_beyond(codec: str, config: Mapping[str, Any], packed: bytes, most: i
     if codec == "zstd":
         size = _size_of_frame(packed)
         return not _fits(packed, most) if size is None else size > most
-    source = io.BytesIO(packed)
-    if codec == "gzip":
-        stream: io.BufferedIOBase = gzip.GzipFile(fileobj=source)
-    elif codec == "bz2":
-        stream = bz2.BZ2File(source)
-    elif codec == "lzma":
-        kind = config.get("format", lzma.FORMAT_AUTO)
-        stream = lzma.LZMAFile(source, format=kind, filters=config.get("filters"))
-    else:
-        raise ValueError(f"no size is known of what {codec} made")
     n_bytes = 0
-    while n_bytes <= most and (block := stream.read(_STEP_BYTES)):
-        n_bytes += len(block)
+    with _stream(codec, config, io.BytesIO(packed)) as stream:
+        while n_bytes <= most and (block := stream.read(_STEP_BYTES)):
+            n_bytes += len(block)
     return n_bytes > most
+
+
+def _stream(codec: str, config: Mapping[str, Any], source: io.BytesIO) -> io.BufferedIOBase:
+    if codec == "gzip":
+        return gzip.GzipFile(fileobj=source)
+    if codec == "bz2":
+        return bz2.BZ2File(source)
+    if codec == "lzma":
+        kind = config.get("format", lzma.FORMAT_AUTO)
+        return lzma.LZMAFile(source, format=kind, filters=config.get("filters"))
+    raise ValueError(f"no size is known of what {codec} made")
 
 
 def _size_of_frame(packed: bytes) -> int | None:
@@ -96,13 +98,15 @@ def _size_of_frame(packed: bytes) -> int | None:
 
 
 def _fits(packed: bytes, most: int) -> bool:
-    """Whether a piece of Zstandard unpacks to exactly so many bytes."""
-    from numcodecs import zstd  # comes with Zarr, for this format alone
+    """Whether a piece of Zstandard unpacks into so many bytes."""
+    from numcodecs import zstd  # type: ignore[import-untyped]  # comes with Zarr
 
     try:
         zstd.decompress(packed, np.empty(most, np.uint8))
-    except RuntimeError:
-        return False
+    except (RuntimeError, ValueError) as error:
+        if "too small" in str(error):
+            return False
+        raise
     return True
 
 

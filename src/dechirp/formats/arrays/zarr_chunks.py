@@ -96,7 +96,9 @@ def _named(codecs: Any) -> list[tuple[str, Mapping[str, Any]]]:
 def _packing(
     path: Path, codecs: list[tuple[str, Mapping[str, Any]]], chunk: tuple[int, ...], itemsize: int
 ) -> Packing:
-    codec, config, n_bytes, n_behind = None, {}, math.prod(chunk) * itemsize, 0
+    codec: str | None = None
+    config: Mapping[str, Any] = {}
+    n_bytes, n_behind = math.prod(chunk) * itemsize, 0
     for name, said in codecs:
         if name == _CHECKSUM and said.get("location", "end") == "end":
             n_behind += _CHECKSUM_BYTES
@@ -132,12 +134,12 @@ def must_unpack_to_size(path: Path, chunk: Path, packing: Packing | Sharding) ->
         if isinstance(packing, Packing):
             _must_fit(path, file, 0, n_bytes, packing)
             return
-        table_bytes = 16 * packing.n_inner + packing.n_behind
-        file.seek(0 if packing.table_first else max(n_bytes - table_bytes, 0))
-        table = np.frombuffer(file.read(16 * packing.n_inner), "<u8").reshape(-1, 2)
-        if packing.inner.codec is None:
-            return
-        for start, size in table.tolist():
+        table_bytes = 16 * packing.n_inner
+        if packing.inner.codec is None or table_bytes + packing.n_behind > n_bytes:
+            return  # a file that is too short is for Zarr to refuse
+        file.seek(0 if packing.table_first else n_bytes - table_bytes - packing.n_behind)
+        for place in np.frombuffer(file.read(table_bytes), "<u8").reshape(-1, 2):
+            start, size = place.tolist()
             if start != _EMPTY:
                 _must_fit(path, file, start, min(size, n_bytes), packing.inner)
 
@@ -151,7 +153,8 @@ def _must_fit(path: Path, file: BinaryIO, start: int, n_bytes: int, packing: Pac
     if said is not None:
         is_larger = said > packing.n_bytes
     else:
-        packed = head + file.read(n_bytes - packing.n_behind - len(head))
+        packed = head + file.read(max(n_bytes - len(head), 0))
+        packed = packed[: len(packed) - packing.n_behind]
         is_larger = unpacks_beyond(packing.codec, packing.config, packed, packing.n_bytes)
     if is_larger:
         what = f"a piece of {n_bytes} bytes that unpacks to more than {packing.n_bytes}"
