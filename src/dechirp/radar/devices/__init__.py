@@ -1,3 +1,1 @@
-"""Known chips and boards: what each allows, and where its antennas are."""
-
-from dechirp.radar.devices.known import device as device
+"""Known radar chips and boards: where their antennas are, and what they allow."""
