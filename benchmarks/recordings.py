@@ -6,7 +6,8 @@ decode   complex64 cube, fresh, of a DCA1000 capture of 128 MiB in the file cach
 open     opening a capture of 4 GB and decoding one frame of it, s; at most 0.3. A second
          figure is for a network capture (pcap) of 1 GB, every packet of which is looked at.
 memory   growth of the resident memory of a process that reads a capture of 1 GB frame by
-         frame, and of one that reads as large an .npy, in MB over three frames; at most 200.
+         frame, as large an .npy, or as large a network capture, in MB over three frames; at
+         most 200.
 
 Compiled code is cached; ratios are medians of nine pairs of turns A B A B.
 
@@ -157,11 +158,15 @@ def main() -> None:
             folder, folder / "small.npy", folder / "large.npy", told
         )
         network_capture(folder / "x.pcap", 2**30)
+        network_capture(folder / "small.pcap", 2 * FRAME_BYTES)
+        results["memory_pcap_mb"] = growth_mb(
+            folder, folder / "small.pcap", folder / "x.pcap", {"iq": "iq"}
+        )
         results["open_1_gb_pcap_s"] = seconds(
             lambda: dc.open(folder / "x.pcap", radar=RADAR, frames=(900, 901)).cube
         )
     bars = {"decode_two_lanes": 4, "decode_four_lanes": 4, "open_4_gb_s": 0.3}
-    bars |= {"memory_dca1000_mb": 200, "memory_npy_mb": 200}
+    bars |= {"memory_dca1000_mb": 200, "memory_npy_mb": 200, "memory_pcap_mb": 200}
     print(json.dumps({"measured": results, "at_most": bars}, indent=2))
     raise SystemExit(1 if any(results[name] > most for name, most in bars.items()) else 0)
 

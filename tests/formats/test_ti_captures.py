@@ -19,10 +19,14 @@ from dechirp.cli.main import main
 from dechirp.core.errors import RecordingError
 from dechirp.experiment.run import run
 from dechirp.experiment.scenario import Scenario, Source
+from dechirp.formats.dca1000 import _headers
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.samples.layouts import Code, TwoLanes
 from dechirp.formats.settings.read import find_settings
+from dechirp.formats.streams.bytes_in import files_in
+from dechirp.formats.streams.packets import in_places, in_runs
+from dechirp.formats.streams.walk import walk
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.known import device as known_device
@@ -698,3 +702,27 @@ def test_points_cannot_be_run(tmp_path):
 
     with pytest.raises(RecordingError, match="holds detections and no samples"):
         run(Scenario(recording=Source(path=str(tmp_path / "points.dat"))))
+
+
+@pytest.mark.parametrize("lost", [[], [5], [5, 6, 20]])
+def test_what_is_kept_of_an_orderly_capture_grows_with_its_losses_alone(tmp_path, lost):
+    stream = two_lanes(codes(n_frames=12))
+    kept = [packet for packet in packets_of(stream) if packet[0] not in lost]
+    file = tmp_path / "adc_data_Raw_0.bin"
+    file.write_bytes(with_headers(kept))
+
+    runs, _ = walk(file, in_runs(_headers), 0)
+    packets, findings = in_places(file, files_in(file), runs)
+
+    # A run before each place of loss, one to the end, and the last packet, which is shorter.
+    n_places = sum(number - 1 not in lost for number in lost)
+    assert len(packets.starts) == n_places + 2
+    assert int(packets.counts.sum()) == len(kept)
+    assert findings == ()
+    for start, stop in ((0, len(stream)), (1455, 1457), (2912, 2913), (7000, 9000)):
+        part = np.empty(stop - start, np.uint8)
+        packets.read(start, part)
+        whole = np.frombuffer(stream, np.uint8).copy()
+        for number in lost:
+            whole[(number - 1) * 1456 : number * 1456] = 0
+        np.testing.assert_array_equal(part, whole[start:stop])

@@ -23,7 +23,13 @@ from dechirp.formats.samples.layouts import FourLanes, Layout, TwoLanes
 from dechirp.formats.settings.base import Settings
 from dechirp.formats.settings_for import settings_for
 from dechirp.formats.streams.bytes_in import BytesIn, files_in
-from dechirp.formats.streams.packets import LARGEST_PAYLOAD, Packets, in_places
+from dechirp.formats.streams.packets import (
+    LARGEST_PAYLOAD,
+    in_places,
+    in_runs,
+    last_number,
+    runs_of,
+)
 from dechirp.formats.streams.walk import walk
 
 _HEADER_BYTES = 14
@@ -123,26 +129,22 @@ def _torn_off(path: Path, settings: Settings) -> tuple[Finding, ...]:
 
 def _packets(path: Path) -> tuple[BytesIn, tuple[Finding, ...]]:
     """Payloads of packets with their headers, of all the files over which they were split."""
-    every, stopped = walk(path, _headers, 0)
+    every, stopped = walk(path, in_runs(_headers), 0)
     parts, base = [path], 0
     while (following := _following(parts)) is not None:
-        begins = _goes_on(parts[-1], stopped, following, int(every[-1, 0]))
+        begins = _goes_on(parts[-1], stopped, following, last_number(every))
         if begins is None:
             break
         across, at = begins
         across[:, 2] += base + stopped
         base += parts[-1].stat().st_size
         parts.append(following)
-        found, stopped = walk(following, _headers, at)
+        found, stopped = walk(following, in_runs(_headers), at)
         if len(found):
             found[:, 2] += base
             across = np.concatenate([across, found])
         every = np.concatenate([every, across])
-    packets, findings = in_places(
-        path,
-        files_in(*parts),
-        Packets(sequence=every[:, 0], starts=every[:, 1], offsets=every[:, 2], sizes=every[:, 3]),
-    )
+    packets, findings = in_places(path, files_in(*parts), every)
     if stopped < parts[-1].stat().st_size:
         findings += (_cut_packet(parts[-1], stopped),)
     return packets, _joined(parts) + findings
@@ -151,7 +153,7 @@ def _packets(path: Path) -> tuple[BytesIn, tuple[Finding, ...]]:
 def _goes_on(
     before: Path, stopped: int, following: Path, number: int
 ) -> tuple[np.ndarray, int] | None:
-    """Row, if any, of the packet across two files, and where in the second the next begins.
+    """Run, if any, of the packet across two files, and where in the second the next begins.
 
     None if the second does not go on where the first ends, at the packet after this number.
     """
@@ -165,8 +167,8 @@ def _goes_on(
     if len(rest) == longest or not len(rows) or not 0 < rows[0, 0] - number < 2**16:
         return None
     if not rest:
-        return rows[:0], 0
-    return rows[:1], _HEADER_BYTES + int(rows[0, 3]) - len(rest)
+        return runs_of(rows[:0]), 0
+    return runs_of(rows[:1]), _HEADER_BYTES + int(rows[0, 3]) - len(rest)
 
 
 def _parts(path: Path, settings: Settings) -> list[Path]:

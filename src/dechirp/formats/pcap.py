@@ -21,7 +21,7 @@ from dechirp.formats.dca1000 import layouts
 from dechirp.formats.samples.bare import bare_contents
 from dechirp.formats.settings_for import settings_for
 from dechirp.formats.streams.bytes_in import files_in
-from dechirp.formats.streams.packets import Packets, in_places
+from dechirp.formats.streams.packets import in_places, in_runs
 from dechirp.formats.streams.walk import walk
 
 _DATA_PORT = 4098
@@ -57,14 +57,11 @@ class Pcap(Format):
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""
-        rows, stopped, cut = _records(path)
-        rows = rows.reshape(-1, 5)  # none at all of a file that ends with its header
-        _must_be_whole(path, rows, cut)
-        found = Packets(
-            sequence=rows[:, 0], starts=rows[:, 1], offsets=rows[:, 2], sizes=rows[:, 3]
-        )
-        stream, findings = in_places(path, files_in(path), found)
-        if n_cut := int(np.count_nonzero(rows[:, 4])):
+        runs, stopped, cut = _records(path)
+        runs = runs.reshape(-1, 7)  # none at all of a file that ends with its header
+        _must_be_whole(path, runs, cut)
+        stream, findings = in_places(path, files_in(path), runs)
+        if n_cut := int(runs[runs[:, 4] > 0, -2].sum()):
             findings += (_snapped(n_cut, int(cut[1])),)
         size = path.stat().st_size
         if stopped < size:
@@ -85,8 +82,9 @@ def _records(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
 
     Returns
     -------
-    rows : (n, 5) int64
-        Number, bytes before, place and size of each payload, and bytes of it not captured.
+    runs : (n, 7) int64
+        Of packets with their number, bytes before, place and size of the payload, and bytes of it
+        not captured; see `packets.runs_of`.
     stopped : int
         Where the file broke off.
     cut : (2,) int64
@@ -103,7 +101,7 @@ def _records(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
         def blocks(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
             return _blocks(content, at, stop, little, links, n_links, cut)
 
-        return *walk(path, blocks, 0), cut
+        return *walk(path, in_runs(blocks), 0), cut
     order = _PCAP[head[:4]]
     if len(head) < 24:
         raise _damaged(path, "a capture without its header of 24 bytes")
@@ -112,13 +110,14 @@ def _records(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
     def records(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
         return _packets(content, at, stop, order == "<", link, cut)
 
-    return *walk(path, records, 24), cut
+    return *walk(path, in_runs(records), 24), cut
 
 
-def _must_be_whole(path: Path, rows: np.ndarray, cut: np.ndarray) -> None:
+def _must_be_whole(path: Path, runs: np.ndarray, cut: np.ndarray) -> None:
     """Raise `RecordingError` if packets were cut, and no samples, or hardly any, are left."""
-    is_whole = rows[:, 4] == 0
-    if not cut[0] or (is_whole.any() and rows[:, 4].sum() <= _MOST_LOST * rows[:, 3].sum()):
+    is_whole, counts = runs[:, 4] == 0, runs[:, -2]
+    lost, left = counts @ runs[:, 4], counts @ runs[:, 3]
+    if not cut[0] or (is_whole.any() and lost <= _MOST_LOST * left):
         return
     raise RecordingError(
         path,

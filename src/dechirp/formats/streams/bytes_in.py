@@ -57,17 +57,22 @@ def files_in(*paths: Path) -> FilesIn:
 class PacketsIn(BytesIn):
     """Payloads of packets in files, which may have come in any order, twice or not at all.
 
-    Sorted by `starts`, without overlap.
+    Kept as runs of packets of one size that follow one another; sorted by `starts`, without
+    overlap.
     """
 
     files: FilesIn
     n_bytes: int
     starts: np.ndarray
-    """(n,) int64: place in the stream of the first byte of each payload."""
+    """(n,) int64: place in the stream of the first byte of each run."""
     offsets: np.ndarray
     """(n,) int64: its place in the files, one after the other."""
     sizes: np.ndarray
-    """(n,) int64: its bytes."""
+    """(n,) int64: bytes of the payload of each of its packets."""
+    counts: np.ndarray
+    """(n,) int64: its packets."""
+    distances: np.ndarray
+    """(n,) int64: from one of their payloads to the next in the files."""
 
     def read(self, start: int, into: np.ndarray) -> None:
         """See `BytesIn.read`."""
@@ -75,7 +80,7 @@ class PacketsIn(BytesIn):
         stop = start + into.size
         first = int(np.searchsorted(self.starts, start, side="right")) - 1
         chosen = slice(max(first, 0), int(np.searchsorted(self.starts, stop)))
-        starts, offsets, sizes = self.starts[chosen], self.offsets[chosen], self.sizes[chosen]
+        starts, offsets, sizes = self._packets(chosen, start, stop)
         if not starts.size:
             return
         # One read of the part of the file in which they lie; in order, that is 1 % more than
@@ -96,10 +101,25 @@ class PacketsIn(BytesIn):
             else:
                 part[:] = block[offset + skip - low : offset + end - low]
 
+    def _packets(self, runs: slice, start: int, stop: int) -> tuple[np.ndarray, ...]:
+        """Starts, offsets and sizes of those packets of some runs that hold bytes of a part."""
+        starts, sizes = self.starts[runs], self.sizes[runs]
+        first = np.maximum((start - starts) // sizes, 0)
+        n_packets = np.minimum(-((starts - stop) // sizes), self.counts[runs]) - first
+        n_packets = np.maximum(n_packets, 0)
+        run = np.repeat(np.arange(n_packets.size), n_packets)
+        skipped = np.repeat(np.cumsum(n_packets) - n_packets, n_packets)
+        place = np.arange(run.size) - skipped + first[run]
+        return (
+            starts[run] + place * sizes[run],
+            self.offsets[runs][run] + place * self.distances[runs][run],
+            sizes[run],
+        )
+
     @property
     def lost(self) -> np.ndarray:
         """See `BytesIn.lost`."""
-        ends = np.concatenate([[0], self.starts + self.sizes])
+        ends = np.concatenate([[0], self.starts + self.sizes * self.counts])
         begins = np.concatenate([self.starts, [self.n_bytes]])
         return np.stack([ends, begins], axis=1)[begins > ends]
 
