@@ -165,14 +165,14 @@ def _adc_start(chirp: Chirp, limits: Limits, name: str) -> Iterator[Finding]:
             f" the ramp of {name} is not straight before",
             fix="Start sampling later.",
         )
-    most_s = limits.max_adc_start_s
-    if most_s is not None and chirp.adc_start_s > most_s * _ROUNDING:
-        yield _error(
-            setting,
-            got=got,
-            need=f"at most {most_s * 1e6:.4g} us: {name} counts no further",
-            fix="Start sampling earlier, and the ramp later if it has to be.",
-        )
+    yield from _counted(
+        setting,
+        got=got,
+        time_s=chirp.adc_start_s,
+        most_s=limits.max_adc_start_s,
+        name=name,
+        fix="Start sampling earlier, and the ramp later if it has to be.",
+    )
 
 
 def _ramp_end(chirp: Chirp, limits: Limits, name: str) -> Iterator[Finding]:
@@ -187,14 +187,14 @@ def _ramp_end(chirp: Chirp, limits: Limits, name: str) -> Iterator[Finding]:
             f" {name} needs the ramp until then",
             fix="Lengthen the ramp, or take fewer samples.",
         )
-    most_s = limits.max_ramp_duration_s
-    if most_s is not None and chirp.ramp_duration_s > most_s * _ROUNDING:
-        yield _error(
-            setting,
-            got=got,
-            need=f"at most {most_s * 1e6:.5g} us: {name} counts no further",
-            fix="Shorten the ramp; lengthen the interval to keep the velocity resolution.",
-        )
+    yield from _counted(
+        setting,
+        got=got,
+        time_s=chirp.ramp_duration_s,
+        most_s=limits.max_ramp_duration_s,
+        name=name,
+        fix="Shorten the ramp; lengthen the interval to keep the velocity resolution.",
+    )
 
 
 def _idle(frame: Frame, limits: Limits, name: str) -> Iterator[Finding]:
@@ -213,14 +213,14 @@ def _idle(frame: Frame, limits: Limits, name: str) -> Iterator[Finding]:
             " and settle",
             fix=f"Lengthen the interval to {(chirp.ramp_duration_s + least_s) * 1e6:.5g} us.",
         )
-    most_s = limits.max_idle_s
-    if most_s is not None and idle_s > most_s + slack_s:
-        yield _error(
-            setting,
-            got=got,
-            need=f"at most {most_s * 1e3:.5g} ms: {name} counts no further",
-            fix="Shorten the interval, or send one chirp a frame.",
-        )
+    yield from _counted(
+        setting,
+        got=got,
+        time_s=idle_s - slack_s,
+        most_s=limits.max_idle_s,
+        name=name,
+        fix="Shorten the interval, or send one chirp a frame.",
+    )
 
 
 def _count(frame: Frame, limits: Limits, name: str) -> Iterator[Finding]:
@@ -291,14 +291,14 @@ def _gap(frame: Frame, limits: Limits, name: str) -> Iterator[Finding]:
             need=f"at least {least_s * 1e6:.4g} us: {name} calibrates itself between frames",
             fix=f"Give a period of {(frame.duration_s + least_s) * 1e3:.5g} ms or more.",
         )
-    most_s = limits.max_period_s
-    if most_s is not None and period_s > most_s * _ROUNDING:
-        yield _error(
-            "radar.frame.period",
-            got=f"{period_s * 1e3:.5g} ms",
-            need=f"at most {most_s * 1e3:.5g} ms: {name} counts no further",
-            fix="Start frames more often, or start each by software.",
-        )
+    yield from _counted(
+        "radar.frame.period",
+        got=f"{period_s * 1e3:.5g} ms",
+        time_s=period_s,
+        most_s=limits.max_period_s,
+        name=name,
+        fix="Start frames more often, or start each by software.",
+    )
 
 
 def _step(steps: tuple[tuple[float, float], ...], at: float) -> float:
@@ -308,6 +308,16 @@ def _step(steps: tuple[tuple[float, float], ...], at: float) -> float:
 
 def _power_of_two(number: int) -> int:
     return 1 << math.ceil(math.log2(number)) if number > 1 else 1
+
+
+def _counted(
+    setting: str, *, got: str, time_s: float, most_s: float | None, name: str, fix: str
+) -> Iterator[Finding]:
+    """A time for which the chip's counter is too short."""
+    if most_s is None or time_s <= most_s * _ROUNDING:
+        return
+    most = f"{most_s * 1e6:.5g} us" if most_s < 1e-3 else f"{most_s * 1e3:.5g} ms"
+    yield _error(setting, got=got, need=f"at most {most}: {name} counts no further", fix=fix)
 
 
 def _error(setting: str, *, got: str, need: str, fix: str) -> Finding:
