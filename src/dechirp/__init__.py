@@ -23,7 +23,8 @@ if TYPE_CHECKING:
         RecordingError,
     )
     from dechirp.core.findings import Finding, PhysicsWarning
-    from dechirp.echoes.echo import simulate
+    from dechirp.echoes.echo import plan, simulate
+    from dechirp.echoes.engine import Engine
     from dechirp.echoes.impairments.thermal_noise import ThermalNoise
     from dechirp.echoes.impairments.white_noise import WhiteNoise
     from dechirp.experiment.inspection import Inspection, inspect
@@ -42,16 +43,29 @@ if TYPE_CHECKING:
     from dechirp.radar.devices.known import device
     from dechirp.radar.frame import Frame
     from dechirp.radar.hardware import Hardware
+    from dechirp.radar.multiplexing.bpm import Bpm
+    from dechirp.radar.multiplexing.ddma import Ddma
+    from dechirp.radar.multiplexing.phase_code import PhaseCode
     from dechirp.radar.multiplexing.tdm import Tdm
+    from dechirp.radar.patterns.cosine import CosinePattern
+    from dechirp.radar.patterns.patch_array import PatchArray
+    from dechirp.radar.patterns.table import TablePattern
     from dechirp.radar.radar import Radar
     from dechirp.radar.requirements import Requirements
-    from dechirp.scene.scene import Ego, Scene, truth
+    from dechirp.scene.bodies.cloud import Cloud
+    from dechirp.scene.bodies.points import Oscillation, Points, Rotation, Scatterer
+    from dechirp.scene.ego import Ego
+    from dechirp.scene.rcs_table import RcsTable
+    from dechirp.scene.scene import Scene
     from dechirp.scene.target import Target
+    from dechirp.scene.truth import truth
+    from dechirp.scene.waypoints import Waypoint
 
 _WHERE = {
     "core.errors": "DechirpError InvalidFile InvalidSetting NotEnoughMemory RecordingError",
     "core.findings": "Finding PhysicsWarning",
-    "echoes.echo": "simulate",
+    "echoes.echo": "plan simulate",
+    "echoes.engine": "Engine",
     "echoes.impairments.thermal_noise": "ThermalNoise",
     "echoes.impairments.white_noise": "WhiteNoise",
     "experiment.inspection": "Inspection inspect",
@@ -70,26 +84,43 @@ _WHERE = {
     "radar.devices.known": "device",
     "radar.frame": "Frame",
     "radar.hardware": "Hardware",
+    "radar.multiplexing.bpm": "Bpm",
+    "radar.multiplexing.ddma": "Ddma",
+    "radar.multiplexing.phase_code": "PhaseCode",
     "radar.multiplexing.tdm": "Tdm",
+    "radar.patterns.cosine": "CosinePattern",
+    "radar.patterns.patch_array": "PatchArray",
+    "radar.patterns.table": "TablePattern",
     "radar.radar": "Radar",
     "radar.requirements": "Requirements",
-    "scene.scene": "Ego Scene truth",
+    "scene.bodies.cloud": "Cloud",
+    "scene.bodies.points": "Oscillation Points Rotation Scatterer",
+    "scene.ego": "Ego",
+    "scene.rcs_table": "RcsTable",
+    "scene.scene": "Scene",
     "scene.target": "Target",
+    "scene.truth": "truth",
+    "scene.waypoints": "Waypoint",
 }
 _MODULE = {name: module for module, names in _WHERE.items() for name in names.split()}
 
 __all__ = [
     "Array",
+    "Bpm",
     "CellAveraging",
     "Cells",
     "Certificate",
     "Cfar",
     "Chain",
     "Chirp",
+    "Cloud",
+    "CosinePattern",
+    "Ddma",
     "DechirpError",
     "Design",
     "Device",
     "Ego",
+    "Engine",
     "Finding",
     "Frame",
     "Hardware",
@@ -97,18 +128,27 @@ __all__ = [
     "InvalidFile",
     "InvalidSetting",
     "NotEnoughMemory",
+    "Oscillation",
+    "PatchArray",
+    "PhaseCode",
     "PhysicsWarning",
+    "Points",
     "Radar",
+    "RcsTable",
     "Recording",
     "RecordingError",
     "Requirements",
     "Result",
+    "Rotation",
+    "Scatterer",
     "Scenario",
     "Scene",
     "Source",
+    "TablePattern",
     "Target",
     "Tdm",
     "ThermalNoise",
+    "Waypoint",
     "WhiteNoise",
     "design",
     "detect",
@@ -116,6 +156,7 @@ __all__ = [
     "inspect",
     "load",
     "open",
+    "plan",
     "power_map",
     "reference",
     "run",

@@ -11,6 +11,7 @@ import xarray as xr
 from dechirp.core.conventions import axis
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.echoes.echo import simulate
+from dechirp.echoes.engine import Engine
 from dechirp.process.cfar.base import Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
 from dechirp.process.chain import Chain, power_map
@@ -25,9 +26,14 @@ from dechirp.report.figures.range_doppler import reduced
 from dechirp.report.figures.style import thinned
 from dechirp.report.page import render
 from dechirp.report.words import quantity, small
+from dechirp.scene.bodies.cloud import Cloud
+from dechirp.scene.bodies.points import Oscillation, Points, Scatterer
+from dechirp.scene.ego import Ego
 from dechirp.scene.folding import seen
-from dechirp.scene.scene import Scene, truth
+from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
+from dechirp.scene.truth import truth
+from dechirp.scene.waypoints import Waypoint
 
 CHIRP = Chirp(
     start_frequency_hz=77e9,
@@ -142,6 +148,7 @@ def result(**changes) -> SimpleNamespace:
             n_frames=n_frames,
             chain=Chain(cfar=Cfar(estimator=CellAveraging(), false_alarm_probability=1e-6)),
             impairments=(),
+            engine=Engine(),
             scene=scene,
             recording=None,
         ),
@@ -344,6 +351,93 @@ def test_a_detection_two_cells_away_is_not_the_targets():
     found["velocity"] = ("detection", np.full(3, 10.0))
 
     assert compare.match(found, known, RADAR).target.tolist() == [0, 0, -1]
+
+
+def pair_of_points(**of_target) -> Scene:
+    """A body 50 m away with scatterers at its origin and 6 m, ten cells, behind it."""
+    near = Scatterer(position_m=(0, 0, 0), rcs_m2=1.0)
+    far = Scatterer(position_m=(6, 0, 0), rcs_m2=1.0, **of_target)
+    return Scene(
+        targets=(dataclasses.replace(CAR, rcs_m2=1.0, body=Points(scatterers=(near, far))),)
+    )
+
+
+def at(range_m: list[float], velocity: float) -> xr.Dataset:
+    found = detections(len(range_m))
+    found["range"] = ("detection", np.array(range_m))
+    found["velocity"] = ("detection", np.full(len(range_m), velocity))
+    return found
+
+
+def test_a_detection_of_any_scatterer_is_the_bodys():
+    scene = pair_of_points()
+    known = truth(scene, RADAR)
+    origin_m = known.range.item()
+    found = at([origin_m, origin_m + 6.1, origin_m + 3.0], 10.0)
+
+    matched = compare.match(found, known, RADAR, scene)
+
+    # 3 m lie between the two, five cells from each; without the scene only the origin counts.
+    assert matched.target.tolist() == [0, 0, -1]
+    assert np.isnan(matched.range_error_m).all()
+    assert compare.match(found, known, RADAR).target.tolist() == [0, -1, -1]
+
+
+def test_a_part_that_moves_is_looked_for_at_its_own_velocity():
+    # 12.6 m/s towards the radar at the middle of the frame, 8 cells from the velocity of the body.
+    turn = 2 * np.pi * 20.0 * RADAR.frame.mid_frame_s
+    swing = Oscillation(amplitude_m=(0.1, 0, 0), frequency_hz=20.0, phase_rad=np.pi - turn)
+    scene = pair_of_points(oscillation=swing)
+    known = truth(scene, RADAR)
+    moving = at([known.range.item() + 6], 10 - 0.1 * 2 * np.pi * 20)
+
+    assert compare.match(moving, known, RADAR, scene).target.tolist() == [0]
+    assert compare.match(at([known.range.item() + 6], 10.0), known, RADAR, scene).target[0] == -1
+
+
+def test_velocities_are_near_each_other_across_the_end_of_the_map():
+    most = RADAR.frame.max_velocity_m_per_s
+    cell = RADAR.frame.velocity_resolution_m_per_s
+    car = dataclasses.replace(CAR, velocity_m_per_s=(most - 0.3 * cell, 0, 0))
+    scene = Scene(targets=(car,))
+    known = truth(scene, RADAR)
+    found = at([known.range.item()], -most + cell)
+
+    matched = compare.match(found, known, RADAR, scene)
+
+    assert matched.target.tolist() == [0]
+    assert matched.velocity_error_m_per_s[0] == pytest.approx(1.3 * cell)
+
+
+def test_a_page_tells_bodies_ways_and_how_echoes_were_summed():
+    bike = Target(
+        name="bike",
+        position_m=(30, 5, 0),
+        waypoints=[Waypoint(time_s=1.0, position_m=(34, 5, 0))],
+    )
+    scene = Scene(
+        targets=(*pair_of_points().targets, bike),
+        ego=Ego(yaw_rad=0.2, velocity_m_per_s=(5, 0, 0), turn_rate_rad_per_s=0.3),
+    )
+    made = result(scene=scene)
+    made.cube.attrs["kernels"] = "direct"
+    made.scenario.engine = Engine(tolerance=1e-4, late="onset")
+
+    page = page_of(made)
+
+    for words in ("way through waypoints", "scatterers of bodies", "A body has no one place"):
+        assert words in page
+    for words in ("auto: direct", "10⁻⁴ of the root mean square", "begin when they arrive"):
+        assert words in page
+    assert "root mean square" not in page_of(recorded())
+
+
+def test_a_page_of_very_many_scatterers_stays_small():
+    at_m = np.random.default_rng(5).uniform(-3, 3, (20_000, 3))
+    crowd = Cloud(positions_m=at_m, rcs_m2=np.full(20_000, 1e-4))
+    scene = Scene(targets=(dataclasses.replace(CAR, rcs_m2=1.0, body=crowd),))
+
+    assert len(page_of(result(scene=scene)).encode()) < 1_500_000
 
 
 def test_a_step_of_the_link_budget_starts_where_the_line_above_it_ends():

@@ -1,5 +1,6 @@
 """Settings files: what they say becomes values, and what they should not say is told."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,9 @@ from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
+from dechirp.radar.multiplexing.bpm import Bpm
+from dechirp.radar.multiplexing.ddma import Ddma
+from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
@@ -117,12 +121,32 @@ def test_transmitters_that_take_turns_are_read_and_written():
 
 
 @pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("{kind: bpm, order: [1, 0]}", Bpm(order=(1, 0))),
+        ("{kind: ddma, order: [0, 1], n_sub_bands: 3}", Ddma(order=(0, 1), n_sub_bands=3)),
+        (
+            "{kind: phase-code, phases: [[0, 90 deg], [-1.1 rad, 0.1 rad]]}",
+            PhaseCode(phases_rad=[[0, math.pi / 2], [-1.1, 0.1]]),
+        ),
+    ],
+    ids=["bpm", "ddma", "phase-code"],
+)
+def test_codes_of_transmitters_that_send_together_are_read_and_written(text, code):
+    radar = parse(in_turns(text), Radar)
+
+    assert radar.frame.multiplexing == code
+    assert parse(dump(radar), Radar) == radar
+    assert plain(radar)["frame"]["multiplexing"]["kind"] == code.kind()
+
+
+@pytest.mark.parametrize(
     ("text", "setting", "got", "need"),
     [
         ("null", "", "none, with 2 transmitters in the array", "given where there are several"),
-        ("tdm", "", "tdm", "a mapping with kind: tdm or null"),
-        ("{order: [0, 1]}", ".kind", "missing", "one of tdm"),
-        ("{kind: tdmm, order: [0, 1]}", ".kind", "tdmm", "one of tdm"),
+        ("tdm", "", "tdm", "a mapping with kind: bpm, ddma, phase-code, tdm or null"),
+        ("{order: [0, 1]}", ".kind", "missing", "one of bpm, ddma, phase-code, tdm"),
+        ("{kind: tdmm, order: [0, 1]}", ".kind", "tdmm", "one of bpm, ddma, phase-code, tdm"),
         ("{kind: tdm}", ".order", "missing", "a list, each a whole number"),
         ("{kind: tdm, ordr: [0, 1]}", ".ordr", "not a known name", "one of order"),
         ("{kind: tdm, order: [0, 1.5]}", ".order.1", "1.5", "a whole number"),
@@ -130,7 +154,13 @@ def test_transmitters_that_take_turns_are_read_and_written():
         ("{kind: tdm, order: []}", ".order", "()", "at least one transmitter"),
         ("{kind: tdm, order: [1, 1]}", ".order", "1, 1", "every transmitter once"),
         ("{kind: tdm, order: [0, -1]}", ".order", "-1", "a whole number from 0"),
-        ("{kind: tdm, order: [1, 2]}", "", "of the transmitters 1, 2", "each once: 0, 1"),
+        ("{kind: tdm, order: [1, 2]}", "", "of 2 transmitters: 1, 2", "the 2 in array.tx: 0, 1"),
+        ("{kind: bpm, order: [0]}", "", "of 1 transmitter: 0", "the 2 in array.tx: 0, 1"),
+        ("{kind: ddma, order: [0, 1], n_sub_bands: 1}", ".n_sub_bands", "1", "at least 2"),
+        ("{kind: ddma, order: [0, 1]}", ".n_sub_bands", "missing", "a whole number"),
+        ("{kind: phase-code, phases: [[0, 90]]}", ".phases.0.1", "90", "an angle, as 30 deg"),
+        ("{kind: phase-code, phases: [[0, 0], [0]]}", ".phases.1", "a row of 1 phases", "of 2"),
+        ("{kind: phase-code, phases: [[0]]}", "", "of 1 transmitter: 0", "the 2 in array.tx: 0"),
     ],
 )
 def test_turns_that_cannot_be_are_told_with_their_place(text, setting, got, need):
@@ -448,6 +478,8 @@ def test_the_text_under_a_field_is_its_help():
     assert list(field_help(Hardware)) == [
         "transmit_power_w",
         "antenna_gain",
+        "tx_pattern",
+        "rx_pattern",
         "noise_factor",
         "loss",
     ]

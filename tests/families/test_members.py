@@ -14,10 +14,28 @@ from dechirp.echoes.impairments.base import Impairment
 from dechirp.formats.base import Fit, Format
 from dechirp.process.cfar.base import NoiseEstimator
 from dechirp.radar.multiplexing.base import Multiplexing
+from dechirp.radar.patterns.base import Pattern
+from dechirp.scene.bodies.base import Body
+from dechirp.scene.bodies.points import Scatterer
 from noise import noise_cube
 
-FAMILIES = [NoiseEstimator, Impairment, Format, Multiplexing]
-GIVEN = {"order": (2, 0, 1)}
+FAMILIES = [NoiseEstimator, Impairment, Format, Multiplexing, Pattern, Body]
+# Of three transmitters; the phases turn the second and the third by thirds of a circle.
+GIVEN = {
+    "order": (2, 0, 1),
+    "n_sub_bands": 4,
+    "azimuth_rad": (-1, 0, 1),
+    "gain": ((1, 10, 2),),
+    "n_patches": 5,
+    "design_frequency_hz": 77e9,
+    "positions_m": [(0, 0, 0), (1, 0.5, 0)],
+    "rcs_m2": [1.0, 2.0],
+    "scatterers": [
+        Scatterer(position_m=(0, 0, 0), rcs_m2=1.0),
+        Scatterer(position_m=(1, 0.5, 0), rcs_m2=2.0),
+    ],
+    "phases_rad": [[0, k * 2 * np.pi / 3, -k * 2 * np.pi / 3] for k in range(3)],
+}
 
 
 def example(member):
@@ -108,20 +126,53 @@ def test_each_impairment_says_what_noise_it_adds(radar, kind):
 @pytest.mark.parametrize("kind", Multiplexing.members())
 def test_under_each_multiplexing_a_target_is_found_by_all_transmitters_together(radar, kind):
     multiplexing = example(Multiplexing.members()[kind])
-    n_tx = 1 + max(transmitter for slot in multiplexing.slots for transmitter in slot)
-    array = dc.Array(tx_m=[(0, 0.0078 * k, 0) for k in range(n_tx)])
+    array = dc.Array(tx_m=[(0, 0.0078 * k, 0) for k in range(multiplexing.n_tx)])
     frame = replace(radar.frame, multiplexing=multiplexing)
     radar = replace(radar, frame=frame, array=array)
     target = dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(-5, 0, 0))
     scene = dc.Scene(targets=[target])
     truth = dc.truth(scene, radar).isel(target=0, frame=0)
 
-    found = dc.detect(dc.simulate(scene, radar), radar)
+    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
     assert found.sizes["detection"] == 1
     for name in ("range", "velocity"):
         assert abs(found[name].item() - truth[name].item()) < 5 * found[f"{name}_std"].item()
     # The noise level comes from 320 cells that a Hann window correlates: 0.3 dB.
     assert 10 * np.log10(found.snr.item() / truth.snr.item()) == pytest.approx(0, abs=1.5)
+
+
+@pytest.mark.parametrize("kind", Pattern.members())
+def test_each_pattern_has_a_gain_for_all_directions_and_none_above_its_peak(kind):
+    pattern = example(Pattern.members()[kind])
+    azimuth, elevation = np.linspace(-np.pi, np.pi, 361), np.linspace(-np.pi / 2, np.pi / 2, 181)
+    gain = pattern.gain_towards(azimuth, elevation[:, None])
+
+    assert gain.shape == (181, 361)
+    assert np.all(gain >= 0)
+    # A degree from the peak at most.
+    assert gain.max() == pytest.approx(pattern.peak_gain, rel=0.01)
+    turned = replace(pattern, beam_azimuth_rad=1.0, beam_elevation_rad=0.5)
+    assert turned.gain_towards(1.0, 0.5) == pytest.approx(float(pattern.gain_towards(0, 0)))
+
+
+@pytest.mark.parametrize("kind", Body.members())
+def test_the_scatterers_of_each_body_reflect_as_targets_of_their_own(radar, kind):
+    body = example(Body.members()[kind])
+    place_m = np.array([20.0, 2.0, 0.0])
+    whole = dc.Target(position_m=tuple(place_m), velocity_m_per_s=(3, 0, 0), body=body)
+    offsets_m = body.offsets_m(np.zeros(1))[0]
+    parts = [
+        dc.Target(position_m=tuple(place_m + offset_m), velocity_m_per_s=(3, 0, 0), rcs_m2=rcs_m2)
+        for offset_m, rcs_m2 in zip(offsets_m, body.cross_sections_m2(), strict=True)
+    ]
+    frames = [
+        dc.simulate(dc.Scene(targets=targets), radar, impairments=(), dtype=np.complex128)
+        for targets in ([whole], parts)
+    ]
+
+    assert body.offsets_m(np.array([0.0, 0.1])).shape == (2, len(parts), 3)
+    # Both are held to 1e-9 of the echo's root mean square.
+    assert abs(frames[0] - frames[1]).max() < 1e-8 * abs(frames[0]).max()
 
 
 @pytest.mark.parametrize("kind", Format.members())

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import zipfile
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -31,6 +32,7 @@ from dechirp.formats.settings.base import Settings
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
+from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 
@@ -200,6 +202,30 @@ def test_every_container_gives_the_cube_that_was_put_in(tmp_path, container, axe
     contents.decode(0, again)  # back to the first after the last
     assert np.array_equal(again, cube[0])
     assert contents.gaps is None
+
+
+def sent_together() -> Radar:
+    """Two transmitters that send in every chirp."""
+    in_turns = radar(order=(0, 1))
+    return replace(in_turns, frame=replace(in_turns.frame, multiplexing=Bpm(order=(0, 1))))
+
+
+def test_chirps_that_transmitters_send_together_are_read_as_they_were_taken(tmp_path):
+    np.save(tmp_path / "cube.npy", integers(8, 2, 8))
+
+    told = {"axes": ("chirp", "rx", "sample"), "encoding": "int16"}
+    cube = decoded(read(tmp_path / "cube.npy", "npy", sent_together(), **told))
+
+    assert np.array_equal(cube[0] * 32768, integers(8, 2, 8))
+
+
+@pytest.mark.parametrize("axes", [("chirp", "tx", "rx", "sample"), ("chirp", "element", "sample")])
+def test_no_single_transmitter_is_looked_for_where_several_send_in_a_chirp(tmp_path, axes):
+    sizes = {"chirp": 4, "tx": 2, "rx": 2, "element": 4, "sample": 8}
+    np.save(tmp_path / "cube.npy", integers(*(sizes[name] for name in axes)))
+
+    with pytest.raises(RecordingError, match="several transmitters send in a chirp"):
+        read(tmp_path / "cube.npy", "npy", sent_together(), axes=axes, encoding="int16")
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from dechirp.core.errors import InvalidFile, RecordingError
 from dechirp.formats.settings.read import find_settings, read_radar, read_settings
 from dechirp.radar.devices.known import device
+from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 
 
@@ -106,6 +107,37 @@ def test_chirps_of_one_transmitter_need_no_multiplexing(tmp_path):
     frame = from_text(tmp_path, alone).radar.frame
 
     assert (frame.n_chirps, frame.multiplexing) == (64, None)
+
+
+# The demo sends the first chirp with both plus, the second with the later one minus.
+BPM = CFG.replace("0 0 0 0 0 1\n", "0 0 0 0 0 5\n").replace("0 0 0 0 0 4\n", "0 0 0 0 0 5\n")
+BPM = BPM.replace("lowPower 0 0", "bpmCfg -1 1 0 1")
+
+
+def test_two_transmitters_that_send_together_with_signs_are_read(tmp_path):
+    made = from_text(tmp_path, BPM)
+
+    frame = made.radar.frame
+    assert (frame.n_chirps, frame.n_sent, frame.multiplexing) == (32, 64, Bpm(order=(0, 1)))
+    assert frame.sent_weights()[:4].tolist() == [[1, 1], [1, -1], [1, 1], [1, -1]]
+    assert made.radar.array == device("xwr1843").part(0b101, 0b1111)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("bpmCfg -1 1 0 1", "bpmCfg -1 1 1 0"),
+        ("bpmCfg -1 1 0 1", "bpmCfg -1 1 0 2"),
+        ("chirpCfg 1 1 0 0 0 0 0 5", "chirpCfg 1 1 0 0 0 0 0 3"),
+        ("0 0 0 0 0 5", "0 0 0 0 0 7"),
+        ("0 0 0 0 0 5", "0 0 0 0 0 1"),
+        ("frameCfg 0 1", "chirpCfg 2 2 0 0 0 0 0 5\nframeCfg 0 2"),
+    ],
+)
+def test_signs_on_other_chirps_than_the_two_of_a_pair_are_refused(tmp_path, old, new):
+    assert old in BPM
+    with pytest.raises(InvalidFile, match="bpmCfg is given enabled 1.*the same two transmitters"):
+        from_text(tmp_path, BPM.replace(old, new))
 
 
 def test_without_a_known_device_the_virtual_array_is_assumed_to_be_a_line(tmp_path):

@@ -14,6 +14,7 @@ from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.known import device
 from dechirp.radar.frame import Frame
+from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 
@@ -60,6 +61,7 @@ def read_back(tmp_path_factory):
     return read
 
 
+SIGNS = Bpm(order=(0, 1))
 SDKS = [(kind, 3) for kind in KINDS] + [("xwr1443", 1), ("xwr1443", 2), ("xwr1642", 2)]
 
 
@@ -242,6 +244,8 @@ def test_every_broken_rule_of_the_device_is_told():
         (replace(radar("xwr1443"), frame=replace(radar("xwr1443").frame, period_s=None)),
          "xwr1443", "period_s"),
         (radar("xwr1843", sampling="real"), "xwr1843", "sampling"),
+        (replace(radar("xwr1642"), frame=replace(radar("xwr1642").frame, multiplexing=SIGNS)),
+         "xwr1642", "multiplexing"),
         (radar("xwr1843"), "xwr2944", "device"),
         (radar("xwr1843"), "bgt60tr13c", "device"),
         (radar("xwr1843"), "no such chip", "device"),

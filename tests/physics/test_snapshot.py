@@ -7,7 +7,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.scene.folding import seen
-from dechirp.scene.scene import surprises
+from dechirp.scene.surprises import surprises
 from noise import noise_cube, noisy
 
 ALONG_RANGE = dc.Cfar(

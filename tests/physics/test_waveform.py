@@ -160,9 +160,9 @@ def test_multiplexing_that_is_none_of_the_family_is_refused(wrong):
     ("order", "n_tx", "told"),
     [
         (None, 2, r"none, with 2 transmitters.*kind tdm with order \[0, 1\], or keep one"),
-        ((0, 1), 1, r"of the transmitters 0, 1, .* the 1 in array.tx, each once: 0\."),
-        ((0, 1), 3, r"of the transmitters 0, 1, .* the 3 in array.tx, each once: 0, 1, 2\."),
-        ((0, 2), 2, r"of the transmitters 0, 2, .* the 2 in array.tx, each once: 0, 1\."),
+        ((0, 1), 1, r"of 2 transmitters: 0, 1, .* the 1 in array.tx: 0\."),
+        ((0, 1), 3, r"of 2 transmitters: 0, 1, .* the 3 in array.tx: 0, 1, 2\."),
+        ((0, 2), 2, r"of 2 transmitters: 0, 2, .* the 2 in array.tx: 0, 1\."),
     ],
 )
 def test_a_radar_whose_transmitters_do_not_all_take_their_turn_is_refused(order, n_tx, told):

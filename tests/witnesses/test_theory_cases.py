@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from dechirp.core.units import decibels, from_decibels
-from dechirp.echoes.kernels.direct import add_echoes
+from dechirp.echoes.kernels import direct
+from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.radar.array import Array
 from dechirp.radar.budget import received_power_w, snr
 from dechirp.radar.chirp import Chirp
@@ -242,18 +243,21 @@ def coupling_m(case):
 
 def beat_phase_cycles(case):
     samples = np.zeros((case["chirp_index"] + 1, 1, case["sample_index"] + 1), complex)
-    add_echoes(
+    here_m, range_m = np.zeros((1, 3)), case["range0_m"]
+    path_m = np.array([[[range_m, 0.0, 0.0]], [[case["velocity_mps_receding"], 0.0, 0.0]]])
+    direct.add(
         samples,
-        np.ones(1),
-        np.array([[case["range0_m"], 0.0, 0.0]]),
-        np.array([[case["velocity_mps_receding"], 0.0, 0.0]]),
-        np.zeros(3),
-        np.zeros((1, 3)),
-        case["f_start_hz"],
-        case["slope_hz_per_s"],
-        case["chirp_interval_s"],
-        0.0,
-        case["fs_hz"],
+        Scatterers(path_m, np.ones(1), np.ones((1, 1)), np.ones((1, 1))),
+        Sent(
+            starts_s=case["chirp_interval_s"] * np.arange(len(samples)),
+            weights=np.ones((len(samples), 1), complex),
+            tx_m=here_m,
+            rx_m=here_m,
+            start_frequency_hz=case["f_start_hz"],
+            slope_hz_per_s=case["slope_hz_per_s"],
+            adc_start_s=0.0,
+            sample_rate_hz=case["fs_hz"],
+        ),
     )
     return np.angle(samples[-1, 0, -1]) / (2 * np.pi) % 1
 

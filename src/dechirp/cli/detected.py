@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+import xarray as xr
 from rich.table import Table
 
 from dechirp.cli.show import table
@@ -26,7 +27,7 @@ def detected(result: Result, *, at_most: int) -> Table:
     else:
         columns = ["range, m", "true", "velocity, m/s", "true", "SNR, dB", "target"]
         made = table(found, right=[*first, *columns])
-        target = compare.match(strongest, truth, result.radar).target
+        target = _targets(result, strongest)
     for index in range(shown):
         one = strongest.isel(detection=index)
         row = [] if result.n_frames == 1 else [str(int(one.frame))]
@@ -51,9 +52,15 @@ def missed(result: Result) -> Iterator[str]:
     truth = result.truth
     if truth is None:
         return
-    hits = set(compare.match(result.detections, truth, result.radar).target.tolist())
+    hits = set(_targets(result, result.detections).tolist())
     for index, name in enumerate(truth.target.values.tolist()):
         if index not in hits:
             first = truth.isel(target=index, frame=0)
             place = f"{fixed(float(first.range), 1)} m, {fixed(float(first.velocity), 1)} m/s"
             yield f"Not detected: {name}, at {place} in the first frame."
+
+
+def _targets(result: Result, detections: xr.Dataset) -> np.ndarray:
+    assert result.truth is not None
+    scene = result.scenario.scene
+    return compare.match(detections, result.truth, result.radar, scene).target

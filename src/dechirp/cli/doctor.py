@@ -78,8 +78,10 @@ def _kernels() -> tuple[dict[str, str], str | None]:
     for module in [m for name, m in sys.modules.items() if name.startswith("dechirp.")]:
         for name, kernel in vars(module).items():
             if isinstance(kernel, Dispatcher) and kernel.signatures:
+                file = kernel.py_func.__module__.rpartition(".")[2]
                 kept = "kept for later" if kernel.stats.cache_path else "not kept: no cache"
-                kernels[name] = "from the cache" if kernel.stats.cache_hits else f"compiled, {kept}"
+                came = "from the cache" if kernel.stats.cache_hits else f"compiled, {kept}"
+                kernels[f"{file}.{name.lstrip('_')}"] = came
     return kernels, None
 
 

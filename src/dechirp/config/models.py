@@ -1,5 +1,6 @@
 """The checks of a settings file: a pydantic model for each value class, made from its fields."""
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass
 from functools import cache, partial
@@ -25,6 +26,7 @@ from dechirp.config.fields import is_family, settings
 from dechirp.config.quantities import quantity
 from dechirp.core.errors import InvalidFile, Mistake
 from dechirp.core.families import Family
+from dechirp.core.findings import PhysicsWarning
 
 Readers = Mapping[type, Callable[[Path], Any]]
 
@@ -117,4 +119,6 @@ def _made(cls: type, raw: Any, check: Callable[[Any], BaseModel], info: Validati
         except InvalidFile as error:
             raise ElsewhereError(error.mistakes) from None
     model = check(raw)
-    return cls(**{field: getattr(model, field) for field in model.model_fields_set})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PhysicsWarning)  # findings tell it by the setting's path
+        return cls(**{field: getattr(model, field) for field in model.model_fields_set})

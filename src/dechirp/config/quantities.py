@@ -39,9 +39,11 @@ KINDS = {
     "s": Kind("a time, as 35 us", "s", ("s", "ms", "us", "ns"), ("min", "h")),
     "m": Kind("a length, as 50 m", "m", ("m", "mm", "um"), ("km", "cm")),
     "m_per_s": Kind("a velocity, as 10 m/s", "m/s", ("m/s",), ("km/h", "mph", "mm/s")),
+    "m_per_s2": Kind("an acceleration, as 3 m/s^2", "m/s^2", ("m/s^2",), ("mm/s^2",)),
     "m2": Kind("a radar cross section, as 10 dBsm", "m^2", ("m^2",), (), (("dBsm", 0),)),
     "w": Kind("a power, as 12 dBm", "W", ("W", "mW", "uW", "nW"), (), (("dBm", -30), ("dBW", 0))),
     "rad": Kind("an angle, as 30 deg", "rad", ("rad",), ("deg", "mrad")),
+    "rad_per_s": Kind("a rate of turn, as 20 deg/s", "rad/s", ("rad/s",), ("deg/s",)),
     "bits_per_s": Kind("a data rate, as 1 Gbit/s", "bit/s", ("Gbit/s", "Mbit/s", "bit/s")),
     "bytes": Kind("a size, as 4 MiB", "B", ("B",), ("KiB", "MiB", "GiB", "kB", "MB", "GB")),
     "probability": Kind("a bare number, as 1e-6"),
@@ -64,8 +66,8 @@ def quantity(text: str, unit: str | None, *, setting: str = "quantity") -> float
     text : str
         Such as `77 GHz`. 0 needs no unit; a ratio is bare or in dB; a probability is bare.
     unit : str, optional
-        Suffix of the field's name: `hz`, `hz_per_s`, `s`, `m`, `m_per_s`, `m2`, `w`, `rad`,
-        `bits_per_s`, `bytes`, or `probability`; None: a ratio.
+        Suffix of the field's name: `hz`, `hz_per_s`, `s`, `m`, `m_per_s`, `m_per_s2`, `m2`,
+        `w`, `rad`, `rad_per_s`, `bits_per_s`, `bytes`, or `probability`; None: a ratio.
     setting : str
         What a mistake calls it.
 
@@ -146,8 +148,8 @@ def _rounded(number: float, unit: str | None, kind: Kind) -> list[str]:
     if kind.levels and 1e-300 < number < 1e300:  # rounded up, the largest would be infinite
         symbol, zero_db = kind.levels[0]
         return [f"{10 * math.log10(number) - zero_db:.6g} {symbol}"]
-    if unit == "rad" and abs(number) < 1e3:
-        return [f"{math.degrees(number):.12g} deg"]
+    if unit in ("rad", "rad_per_s") and abs(number) < 1e3:
+        return [f"{math.degrees(number):.12g} {kind.others[0]}"]
     return []
 
 

@@ -3,7 +3,7 @@
 import math
 import reprlib
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from dechirp.core.errors import InvalidSetting
 
 Vector = tuple[float, float, float]
+_T = TypeVar("_T")
 
 
 def positive(owner: object, *names: str, at_least: float = 0.0, at_most: float = math.inf) -> None:
@@ -18,7 +19,7 @@ def positive(owner: object, *names: str, at_least: float = 0.0, at_most: float =
     for name in names:
         number = getattr(owner, name)
         where = f"{type(owner).__name__}.{name}"
-        if not (_is_number(number) and math.isfinite(number) and number > 0):
+        if not (_is_finite(number) and number > 0):
             raise InvalidSetting(
                 where, got=number, need="a finite number above 0", fix="Give a positive value."
             )
@@ -30,7 +31,7 @@ def not_negative(owner: object, *names: str, at_most: float = math.inf) -> None:
     for name in names:
         number = getattr(owner, name)
         where = f"{type(owner).__name__}.{name}"
-        if not (_is_number(number) and math.isfinite(number) and number >= 0):
+        if not (_is_finite(number) and number >= 0):
             raise InvalidSetting(
                 where,
                 got=number,
@@ -85,7 +86,7 @@ def number(
     )
     if not right:
         bounds = [(above, "above"), (at_least, "at least"), (at_most, "at most")]
-        need = [f"{says} {bound:.6g}" for bound, says in bounds if bound is not None]
+        need = [f"{says} {_bound(where, bound)}" for bound, says in bounds if bound is not None]
         raise InvalidSetting(
             where,
             got=x if _is_number(one) else reprlib.repr(x),
@@ -177,12 +178,31 @@ def vectors(owner: object, name: str, *, at_most: float) -> None:
     """Keep the named field as a tuple of at least one vector, or raise `InvalidSetting`."""
     where = f"{type(owner).__name__}.{name}"
     rows = getattr(owner, name)
-    made = tuple(_vector(where, row, at_most) for row in rows) if isinstance(rows, Iterable) else ()
+    made = tuple(_vector(where, row, at_most) for row in listed(rows) or ())
     if not made:
         raise InvalidSetting(
             where, got=rows, need="at least one position (x, y, z)", fix="Give one, as [[x, y, z]]."
         )
     object.__setattr__(owner, name, made)
+
+
+def listed(thing: object) -> tuple[Any, ...] | None:
+    """Members of what is a list to a user; None for one number, also in an array, or a text."""
+    is_one = isinstance(thing, str | bytes) or (isinstance(thing, np.ndarray) and not thing.ndim)
+    return tuple(thing) if isinstance(thing, Iterable) and not is_one else None
+
+
+def instances(where: str, thing: object, kind: type[_T], *, fix: str) -> tuple[_T, ...]:
+    """Keep a list of values of one class, or raise `InvalidSetting`, about `where` or one in it."""
+    members = listed(thing)
+    if members is None:
+        need = f"a list, each a {kind.__name__}"
+        raise InvalidSetting(where, got=reprlib.repr(thing), need=need, fix=fix)
+    for place, member in enumerate(members):
+        if not isinstance(member, kind):
+            need = f"a {kind.__name__}, as each in the list"
+            raise InvalidSetting(f"{where}.{place}", got=reprlib.repr(member), need=need, fix=fix)
+    return members
 
 
 def _floats(where: str, array: ArrayLike) -> np.ndarray:
@@ -211,8 +231,8 @@ def _must_be_ratios(where: str, array: np.ndarray, right: np.ndarray, need: str)
 
 
 def _vector(where: str, row: Any, at_most: float) -> Vector:
-    numbers = tuple(row) if isinstance(row, Iterable) and not isinstance(row, str) else ()
-    if len(numbers) != 3 or not all(_is_number(n) and math.isfinite(n) for n in numbers):
+    numbers = listed(row) or ()
+    if len(numbers) != 3 or not all(_is_finite(n) for n in numbers):
         raise InvalidSetting(
             where, got=row, need="three finite numbers (x, y, z)", fix="Give all three."
         )
@@ -227,9 +247,15 @@ def _within(where: str, number: float, at_least: float, at_most: float) -> None:
         raise InvalidSetting(
             where,
             got=number,
-            need=f"a number from {at_least:g} to {at_most:g}",
+            need=f"a number from {_bound(where, at_least)} to {_bound(where, at_most)}",
             fix="Check the unit.",
         )
+
+
+def _bound(where: str, bound: float) -> str:
+    """Write a bound, of angles in degrees as well: settings files have those."""
+    is_angle = where.rstrip(".0123456789").endswith("_rad")
+    return f"{bound:.6g} rad ({math.degrees(bound):.4g} deg)" if is_angle else f"{bound:.6g}"
 
 
 def _without_axes(thing: Any) -> Any:

@@ -2,12 +2,15 @@
 
 Fast time runs along `sample`, slow time along `chirp`. A transform renames the axis it
 consumes: sample -> range, chirp -> velocity. Where several transmitters take turns, `chirp`
-holds all chirps in the order sent, and the coordinate `transmitter` along it says whose each is.
+holds all chirps in the order sent, and the coordinate `transmitter` along it says whose each is;
+where several send together it is not there.
 
 Range and velocity grow away from the radar: a receding target has positive velocity. The
 beat signal is Tx x conj(Rx), so an up-chirp gives positive beat frequencies. x points
 forward (boresight), y left, z up; azimuth grows to the left, elevation up.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -24,8 +27,12 @@ AXES = {
 CUBE_AXES = ("frame", "chirp", "rx", "sample")
 
 
-def transmitters(numbers: np.ndarray) -> xr.Variable:
-    """Coordinate along `chirp`: which transmitter sent each, its place in `Array.tx_m`."""
+def transmitters(turns: Sequence[int], n_chirps: int) -> xr.Variable:
+    """Coordinate along `chirp`: which transmitter sent each, its place in `Array.tx_m`.
+
+    `turns` are those of one round.
+    """
+    numbers = np.resize(np.array(turns), n_chirps)
     return xr.Variable("chirp", numbers, {"units": "1", "long_name": "transmitter of the chirp"})
 
 

@@ -5,8 +5,10 @@ import numpy as np
 from dechirp.core.units import decibels
 from dechirp.experiment.scenario import Scenario
 from dechirp.radar.budget import BudgetLine, received_power_w
+from dechirp.radar.patterns.base import Pattern
 from dechirp.radar.radar import Radar
-from dechirp.scene.scene import truth
+from dechirp.scene.rcs import target_cross_sections_m2
+from dechirp.scene.truth import truth
 from dechirp.theory.detection import required_snr
 
 DETECTION_PROBABILITY = 0.9
@@ -22,21 +24,34 @@ def link_budget(scenario: Scenario, radar: Radar) -> tuple[BudgetLine, ...] | No
     """Powers and gains of the first target's echo, at the middle of the first frame.
 
     Ends at the margin over what a steady target needs in known noise for a detection
-    probability of 0.9. None without a target.
+    probability of 0.9. None without a target, or where a pattern does not see it.
     """
     if scenario.scene is None or not scenario.scene.targets:
         return None
-    target, hardware = scenario.scene.targets[0], radar.known_hardware()
+    hardware = radar.known_hardware()
     known = truth(scenario.scene, radar).isel(frame=0, target=0)
     range_m, velocity_m_per_s = float(known.range), float(known.velocity)
-    echo_w = float(received_power_w(radar, range_m=range_m, rcs_m2=target.rcs_m2))
+    towards = (known.azimuth.item(), known.elevation.item())
+    tx_gain, rx_gain = float(hardware.tx_gain(*towards)), float(hardware.rx_gain(*towards))
+    rcs_m2 = float(target_cross_sections_m2(scenario.scene, known.time.values[None])[0, 0])
+    if not tx_gain * rx_gain * rcs_m2:  # of no power, there are no decibels
+        return None
+    echo_w = float(
+        received_power_w(
+            radar,
+            range_m=range_m,
+            rcs_m2=rcs_m2,
+            azimuth_rad=towards[0],
+            elevation_rad=towards[1],
+        )
+    )
     spreading = radar.frame.chirp.wavelength_m**2 / ((4 * np.pi) ** 3 * range_m**4)
     lines = (
         _level("transmit power", hardware.transmit_power_w * 1e3, "dBm", "Pt"),
-        _step("transmit antenna", hardware.antenna_gain, "G"),
+        *_antenna("transmit", float(hardware.tx_gain()), tx_gain, hardware.tx_pattern),
         _step(f"there and back, {range_m:.4g} m", spreading, "λ² / (4π)³ R⁴"),
-        _step("radar cross section", target.rcs_m2, "RCS"),
-        _step("receive antenna", hardware.antenna_gain, "G"),
+        _step("radar cross section", rcs_m2, "RCS"),
+        *_antenna("receive", float(hardware.rx_gain()), rx_gain, hardware.rx_pattern),
         _step("losses", 1 / hardware.loss, "1 / L"),
         _level("echo in one receiver", echo_w * 1e3, "dBm", "Pr"),
     )
@@ -61,7 +76,7 @@ def _processing(
     straddle = over_range.straddle(
         chirp.beat_frequency_hz(beat_range_m) / chirp.sample_rate_hz
     ) * over_velocity.straddle(2 * velocity_m_per_s / chirp.wavelength_m * frame.repetition_s)
-    n_summed = radar.n_channels
+    n_summed = radar.n_summed
     in_map = snr * radar.integration_gain / n_summed / windows * straddle
     per_channel = _step("channels", 1 / n_summed, "the map adds powers, not echoes")
     summing = [per_channel] if n_summed > 1 else []
@@ -80,6 +95,17 @@ def _processing(
     need = required_snr(DETECTION_PROBABILITY, pfa, n_summed=n_summed)
     why = f"Pd {DETECTION_PROBABILITY:g} at Pfa {pfa:g}, steady target"
     return (*lines, _level("SNR needed", need, "dB", why), _step("margin", in_map / need, ""))
+
+
+def _antenna(
+    which: str, peak: float, gain: float, pattern: Pattern | None
+) -> tuple[BudgetLine, ...]:
+    """The gain of an antenna, and what a pattern takes off towards the target."""
+    symbol = "Gt" if which == "transmit" else "Gr"
+    at_peak = _step(f"{which} antenna", peak, symbol)
+    if pattern is None:
+        return (at_peak,)
+    return at_peak, _step(f"off its {which} beam", gain / peak, "pattern, towards the target")
 
 
 def _level(name: str, ratio: float, unit: str, formula: str) -> BudgetLine:

@@ -20,7 +20,8 @@ from dechirp.process.peaks import MOST_PEAKS
 from dechirp.process.remarks import remarks
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
-from dechirp.scene.scene import surprises, truth
+from dechirp.scene.surprises import surprises
+from dechirp.scene.truth import truth
 
 
 @value
@@ -176,6 +177,7 @@ def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[
                 impairments=scenario.impairments,
                 n_frames=scenario.n_frames,
                 seed=scenario.seed,
+                engine=scenario.engine,
             )
         return (
             cube,

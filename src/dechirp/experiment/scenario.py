@@ -10,12 +10,15 @@ from dechirp.config import files
 from dechirp.core.checks import count
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
+from dechirp.echoes.engine import Engine
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.formats.settings.read import read_radar
 from dechirp.process.chain import Chain, searched_rows
 from dechirp.radar.radar import Radar
+from dechirp.scene.possible import must_be_possible
 from dechirp.scene.scene import Scene
+from dechirp.scene.truth import truth
 
 
 @value
@@ -63,6 +66,8 @@ class Scenario:
     scene: Scene | None = None
     recording: Source | None = None
     """Instead of a scene."""
+    engine: Engine = Engine()
+    """How the echoes of a scene are summed."""
     impairments: tuple[Impairment, ...] = (ThermalNoise(),)
     """What hardware does to simulated echoes, in this order."""
     chain: Chain = Chain()
@@ -97,8 +102,8 @@ class Scenario:
     def _check_scene(self, scene: Scene, radar: Radar) -> None:
         with _called("radar.hardware", instead_of="Radar.hardware"):
             radar.known_hardware()
-        for time_s in (0.0, radar.frame.mid_frame_s):
-            scene.positions_m(time_s)
+        must_be_possible(scene, radar, n_frames=self.n_frames)
+        truth(scene, radar)  # refuses a body whose origin is the radar
         kinds = [impairment.kind() for impairment in self.impairments]
         for index, impairment in enumerate(self.impairments):
             label = kinds[index] if kinds.count(kinds[index]) == 1 else str(index)

@@ -16,7 +16,6 @@ from dechirp.formats.base import Contents, Fit, Format, Told, must_stay_in
 from dechirp.formats.npy import array_in
 from dechirp.formats.settings.read import read_settings
 from dechirp.formats.settings.receivers import with_receivers
-from dechirp.radar.frame import Frame
 
 _LARGEST_CODE = 4095
 _SAMPLES, _CONFIG = "radar.npy", "config.json"
@@ -52,8 +51,9 @@ class Infineon(Format):
         n_rx_told = codes.shape[1] if len(codes.shape) == 4 and n_rx == 1 else n_rx
         need = (n_rx_told, frame.n_sent, frame.chirp.n_samples)
         # Transmitters that take turns may also be sorted already: rows of both pairs of each.
-        is_sorted = frame.n_slots > 1 and codes.shape[1:] == (
-            frame.n_slots * n_rx,
+        turns = frame.turns or ()
+        is_sorted = len(turns) > 1 and codes.shape[1:] == (
+            len(turns) * n_rx,
             frame.n_chirps,
             frame.chirp.n_samples,
         )
@@ -78,7 +78,7 @@ class Infineon(Format):
         def decode(index: int, out: np.ndarray) -> None:
             whole = (slice(0, size) for size in codes.shape[1:])
             read = codes.read((slice(index, index + 1), *whole))[0]
-            in_order = _as_sent(read, frame, n_rx) if is_sorted else np.swapaxes(read, 0, 1)
+            in_order = _as_sent(read, turns, n_rx) if is_sorted else np.swapaxes(read, 0, 1)
             _to_full_scale(file, in_order, index, out)
 
         return Contents(
@@ -99,11 +99,10 @@ def _folders(path: Path) -> list[Path]:
     return sorted(file.parent for file in path.glob(f"*/{_SAMPLES}"))
 
 
-def _as_sent(codes: np.ndarray, frame: Frame, n_rx: int) -> np.ndarray:
+def _as_sent(codes: np.ndarray, turns: tuple[int, ...], n_rx: int) -> np.ndarray:
     """Codes (tx and rx, chirp of each, sample) as (chirp, rx, sample) in the order sent."""
-    by_transmitter = codes.reshape(frame.n_slots, n_rx, frame.n_chirps, -1)
-    order = [transmitter for (transmitter,) in frame.slots]
-    return by_transmitter[order].transpose(2, 0, 1, 3).reshape(frame.n_sent, n_rx, -1)
+    by_transmitter = codes.reshape(len(turns), n_rx, *codes.shape[1:])
+    return by_transmitter[list(turns)].transpose(2, 0, 1, 3).reshape(-1, n_rx, codes.shape[-1])
 
 
 def _to_full_scale(file: Path, codes: np.ndarray, index: int, out: np.ndarray) -> None:

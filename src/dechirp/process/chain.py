@@ -84,15 +84,14 @@ class Chain:
         return Noise(
             over_range=self.over_range(radar.frame.chirp),
             over_velocity=self.over_velocity(radar.frame),
-            n_channels=radar.n_channels,
+            n_channels=radar.n_summed,
         )
 
 
 def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
     """Range-Doppler map of one frame, (chirp, rx, sample), to (velocity, range).
 
-    Mean power over the channels, pairs of a transmitter and a receiver; a tone on a bin
-    keeps its power.
+    Mean power over the channels, see `channels`; a tone on a bin keeps its power.
     """
     noise = chain.noise(radar)
     samples = cube.transpose("chirp", "rx", "sample").values

@@ -1,7 +1,12 @@
 """Where the antennas are: x forward, y left, z up."""
 
+from math import dist
+from typing import Literal
+
 from dechirp.core.checks import Vector, vectors
 from dechirp.core.values import value
+
+_APART_M = 1e-6  # 0.1 degree of phase at 77 GHz
 
 
 @value
@@ -22,3 +27,19 @@ class Array:
     def n_rx(self) -> int:
         """Number of receivers."""
         return len(self.rx_m)
+
+    def coincident(self) -> tuple[tuple[Literal["tx", "rx"], int, int], ...]:
+        """Pairs of elements at one place, within 1 um: of which kind, and their numbers.
+
+        Two transmitters, or two receivers: a slip, since both tell the same. A transmitter
+        may lie where a receiver lies.
+        """
+        kinds: tuple[tuple[Literal["tx", "rx"], tuple[Vector, ...]], ...]
+        kinds = (("tx", self.tx_m), ("rx", self.rx_m))
+        return tuple(
+            (kind, first, second)
+            for kind, at_m in kinds
+            for second in range(len(at_m))
+            for first in range(second)
+            if dist(at_m[first], at_m[second]) < _APART_M
+        )

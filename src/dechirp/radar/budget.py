@@ -11,10 +11,17 @@ from dechirp.core.values import value
 from dechirp.radar.radar import Radar
 
 
-def received_power_w(radar: Radar, *, range_m: ArrayLike, rcs_m2: ArrayLike) -> np.ndarray:
+def received_power_w(
+    radar: Radar,
+    *,
+    range_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    azimuth_rad: ArrayLike | None = None,
+    elevation_rad: ArrayLike | None = None,
+) -> np.ndarray:
     r"""Echo power of a point target, by the radar equation.
 
-    .. math:: P_r = \frac{P_t G^2 \lambda^2 \sigma}{(4\pi)^3 R^4 L}
+    .. math:: P_r = \frac{P_t G_t G_r \lambda^2 \sigma}{(4\pi)^3 R^4 L}
 
     Parameters
     ----------
@@ -24,6 +31,9 @@ def received_power_w(radar: Radar, *, range_m: ArrayLike, rcs_m2: ArrayLike) -> 
         Distance to the target; any shape, broadcast with `rcs_m2`.
     rcs_m2 : array, m^2
         Radar cross section, not in dBsm.
+    azimuth_rad, elevation_rad : array, rad, optional
+        Where the target is seen, for the gains towards it; the peaks of both antennas
+        without them.
 
     Returns
     -------
@@ -38,7 +48,7 @@ def received_power_w(radar: Radar, *, range_m: ArrayLike, rcs_m2: ArrayLike) -> 
     Notes
     -----
     Holds in the far field, beyond 2 D^2 / lambda: 0.5 m for a 3 cm array at 77 GHz. Free
-    space, both antennas look at the target.
+    space, at the polarisation of the antennas.
 
     References
     ----------
@@ -49,14 +59,21 @@ def received_power_w(radar: Radar, *, range_m: ArrayLike, rcs_m2: ArrayLike) -> 
         raise InvalidSetting(
             "range_m", got=f"{range_m.min()} m", need="above 0", fix="Move the target away."
         )
-    return np.asarray(echo_amplitude(radar) ** 2 * np.asarray(rcs_m2) / range_m**4)
+    hardware = radar.known_hardware()
+    gains = hardware.tx_gain(azimuth_rad, elevation_rad)
+    gains = gains * hardware.rx_gain(azimuth_rad, elevation_rad)
+    return np.asarray(echo_amplitude(radar) ** 2 * gains * np.asarray(rcs_m2) / range_m**4)
 
 
 def echo_amplitude(radar: Radar) -> float:
-    """Amplitude of an echo times range squared over the square root of RCS, sqrt(W) m."""
+    """Amplitude of an echo between antennas of gain 1, sqrt(W) m.
+
+    Times the lengths of both ways (range squared), over the square root of the RCS: the
+    amplitude itself takes the square root of both gains as well.
+    """
     hardware = radar.known_hardware()
-    gain = (hardware.antenna_gain * radar.frame.chirp.wavelength_m) ** 2 / (4 * np.pi) ** 3
-    return float(np.sqrt(hardware.transmit_power_w * gain / hardware.loss))
+    spreading = radar.frame.chirp.wavelength_m**2 / (4 * np.pi) ** 3
+    return float(np.sqrt(hardware.transmit_power_w * spreading / hardware.loss))
 
 
 def noise_power_w(radar: Radar) -> float:
@@ -71,9 +88,23 @@ def noise_power_w(radar: Radar) -> float:
     return BOLTZMANN * REFERENCE_TEMPERATURE * noise_factor * sample_rate_hz
 
 
-def snr(radar: Radar, *, range_m: ArrayLike, rcs_m2: ArrayLike) -> np.ndarray:
+def snr(
+    radar: Radar,
+    *,
+    range_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    azimuth_rad: ArrayLike | None = None,
+    elevation_rad: ArrayLike | None = None,
+) -> np.ndarray:
     """Signal-to-noise ratio in one sample of one receiver, thermal noise alone."""
-    return received_power_w(radar, range_m=range_m, rcs_m2=rcs_m2) / noise_power_w(radar)
+    echo_w = received_power_w(
+        radar,
+        range_m=range_m,
+        rcs_m2=rcs_m2,
+        azimuth_rad=azimuth_rad,
+        elevation_rad=elevation_rad,
+    )
+    return echo_w / noise_power_w(radar)
 
 
 @value

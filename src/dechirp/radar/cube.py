@@ -19,10 +19,11 @@ def labelled_cube(
     """Label samples (frame, chirp, rx, sample), not copied, with the times of the radar.
 
     Coordinates: start of each frame and chirp, and of each sample since the start of the
-    ramp, all in s; `transmitter` along `chirp`, which one sent it; `first_frame` is the
-    number of the first frame.
+    ramp, all in s; `transmitter` along `chirp`, which one sent it, where they take turns;
+    `first_frame` is the number of the first frame.
     """
     frame, chirp = radar.frame, radar.frame.chirp
+    turns = frame.turns
     n_frames, n_chirps, n_rx, n_samples = samples.shape
     starts_s = [frame.start_s(number) for number in range(first_frame, first_frame + n_frames)]
     return xr.DataArray(
@@ -31,7 +32,7 @@ def labelled_cube(
         coords={
             "frame": axis("frame", np.array(starts_s)),
             "chirp": axis("chirp", np.arange(n_chirps) * frame.interval_s),
-            "transmitter": transmitters(np.resize(np.ravel(frame.slots), n_chirps)),
+            **({} if turns is None else {"transmitter": transmitters(turns, n_chirps)}),
             "rx": axis("rx", np.arange(n_rx)),
             "sample": axis(
                 "sample", chirp.adc_start_s + np.arange(n_samples) / chirp.sample_rate_hz

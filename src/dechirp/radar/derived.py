@@ -92,8 +92,8 @@ def what_follows(
         ("integration_gain", radar.integration_gain, "1", _gain(radar), "no windows"),
         ("data_rate", data_rate_bits_per_s(radar), "bit/s", "8 cube / M T", "16-bit words"),
         ("cube_memory", cube_bytes(radar), "byte", words, "16-bit words"),
-        ("eirp", radar.known_hardware().eirp_w, "W", "P G", "while the ramp lasts"),
-        ("mean_eirp", mean_eirp_w(radar), "W", "P G T_ramp / T", ""),
+        ("eirp", radar.known_hardware().eirp_w, "W", "P Gt", "while the ramp lasts"),
+        ("mean_eirp", mean_eirp_w(radar), "W", "P Gt T_ramp / T", ""),
     ]
     return tuple(
         Derived(name=name, value=number, unit=unit, formula=formula, uses=uses)

@@ -18,7 +18,8 @@ class Frame:
 
     chirp: Chirp
     n_chirps: int
-    """Chirps of each transmitter; one alone tells no velocity."""
+    """Chirps of each transmitter; one alone tells no velocity. Under a code in which
+    transmitters send together: how often the code repeats, 1 where it is as long as the frame."""
     interval_s: float
     """From the start of a chirp to the start of the next, whichever transmitter sends it."""
     period_s: float | None = None
@@ -55,23 +56,41 @@ class Frame:
             )
 
     @property
+    def weights(self) -> tuple[tuple[complex, ...], ...]:
+        """Factor of each transmitter's echo in each slot of a round, (n_slots, n_tx).
+
+        See `Multiplexing.weights`; without multiplexing one transmitter sends in every chirp.
+        """
+        return ((1 + 0j,),) if self.multiplexing is None else self.multiplexing.weights
+
+    def sent_weights(self) -> np.ndarray:
+        """Factor of each transmitter's echo in each chirp of the frame, (n_sent, n_tx) complex."""
+        return np.tile(np.array(self.weights, np.complex128), (self.n_chirps, 1))
+
+    @property
     def slots(self) -> tuple[tuple[int, ...], ...]:
         """Transmitters that send in each slot of a round; the first alone without multiplexing."""
         return ((0,),) if self.multiplexing is None else self.multiplexing.slots
 
     @property
+    def turns(self) -> tuple[int, ...] | None:
+        """Transmitter of each slot where they take turns, each once; none under other codes."""
+        alone = tuple(slot[0] for slot in self.slots if len(slot) == 1)
+        return alone if len(set(alone)) == self.n_slots else None
+
+    @property
     def n_slots(self) -> int:
         """Chirps in a round of the transmitters, 1 without multiplexing."""
-        return len(self.slots)
+        return len(self.weights)
 
     @property
     def n_sent(self) -> int:
-        """All chirps of the frame, those of every transmitter."""
+        """All chirps of the frame, n_chirps x n_slots."""
         return self.n_chirps * self.n_slots
 
     @property
     def repetition_s(self) -> float:
-        """From a chirp of a transmitter to its next."""
+        """From a chirp of a transmitter to its next; under a code from round to round."""
         return self.n_slots * self.interval_s
 
     @property

@@ -1,8 +1,12 @@
-"""What the electronics send and add."""
+"""What the electronics send and add, and what the antennas make of it."""
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from dechirp.core.checks import positive
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
+from dechirp.radar.patterns.base import Pattern
 
 
 @value
@@ -11,8 +15,13 @@ class Hardware:
 
     transmit_power_w: float
     """Power into the transmit antenna."""
-    antenna_gain: float
-    """Gain of the transmit and of the receive antenna, each, as a ratio (dBi in files)."""
+    antenna_gain: float | None = None
+    """Gain of the transmit and of the receive antenna, each, in all directions, as a ratio
+    (dBi in files); needed by those that have no pattern, and only used by them."""
+    tx_pattern: Pattern | None = None
+    """How each transmit antenna sees directions."""
+    rx_pattern: Pattern | None = None
+    """How each receive antenna sees directions."""
     noise_factor: float
     """Noise added by the receiver, a ratio of at least 1 (the noise figure in dB in files)."""
     loss: float = 1.0
@@ -21,7 +30,10 @@ class Hardware:
     def __post_init__(self) -> None:
         # Wider than from a leaking mixer to the largest dish: outside, a unit is wrong.
         positive(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
-        positive(self, "antenna_gain", at_least=1e-6, at_most=1e12)
+        if self.antenna_gain is not None:
+            positive(self, "antenna_gain", at_least=1e-6, at_most=1e12)
+        for name in ("tx_pattern", "rx_pattern"):
+            self._check_pattern(name)
         positive(self, "noise_factor", "loss")
         for name in ("noise_factor", "loss"):
             if getattr(self, name) < 1:
@@ -33,7 +45,54 @@ class Hardware:
                 )
         positive(self, "noise_factor", "loss", at_least=1.0, at_most=1e12)
 
+    def _check_pattern(self, name: str) -> None:
+        pattern = getattr(self, name)
+        if pattern is None and self.antenna_gain is None:
+            raise InvalidSetting(
+                "Hardware.antenna_gain",
+                got=f"none, and no {name}",
+                need="given for antennas without a pattern",
+                fix=f"Give antenna_gain, or {name}.",
+            )
+        if not (pattern is None or isinstance(pattern, Pattern)):
+            raise InvalidSetting(
+                f"Hardware.{name}",
+                got=pattern,
+                need=f"a pattern, one of {', '.join(Pattern.members())}",
+                fix="Give one gain in all directions as antenna_gain.",
+            )
+
     @property
     def eirp_w(self) -> float:
-        """Radiated power times gain: what the regulator limits."""
-        return self.transmit_power_w * self.antenna_gain
+        """Radiated power times the largest gain: what the regulator limits."""
+        return float(self.transmit_power_w * self.tx_gain())
+
+    def tx_gain(
+        self, azimuth_rad: ArrayLike | None = None, elevation_rad: ArrayLike | None = None
+    ) -> np.ndarray:
+        """Power gain of a transmit antenna towards directions, a ratio.
+
+        In the axes of the radar, any shapes that broadcast; the peak without any, in the
+        horizon without an elevation.
+        """
+        return self._gain(self.tx_pattern, azimuth_rad, elevation_rad)
+
+    def rx_gain(
+        self, azimuth_rad: ArrayLike | None = None, elevation_rad: ArrayLike | None = None
+    ) -> np.ndarray:
+        """Power gain of a receive antenna towards directions, as `tx_gain`."""
+        return self._gain(self.rx_pattern, azimuth_rad, elevation_rad)
+
+    def _gain(
+        self,
+        pattern: Pattern | None,
+        azimuth_rad: ArrayLike | None,
+        elevation_rad: ArrayLike | None,
+    ) -> np.ndarray:
+        if azimuth_rad is None and elevation_rad is None:
+            return np.asarray(self.antenna_gain if pattern is None else pattern.peak_gain)
+        azimuth = np.asarray(0.0 if azimuth_rad is None else azimuth_rad)
+        elevation = np.asarray(0.0 if elevation_rad is None else elevation_rad)
+        if pattern is not None:
+            return pattern.gain_towards(azimuth, elevation)
+        return np.full(np.broadcast_shapes(azimuth.shape, elevation.shape), self.antenna_gain)

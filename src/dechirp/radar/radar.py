@@ -18,7 +18,7 @@ class Radar:
 
     def __post_init__(self) -> None:
         n_tx = len(self.array.tx_m)
-        named = sorted(transmitter for slot in self.frame.slots for transmitter in slot)
+        named = sorted({transmitter for slot in self.frame.slots for transmitter in slot})
         if named == list(range(n_tx)):
             return
         every = ", ".join(map(str, range(n_tx)))
@@ -31,9 +31,11 @@ class Radar:
             )
         raise InvalidSetting(
             "Radar.frame.multiplexing",
-            got=f"of the transmitters {', '.join(map(str, named))}",
-            need=f"of the {n_tx} in array.tx, each once: {every}",
-            fix="Correct the order, or give the position of every transmitter in array.tx.",
+            got=f"of {len(named)} transmitter{'s' * (len(named) > 1)}:"
+            f" {', '.join(map(str, named))}",
+            need=f"of the {n_tx} in array.tx: {every}",
+            fix="Correct the order or the code, or give the position of every transmitter in"
+            " array.tx.",
         )
 
     @property
@@ -42,14 +44,22 @@ class Radar:
         return self.array.n_rx * len(self.array.tx_m)
 
     @property
+    def n_summed(self) -> int:
+        """Maps whose powers the range-Doppler map adds: of every slot of a round and receiver."""
+        return self.frame.n_slots * self.array.n_rx
+
+    @property
     def integration_gain(self) -> float:
         """Ratio by which range, Doppler and channels together raise the signal over noise.
 
-        N M n_tx n_rx without windows. Half of it for real samples: noise of both halves of
-        the spectrum lies in the half that is kept (Richards 2014).
+        N n_rx times the ramps that all transmitters send in a frame, without windows: N M n_tx
+        n_rx where they take turns, n_slots times that where all send in every chirp, each with
+        its full power. Half of it for real samples: noise of both halves of the spectrum lies
+        in the half that is kept (Richards 2014).
         """
         chirp = self.frame.chirp
-        gain = chirp.n_samples * self.frame.n_chirps * self.n_channels
+        n_ramps = self.frame.n_chirps * sum(len(slot) for slot in self.frame.slots)
+        gain = chirp.n_samples * n_ramps * self.array.n_rx
         return gain if chirp.sampling == "complex" else gain / 2
 
     def known_hardware(self) -> Hardware:

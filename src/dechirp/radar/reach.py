@@ -18,8 +18,8 @@ def reach(radar: Radar, asked: Requirements) -> tuple[tuple[Derived, ...], tuple
     """Link budget at the largest range, and a finding where it falls short.
 
     For a steady target in the middle of its cell, in known noise: straddling costs up to
-    2.8 dB more with Hann windows, CFAR with some hundred training cells 0.05 dB. Nothing
-    where no RCS is asked for.
+    2.8 dB more with Hann windows, CFAR with some hundred training cells 0.05 dB. Both
+    antennas look at it with their largest gain. Nothing where no RCS is asked for.
     """
     if asked.rcs_m2 is None:
         return (), ()
@@ -30,7 +30,7 @@ def reach(radar: Radar, asked: Requirements) -> tuple[tuple[Derived, ...], tuple
     reached_m = asked.max_range_m * (snr / need) ** 0.25
     target = f"rcs = {asked.rcs_m2:.4g} m2 at R = {asked.max_range_m:.6g} m"
     rows = (
-        ("received_power", echo_w, "W", "P G^2 lambda^2 rcs / ((4 pi)^3 R^4 L)", target),
+        ("received_power", echo_w, "W", "P Gt Gr lambda^2 rcs / ((4 pi)^3 R^4 L)", target),
         ("noise_power", noise_w, "W", "k T0 F fs", "T0 = 290 K"),
         ("sample_snr", echo_w / noise_w, "1", "received_power / noise_power", "one sample"),
         ("window_loss", WINDOW_LOSS, "1", "1.5 x 1.5", "Hann windows, 1.761 dB each"),

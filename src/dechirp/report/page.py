@@ -52,7 +52,9 @@ def render(result: "Result", *, yaml: str) -> str:
         n_in_map=shown.found.range_m.size,
         is_complex=np.iscomplexobj(shown.first),
         figures=_figures(shown),
+        has_bodies=shown.scatterers is not None and shown.scatterers.range_m.size > 0,
         targets=tables.targets(shown),
+        targets_found=tables.targets_found(shown),
         budget=bars.waterfall(result.budget or ()),
         settings=settings(result),
         findings=result.findings,
@@ -78,13 +80,19 @@ def _figures(shown: View) -> dict[str, Markup]:
     doppler_hz = None
     if shown.found.range_m.size:
         doppler_hz = 2 * float(shown.found.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
-    truth_m = [] if expected is None else expected.range_m.tolist()
+    truth_m = [place.range_m for place in (expected, shown.scatterers) if place is not None]
     marked = range_doppler.MarkedMap(
-        power=result.power, units=shown.units, found=shown.found, truth=expected
+        power=result.power,
+        units=shown.units,
+        found=shown.found,
+        truth=expected,
+        scatterers=shown.scatterers,
     )
     drawn = {
         "signal": beat.signal(shown.first, doppler_frequency_hz=doppler_hz),
-        "spectrum": beat.spectrum(shown.first, radar.frame.chirp, chain, truth_m=truth_m),
+        "spectrum": beat.spectrum(
+            shown.first, radar.frame.chirp, chain, truth_m=np.concatenate([[], *truth_m])
+        ),
         "map": range_doppler.whole(marked),
         "close_up": range_doppler.close_up(marked, cell=shown.cell),
         "cut_range": _cut(shown, "range"),

@@ -3,6 +3,8 @@
 from typing import TYPE_CHECKING
 
 from dechirp.radar.frame import Frame
+from dechirp.radar.hardware import Hardware
+from dechirp.radar.patterns.base import Pattern
 from dechirp.radar.radar import Radar
 from dechirp.report.words import TIMES, fixed, number, quantity, ratio_db, small
 
@@ -18,6 +20,8 @@ def settings(result: "Result") -> list[Group]:
     groups = [("Waveform", _waveform(radar)), ("What follows from it", _limits(radar))]
     if radar.hardware is not None:
         groups.append(("Hardware", _hardware(radar)))
+    if result.scenario.scene is not None:
+        groups.append(("Echoes", _echoes(result)))
     groups.append(("Processing", _processing(result)))
     return groups
 
@@ -38,7 +42,7 @@ def _waveform(radar: Radar) -> list[tuple[str, str]]:
         ("sample rate", quantity(chirp.sample_rate_hz, "Hz", 5)),
         ("chirps in a frame", _chirps(frame)),
         ("chirp interval", quantity(frame.interval_s, "s", 5)),
-        *([("transmitters", f"{frame.n_slots}, in turns")] if frame.n_slots > 1 else []),
+        *([("transmitters", _transmitters(radar))] if len(radar.array.tx_m) > 1 else []),
         ("receivers", f"{radar.array.n_rx}"),
     ]
 
@@ -46,7 +50,16 @@ def _waveform(radar: Radar) -> list[tuple[str, str]]:
 def _chirps(frame: Frame) -> str:
     if frame.n_slots == 1:
         return f"{frame.n_sent}"
-    return f"{frame.n_sent}, {frame.n_chirps} of each transmitter"
+    each = "of each transmitter" if frame.turns is not None else f"rounds of {frame.n_slots}"
+    return f"{frame.n_sent}, {frame.n_chirps} {each}"
+
+
+def _transmitters(radar: Radar) -> str:
+    multiplexing, n = radar.frame.multiplexing, len(radar.array.tx_m)
+    assert multiplexing is not None
+    if radar.frame.turns is not None:
+        return f"{n}, in turns"
+    return f"{n}, together: {multiplexing.kind().replace('-', ' ')}"
 
 
 def _limits(radar: Radar) -> list[tuple[str, str]]:
@@ -70,10 +83,51 @@ def _hardware(radar: Radar) -> list[tuple[str, str]]:
     hardware = radar.known_hardware()
     return [
         ("transmit power", f"{fixed(ratio_db(hardware.transmit_power_w) + 30, 1)} dBm"),
-        ("antenna gain, each", f"{fixed(ratio_db(hardware.antenna_gain), 1)} dBi"),
+        *_antennas(hardware),
         ("EIRP", f"{fixed(ratio_db(hardware.eirp_w) + 30, 1)} dBm"),
         ("noise figure", _db(hardware.noise_factor)),
         ("loss", _db(hardware.loss)),
+    ]
+
+
+def _antennas(hardware: Hardware) -> list[tuple[str, str]]:
+    tx, rx = (
+        f"{fixed(ratio_db(float(gain)), 1)} dBi"
+        for gain in (hardware.tx_gain(), hardware.rx_gain())
+    )
+    if hardware.tx_pattern is None and hardware.rx_pattern is None:
+        return [("antenna gain, each", tx)]
+    return [
+        (f"transmit antenna, {_pattern(hardware.tx_pattern)}", tx),
+        (f"receive antenna, {_pattern(hardware.rx_pattern)}", rx),
+    ]
+
+
+def _pattern(pattern: Pattern | None) -> str:
+    if pattern is None:
+        return "all directions alike"
+    return f"{pattern.kind().replace('-', ' ')}, peak"
+
+
+_LATE = {
+    "held": "held back to the first sample",
+    "onset": "begin when they arrive",
+    "tail": "begin when they arrive, after the last chirp's tail",
+}
+
+
+def _echoes(result: "Result") -> list[tuple[str, str]]:
+    engine, scene = result.scenario.engine, result.scenario.scene
+    assert scene is not None
+    taken = result.cube.attrs.get("kernels")
+    kernel = f"{engine.kernel}: {taken}" if taken else engine.kernel
+    tolerance = small(engine.tolerance_of(result.cube.dtype))
+    return [
+        ("targets", f"{len(scene.targets)}"),
+        ("scatterers", f"{scene.n_scatterers}"),
+        ("kernel", kernel),
+        ("tolerance", f"{tolerance} of the root mean square"),
+        ("late echoes", _LATE[engine.late]),
     ]
 
 

@@ -8,6 +8,7 @@ import xarray as xr
 from dechirp.core.values import value
 from dechirp.report.view import View
 from dechirp.report.words import NONE, decimals_of, fixed, ratio_db, small
+from dechirp.scene.rcs import target_cross_sections_m2
 
 _SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
 
@@ -90,21 +91,43 @@ def targets(view: View) -> list[dict[str, str]]:
     truth, matched, scene = view.result.truth, view.matched, view.result.scenario.scene
     if truth is None or matched is None or scene is None:
         return []
-    hits = set(matched.target[view.strongest.frame.values == view.result.first_frame].tolist())
+    hits = _hits(view, view.result.first_frame)
+    rcs_m2 = target_cross_sections_m2(scene, truth.time.values[:1])[0]
     rows = []
-    for index, target in enumerate(scene.targets):
+    for index, name in enumerate(scene.names):
         one = truth.isel(target=index, frame=0)
         rows.append(
             {
-                "name": scene.names[index],
-                "rcs": fixed(ratio_db(target.rcs_m2), 1),
-                "range": fixed(float(one.range), 3),
-                "velocity": fixed(float(one.velocity), 3),
+                "name": name,
+                "rcs": fixed(ratio_db(float(rcs_m2[index])), 1),
+                "range": fixed(float(one.range), 2),
+                "velocity": fixed(float(one.velocity), 2),
                 "azimuth": fixed(math.degrees(float(one.azimuth)), 1),
+                "snr": fixed(ratio_db(float(one.snr)), 1) if one.snr > 0 else NONE,
                 "detected": "yes" if index in hits else "no",
             }
         )
     return rows
+
+
+def targets_found(view: View) -> str:
+    """Say how many of the targets were detected, in the first frame and in all."""
+    truth = view.result.truth
+    if truth is None or view.matched is None:
+        return ""
+    n, numbers = truth.sizes["target"], truth.frame.values.tolist()
+    found = f"{len(_hits(view, view.result.first_frame))} of {_several(n, 'target')}"
+    if len(numbers) == 1:
+        return f"Detected: {found}."
+    n_all = sum(len(_hits(view, number)) for number in numbers)
+    each = f"{n_all} of {n * len(numbers)}"
+    return f"Detected: {found}; in all frames {each}, each counted in each frame."
+
+
+def _hits(view: View, frame: int) -> set[int]:
+    """Targets that were detected in a frame."""
+    assert view.matched is not None
+    return set(view.matched.target[view.strongest.frame.values == frame].tolist()) - {-1}
 
 
 def _estimate(view: View, name: str, unit: str) -> Card:

@@ -13,6 +13,8 @@ from dechirp.scene.folding import Place
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result
 
+_MOST_SCATTERERS = 600  # more are no clearer, and the page would be large
+
 
 @value
 class View:
@@ -44,11 +46,24 @@ class View:
 
     @property
     def expected(self) -> Place | None:
-        """The truth of the first frame, where its peaks lie on the map."""
-        if self.seen is None:
+        """The truth of the first frame, where its peaks lie on the map: targets, not bodies."""
+        scene = self.result.scenario.scene
+        if self.seen is None or scene is None:
             return None
-        first = Place(self.seen.range_m[:, 0], self.seen.velocity_m_per_s[:, 0])
+        points = np.array([target.body is None for target in scene.targets], dtype=bool)
+        first = Place(*(of[points, 0] for of in self.seen))
         return compare.on_map(first, self.result.radar)
+
+    @property
+    def scatterers(self) -> Place | None:
+        """Of bodies in the first frame, where their peaks lie on the map; of many, some."""
+        scene, truth = self.result.scenario.scene, self.result.truth
+        if scene is None or truth is None:
+            return None
+        there = compare.scatterers(scene, truth.time.values[:1])
+        chosen = compare.in_bodies(scene, _MOST_SCATTERERS)
+        place = folding.folded(Place(*(of[0, chosen] for of in there)), self.result.radar)
+        return compare.on_map(place, self.result.radar)
 
 
 def view_of(result: "Result") -> View:
@@ -59,7 +74,7 @@ def view_of(result: "Result") -> View:
     found = compare.on_map(Place(in_map.range.values, in_map.velocity.values), result.radar)
     matched = seen = None
     if result.truth is not None:
-        matched = compare.match(strongest, result.truth, result.radar)
+        matched = compare.match(strongest, result.truth, result.radar, result.scenario.scene)
         seen = folding.seen(result.truth, result.radar)
     return View(
         result=result,

@@ -31,9 +31,14 @@ def seen(truth: xr.Dataset, radar: Radar) -> Place:
     and the mirror half of a real spectrum turns the sign of the velocity. One chirp alone
     tells no velocity: NaN, and the range is that of a target at rest with this beat frequency.
     """
-    chirp = radar.frame.chirp
     known = truth.transpose("target", "frame")
-    at = frequencies(Place(known.range.values, known.velocity.values), radar)
+    return folded(Place(known.range.values, known.velocity.values), radar)
+
+
+def folded(place: Place, radar: Radar) -> Place:
+    """Return what a perfect radar reports of places, any shape; see `seen`."""
+    chirp = radar.frame.chirp
+    at = frequencies(place, radar)
     beat_hz, doppler_hz = at.beat_hz % chirp.sample_rate_hz, at.doppler_hz
     if chirp.sampling == "real":
         # The upper half of the spectrum is the mirror of the lower: both frequencies turn.

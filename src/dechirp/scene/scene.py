@@ -1,60 +1,71 @@
-"""The scene: targets seen from the radar, and the truth about them."""
+"""The scene: what there is, and where its scatterers are, seen from the radar."""
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from functools import cached_property
+from typing import NamedTuple, get_args
 
 import numpy as np
-import xarray as xr
+from numpy.typing import ArrayLike
 
-from dechirp.core.checks import Vector, whole
+from dechirp.core.checks import instances
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding
-from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
-from dechirp.radar.budget import noise_power_w as thermal_noise_w
-from dechirp.radar.budget import received_power_w
-from dechirp.radar.radar import Radar
-from dechirp.scene.folding import Place, frequencies, seen
-from dechirp.scene.target import Target, slow_vector
+from dechirp.scene.bodies.base import Body
+from dechirp.scene.ego import Ego
+from dechirp.scene.rotations import about_z, into, out_of
+from dechirp.scene.target import Fluctuation, Target
 
 
-@value
-class Ego:
-    """The radar's own motion."""
+class Parabolas(NamedTuple):
+    """Scatterers that go along parabolas, or straight lines, past a radar that does not turn."""
 
-    velocity_m_per_s: Vector = (0.0, 0.0, 0.0)
+    scatterers: np.ndarray
+    """(n,), places in the list of all scatterers."""
+    terms_m: np.ndarray
+    """(2 or 3, n, 3): the sum of terms_m[k] t^k is where they are, radar coordinates."""
 
-    def __post_init__(self) -> None:
-        slow_vector(self, "velocity_m_per_s")
+
+class _Motions(NamedTuple):
+    """How the targets move, each (n_targets, 3): fields of the targets as arrays."""
+
+    start_m: np.ndarray
+    """From where the radar is at time zero: so the digits of short ways stay."""
+    velocity_m_per_s: np.ndarray
+    acceleration_m_per_s2: np.ndarray
 
 
 @value
 class Scene:
-    """Point targets in the coordinates of the radar at time zero."""
+    """Targets, and the radar's own motion.
+
+    Scatterers are counted through: those of the first target, a point or a body of many,
+    then those of the next.
+    """
 
     targets: tuple[Target, ...] = ()
     ego: Ego = Ego()
 
     def __post_init__(self) -> None:
-        targets = tuple(self.targets) if isinstance(self.targets, Iterable) else (None,)
-        if not all(isinstance(target, Target) for target in targets):
-            raise InvalidSetting(
-                "Scene.targets",
-                got=self.targets,
-                need="a list of targets",
-                fix="Write targets=[Target(...)], also for one alone.",
-            )
+        fix = "Write targets=[Target(...)], also for one alone."
+        targets = instances("Scene.targets", self.targets, Target, fix=fix)
         object.__setattr__(self, "targets", targets)
-        names = self.names
-        for name in names:
-            if names.count(name) > 1:
+        if not isinstance(self.ego, Ego):
+            raise InvalidSetting(
+                "Scene.ego",
+                got=self.ego,
+                need="an Ego",
+                fix="Write ego=Ego(velocity_m_per_s=(10, 0, 0)), or leave it out.",
+            )
+        for name, times in Counter(self.names).items():
+            if times > 1:
                 raise InvalidSetting(
                     "Scene.targets",
-                    got=f"{names.count(name)} targets named {name}",
+                    got=f"{times} targets named {name}",
                     need="a name for each target alone",
                     fix="Rename one of them.",
                 )
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Name of each target, given or from its place: target-1, target-2 ..."""
         return tuple(
@@ -74,144 +85,203 @@ class Scene:
             )
         return self.targets[self.names.index(name)]
 
-    def positions_m(self, time_s: float) -> np.ndarray:
-        """Positions of the targets relative to the radar at a time, (n_targets, 3)."""
-        ego_m = time_s * np.asarray(self.ego.velocity_m_per_s)
-        positions = [target.position_at_m(time_s) - ego_m for target in self.targets]
-        for name, position_m in zip(self.names, positions, strict=True):
-            if np.linalg.norm(position_m) < 1e-6:  # nearer, its power overflows
+    @property
+    def n_scatterers(self) -> int:
+        """Scatterers of all targets."""
+        return len(self.owners)
+
+    @cached_property
+    def owners(self) -> np.ndarray:
+        """Which target each scatterer is of, its place in the list, (n_scatterers,)."""
+        return _kept(np.repeat(np.arange(len(self.targets)), self._counts))
+
+    @cached_property
+    def fixed_rcs_m2(self) -> np.ndarray:
+        """Mean cross section of each scatterer, (n_scatterers,); 0 where it varies with aspect."""
+        own_m2 = [target.rcs_m2 if target.rcs_table is None else 0.0 for target in self.targets]
+        found = np.repeat(np.array(own_m2), self._counts)
+        stops = np.cumsum(self._counts)
+        for place in np.flatnonzero(self._has_body).tolist():
+            own = slice(stops[place] - self._counts[place], stops[place])
+            found[own] = self._body(place).cross_sections_m2()
+        wrong = np.flatnonzero(~(np.isfinite(found) & (found >= 0)))
+        if wrong.size:
+            raise InvalidSetting(
+                f"scene.targets.{self.names[self.owners[wrong[0]]]}.body",
+                got=f"a body with a cross section of {found[wrong[0]]:g} m^2",
+                need="cross sections that are finite, 0 or more",
+                fix="Correct what the body gives.",
+            )
+        return _kept(found)
+
+    @cached_property
+    def over_aspect(self) -> np.ndarray:
+        """Places of the targets whose cross section varies with aspect."""
+        return _kept(np.flatnonzero([target.rcs_table is not None for target in self.targets]))
+
+    @cached_property
+    def fluctuating(self) -> dict[Fluctuation, np.ndarray]:
+        """Scatterers of each kind of fluctuation, the steady ones left out."""
+        kinds = np.array([target.fluctuation for target in self.targets], dtype=str)
+        kinds = kinds[self.owners]
+        places = {kind: np.flatnonzero(kinds == kind) for kind in get_args(Fluctuation)[1:]}
+        return {kind: _kept(found) for kind, found in places.items() if found.size}
+
+    @cached_property
+    def accelerates(self) -> np.ndarray:
+        """Whether each target is accelerated at a constant rate, (n_targets,)."""
+        return _kept((self._motions.acceleration_m_per_s2 != 0).any(axis=1))
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether all go on straight lines at constant speed, and the radar too."""
+        return not (self.wanderers.size or self.accelerates.any())
+
+    @cached_property
+    def parabolas(self) -> Parabolas:
+        """The scatterers whose paths are polynomials of time; a car's wheels are not."""
+        chosen = np.flatnonzero(self._is_straight)
+        scatterers = np.flatnonzero(self._is_straight[self.owners])
+        moving, still_s = self._motions, np.zeros(1)
+        axes = self.ego.axes(still_s)
+        slopes = [moving.velocity_m_per_s[chosen] - np.array(self.ego.velocity_m_per_s)]
+        if self.accelerates[chosen].any():
+            slopes.append(moving.acceleration_m_per_s2[chosen] / 2)
+        terms_m = [self.positions_m(still_s, chosen)[0]]
+        for slope in slopes:
+            seen = into(axes, slope[None])[0]
+            terms_m.append(np.repeat(seen, self._counts[chosen], axis=0))
+        return Parabolas(_kept(scatterers), _kept(np.array(terms_m)))
+
+    @cached_property
+    def wanderers(self) -> np.ndarray:
+        """The scatterers, places in the list, that do not go along parabolas."""
+        return _kept(np.flatnonzero(~self._is_straight[self.owners]))
+
+    def positions_m(self, times_s: ArrayLike, targets: np.ndarray | None = None) -> np.ndarray:
+        """Where scatterers are, in the coordinates of the radar at each time.
+
+        Parameters
+        ----------
+        times_s : array (n_times,), s
+            Since the start of the first frame.
+        targets : array of int, optional
+            Places of the targets whose scatterers are meant; all without it.
+
+        Returns
+        -------
+        array (n_times, n_scatterers, 3), m
+            Exact to some roundings of the largest coordinate.
+        """
+        times_s = np.asarray(times_s, dtype=float)
+        chosen = np.arange(len(self.targets)) if targets is None else targets
+        counts = self._counts[chosen]
+        at_m = np.repeat(self.from_radar_m(times_s, chosen), counts, axis=1)
+        stops = np.cumsum(counts)
+        for place in np.flatnonzero(self._has_body[chosen]):
+            own = slice(stops[place] - counts[place], stops[place])
+            at_m[:, own] += self._offsets_m(int(chosen[place]), times_s)
+        return into(self.ego.axes(times_s), at_m)
+
+    def target_positions_m(self, times_s: ArrayLike) -> np.ndarray:
+        """Where the targets are, bodies by their origins, (n_times, n_targets, 3).
+
+        In the coordinates of the radar at each time.
+        """
+        return into(self.ego.axes(np.asarray(times_s, dtype=float)), self.from_radar_m(times_s))
+
+    def target_velocities_m_per_s(self, times_s: ArrayLike) -> np.ndarray:
+        """Velocities of the targets less that of the radar, (n_times, n_targets, 3).
+
+        Along the axes of the radar, whose turning is left out: the component along the line
+        of sight is the rate of change of range.
+        """
+        times_s = np.asarray(times_s, dtype=float)
+        moving = self._motions
+        gained = times_s[:, None, None] * moving.acceleration_m_per_s2
+        velocities = moving.velocity_m_per_s + gained
+        for place in self._on_courses:
+            velocities[:, place] = self.targets[place].velocities_at_m_per_s(times_s)
+        velocities -= self.ego.velocities_m_per_s(times_s)[:, None]
+        return into(self.ego.axes(times_s), velocities)
+
+    def from_radar_m(self, times_s: ArrayLike, targets: np.ndarray | None = None) -> np.ndarray:
+        """From the radar to targets, along the axes of the scene, (n_times, n_targets, 3).
+
+        To all without `targets`, their places in the list.
+        """
+        times_s = np.asarray(times_s, dtype=float)
+        chosen = np.arange(len(self.targets)) if targets is None else targets
+        moving, t = self._motions, times_s[:, None, None]
+        at_m = moving.start_m[chosen] + t * moving.velocity_m_per_s[chosen]
+        if self.accelerates[chosen].any():
+            at_m += t**2 / 2 * moving.acceleration_m_per_s2[chosen]
+        for place in np.flatnonzero(np.isin(chosen, self._on_courses)):
+            # Its velocity and acceleration are zero.
+            at_m[:, place] += self.targets[chosen[place]].ways_m(times_s)
+        return at_m - self.ego.ways_m(times_s)[:, None]
+
+    def _body(self, target: int) -> Body:
+        body = self.targets[target].body
+        assert body is not None
+        return body
+
+    def _offsets_m(self, target: int, times_s: np.ndarray) -> np.ndarray:
+        """From a target to the scatterers of its body, (n_times, n, 3), axes of the scene."""
+        offsets_m = self._body(target).offsets_m(times_s)
+        shape = (len(times_s), int(self._counts[target]), 3)
+        if offsets_m.shape != shape or not np.isfinite(offsets_m).all():
+            raise InvalidSetting(
+                f"scene.targets.{self.names[target]}.body",
+                got="a body with places that are not finite"
+                if offsets_m.shape == shape
+                else f"a body with places of the shape {offsets_m.shape}",
+                need=f"finite places of the shape {shape}",
+                fix="Correct what the body gives.",
+            )
+        return out_of(about_z(self.targets[target].headings_at_rad(times_s)), offsets_m)
+
+    @cached_property
+    def _motions(self) -> _Motions:
+        fields = ("position_m", "velocity_m_per_s", "acceleration_m_per_s2")
+        start_m, *rates = (
+            np.array([getattr(target, field) for target in self.targets]).reshape(-1, 3)
+            for field in fields
+        )
+        return _Motions(start_m - np.array(self.ego.position_m), *rates)
+
+    @cached_property
+    def _on_courses(self) -> np.ndarray:
+        """Places of the targets that go through waypoints."""
+        return np.flatnonzero([bool(target.waypoints) for target in self.targets])
+
+    @cached_property
+    def _is_straight(self) -> np.ndarray:
+        """Whether the radar sees all of a target go along parabolas, (n_targets,)."""
+        alone = np.array([target.is_straight for target in self.targets], dtype=bool)
+        return alone & (not self.ego.is_turning)
+
+    @cached_property
+    def _has_body(self) -> np.ndarray:
+        return np.array([target.body is not None for target in self.targets], dtype=bool)
+
+    @cached_property
+    def _counts(self) -> np.ndarray:
+        """Number of scatterers of each target."""
+        counts = np.ones(len(self.targets), dtype=int)
+        for place in np.flatnonzero(self._has_body).tolist():
+            counts[place] = len(self._body(place).cross_sections_m2())
+            if not counts[place]:
                 raise InvalidSetting(
-                    f"scene.targets.{name}.position",
-                    got=f"on the radar after {time_s:.4g} s",
-                    need="away from it: the echo would be infinite",
-                    fix="Move the target.",
+                    f"scene.targets.{self.names[place]}.body",
+                    got="a body without scatterers",
+                    need="one of at least one",
+                    fix="Leave the target out, or correct what the body gives.",
                 )
-        return np.array(positions).reshape(-1, 3)
-
-    def velocities_m_per_s(self) -> np.ndarray:
-        """Velocities of the targets relative to the radar, (n_targets, 3)."""
-        velocities = np.array([target.velocity_m_per_s for target in self.targets]).reshape(-1, 3)
-        return velocities - np.asarray(self.ego.velocity_m_per_s)
+        return counts
 
 
-def truth(
-    scene: Scene, radar: Radar, *, n_frames: int = 1, noise_power_w: float | None = None
-) -> xr.Dataset:
-    """What a perfect radar would report, in the words of detections.
-
-    `noise_power_w` is the noise in one sample; thermal noise of the hardware without it.
-
-    Returns
-    -------
-    Dataset over (target, frame)
-        `time` (s) of mid-frame, mid-window; `range` (m), `velocity` (m/s), `azimuth`,
-        `elevation` (rad) at that instant, seen from the origin of the array; `snr` after
-        integration over samples, chirps and channels, where the hardware is known.
-
-    Raises
-    ------
-    InvalidSetting
-        If a target sits on the radar, or `n_frames` is no count of frames.
-    """
-    whole("n_frames", n_frames, at_least=1, at_most=1_000_000)
-    known = _places(scene, radar, np.arange(n_frames))
-    if radar.hardware is None:
-        return known
-    rcs_m2 = np.array([[target.rcs_m2] for target in scene.targets]).reshape(-1, 1)
-    noise_w = thermal_noise_w(radar) if noise_power_w is None else noise_power_w
-    echo_w = received_power_w(radar, range_m=known.range.values, rcs_m2=rcs_m2)
-    with np.errstate(divide="ignore"):  # without noise it is infinite
-        snr = echo_w / noise_w * radar.integration_gain
-    return known.assign(snr=(("target", "frame"), snr, {"units": "1"}))
-
-
-def surprises(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]:
-    """Targets that fold in range or velocity, or whose echo comes after the first sample.
-
-    Told once, of the first frame or else of the last: on a straight line, range and speed
-    along the line of sight are largest at the ends.
-    """
-    known = _places(scene, radar, np.unique([0, n_frames - 1]))
-    found: list[Finding] = []
-    for name in scene.names:
-        told: dict[tuple[str, str], Finding] = {}
-        for frame in known.frame.values:
-            here = known.sel(target=[name], frame=[frame])
-            when = "" if n_frames == 1 else f" in frame {frame}"
-            for finding in (*_folds(here, radar, when), *_late(here, radar, when)):
-                told.setdefault((finding.setting, finding.need), finding)
-        found += told.values()
-    return found
-
-
-def _places(scene: Scene, radar: Radar, frames: np.ndarray) -> xr.Dataset:
-    """Where the targets are in the middle of some frames, over (target, frame)."""
-    times_s = np.array([radar.frame.start_s(i) + radar.frame.mid_frame_s for i in frames])
-    positions_m = np.stack([scene.positions_m(time) for time in times_s], axis=1)
-    x, y, z = np.moveaxis(positions_m, -1, 0)
-    range_m = np.sqrt(x**2 + y**2 + z**2)
-    along = np.einsum("tfi,ti->tf", positions_m, scene.velocities_m_per_s())
-    over = ("target", "frame")
-    return xr.Dataset(
-        {
-            "range": (over, range_m, {"units": "m"}),
-            "velocity": (over, along / range_m, {"units": "m/s"}),
-            "azimuth": (over, np.arctan2(y, x), {"units": "rad"}),
-            "elevation": (over, np.arctan2(z, np.hypot(x, y)), {"units": "rad"}),
-        },
-        coords={
-            "target": ("target", list(scene.names)),
-            "frame": ("frame", frames),
-            "time": ("frame", times_s, {"units": "s"}),
-        },
-    )
-
-
-def _folds(here: xr.Dataset, radar: Radar, when: str) -> Iterator[Finding]:
-    """What folds of one target in one frame."""
-    frame, chirp = radar.frame, radar.frame.chirp
-    setting = f"scene.targets.{here.target.item()}"
-    there, found = Place(here.range.values, here.velocity.values), seen(here, radar)
-    got = f"{_said(there)}{when} folds to {_said(found)}"
-    echo = frequencies(there, radar)
-    if frame.n_chirps > 1 and not -0.5 <= echo.doppler_hz.item() * frame.repetition_s < 0.5:
-        max_velocity = frame.max_velocity_m_per_s
-        yield Finding(
-            level="warning",
-            setting=f"{setting}.velocity",
-            got=got,
-            need=f"between -{max_velocity:.4g} and {max_velocity:.4g} m/s to be unambiguous",
-            fix="Shorten the interval between chirps, or read the folded velocity.",
-        )
-    if not 0 <= echo.beat_hz.item() < chirp.max_beat_frequency_hz:
-        yield Finding(
-            level="warning",
-            setting=f"{setting}.position",
-            got=got,
-            need=f"between 0 and {chirp.max_range_m:.4g} m, range-Doppler coupling included, to"
-            " be unambiguous",
-            fix="Sample faster or lower the slope, or read the folded range.",
-        )
-
-
-def _said(place: Place) -> str:
-    range_m, velocity = place.range_m.item(), place.velocity_m_per_s.item()
-    return f"{range_m:.4g} m" + ("" if np.isnan(velocity) else f" at {velocity:.4g} m/s")
-
-
-def _late(here: xr.Dataset, radar: Radar, when: str) -> Iterator[Finding]:
-    """Whether the echo of one target in one frame comes after the first sample."""
-    chirp = radar.frame.chirp
-    delay_s = 2 * here.range.item() / SPEED_OF_LIGHT
-    if delay_s <= chirp.adc_start_s:
-        return
-    late = int(np.ceil((delay_s - chirp.adc_start_s) * chirp.sample_rate_hz))
-    missed = f"the first {late} samples" if late < chirp.n_samples else "all of it"
-    yield Finding(
-        level="warning",
-        setting=f"scene.targets.{here.target.item()}.position",
-        got=f"echo arrives {delay_s * 1e6:.4g} us after ramp start{when}, sampling begins at"
-        f" {chirp.adc_start_s * 1e6:.4g} us",
-        need="a delay of at most adc_start for every sample to hold the echo",
-        fix=f"Start sampling later. A real radar would miss {missed}, the simulation does not.",
-    )
+def _kept(array: np.ndarray) -> np.ndarray:
+    """Make an array that belongs to a frozen value one that cannot be changed."""
+    array.flags.writeable = False
+    return array

@@ -1,14 +1,16 @@
 """White noise at a stated signal-to-noise ratio, whatever the link budget says."""
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Impairment
-from dechirp.radar.budget import received_power_w
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
+from dechirp.scene.truth import echo_powers_w
 
 
 @value
@@ -39,10 +41,16 @@ class WhiteNoise(Impairment):
     def noise_power_w(self, scene: Scene, radar: Radar) -> float:
         """Echo power of the target at the middle of the first frame, over the ratio."""
         target = scene.target(self.target)
-        mid_s = radar.frame.mid_frame_s
-        position_m = target.position_at_m(mid_s) - mid_s * np.asarray(scene.ego.velocity_m_per_s)
-        echo_w = received_power_w(radar, range_m=np.linalg.norm(position_m), rcs_m2=target.rcs_m2)
-        return float(echo_w) / self.snr
+        alone = replace(scene, targets=(target,))
+        echo_w = float(echo_powers_w(alone, radar, [radar.frame.mid_frame_s]).item())
+        if echo_w == 0:
+            raise InvalidSetting(
+                "target",
+                got=f"{self.target or 'the only one'}, without an echo",
+                need="one that both antennas see",
+                fix="Name another target, or turn the beam towards it.",
+            )
+        return echo_w / self.snr
 
 
 def add_white_noise(samples: np.ndarray, power_w: float, rng: np.random.Generator) -> None:

@@ -15,8 +15,9 @@ from dechirp.echoes.impairments.white_noise import add_white_noise
 from dechirp.experiment.scenario import reference
 from dechirp.process.chain import Chain, detect
 from dechirp.radar.radar import Radar
-from dechirp.scene.scene import Scene, truth
+from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
+from dechirp.scene.truth import truth
 from dechirp.theory.windows import Window
 
 

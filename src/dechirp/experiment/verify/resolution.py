@@ -15,8 +15,9 @@ from dechirp.experiment.verify.looks import named, radar, white_noise
 from dechirp.experiment.verify.trials import Job, trials_for_probability
 from dechirp.process.chain import Chain, detect
 from dechirp.radar.radar import Radar
-from dechirp.scene.scene import Scene, truth
+from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
+from dechirp.scene.truth import truth
 from dechirp.theory.windows import Window
 
 INTEGRATED_SNR = 1000.0

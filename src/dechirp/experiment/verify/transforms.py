@@ -7,7 +7,8 @@ import numpy as np
 
 from dechirp.core.units import decibels
 from dechirp.echoes.echo import clean_echoes
-from dechirp.echoes.kernels.direct import add_echoes
+from dechirp.echoes.kernels import direct
+from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
 from dechirp.experiment.verify.looks import REFERENCE, radar, scene, white_noise
 from dechirp.experiment.verify.trials import Job
@@ -185,18 +186,21 @@ def carrier_echo(n_mixers: int) -> np.ndarray:
     """Echo of the reference target without a ramp, (chirp, sample)."""
     frame, chirp = radar().frame, radar().frame.chirp
     samples = np.zeros((frame.n_chirps, 1, chirp.n_samples), np.complex128)
-    add_echoes(
+    here_m = np.zeros((1, 3))
+    path_m = np.array([[[REFERENCE.range_m, 0.0, 0.0]], [[REFERENCE.velocity_m_per_s, 0.0, 0.0]]])
+    direct.add(
         samples,
-        np.ones(1),
-        np.array([[REFERENCE.range_m, 0.0, 0.0]]),
-        np.array([[REFERENCE.velocity_m_per_s, 0.0, 0.0]]),
-        np.zeros(3),
-        np.zeros((1, 3)),
-        chirp.start_frequency_hz,
-        0.0,
-        frame.interval_s,
-        0.0,
-        chirp.sample_rate_hz,
+        Scatterers(path_m, np.ones(1), np.ones((1, 1)), np.ones((1, 1))),
+        Sent(
+            starts_s=frame.interval_s * np.arange(frame.n_chirps),
+            weights=frame.sent_weights(),
+            tx_m=here_m,
+            rx_m=here_m,
+            start_frequency_hz=chirp.start_frequency_hz,
+            slope_hz_per_s=0.0,
+            adc_start_s=0.0,
+            sample_rate_hz=chirp.sample_rate_hz,
+        ),
     )
     return samples[:, 0].real if n_mixers == 1 else samples[:, 0]
 

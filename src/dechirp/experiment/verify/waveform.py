@@ -106,12 +106,9 @@ def _echo_power() -> Claim:
     measured = float(np.mean(abs(clean_echoes(seen, radar()).values) ** 2))
     hardware, wavelength_m = radar().known_hardware(), radar().frame.chirp.wavelength_m
     spread = (4 * np.pi) ** 3 * at_mid_frame(REFERENCE).range_m ** 4 * hardware.loss
-    right = (
-        hardware.transmit_power_w * (hardware.antenna_gain * wavelength_m) ** 2 * RCS_M2 / spread
-    )
-    power_dbm, gain_db = (
-        float(decibels(x)) for x in (hardware.transmit_power_w * 1e3, hardware.antenna_gain)
-    )
+    gain = float(hardware.tx_gain())
+    right = hardware.transmit_power_w * (gain * wavelength_m) ** 2 * RCS_M2 / spread
+    power_dbm, gain_db = (float(decibels(x)) for x in (hardware.transmit_power_w * 1e3, gain))
     return Claim(
         id="echo_power_50m",
         claim="The echo of a car at 50 m carries picowatts.",

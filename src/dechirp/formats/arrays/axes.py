@@ -54,7 +54,7 @@ def contents(
         path=path,
         stored=stored,
         sizes=sizes,
-        slots=radar.frame.slots,
+        turns=radar.frame.turns or (),
         is_complex=_check_iq(path, stored, sizes, radar),
         iq=told.iq,
     )
@@ -192,6 +192,14 @@ def _fitted(path: Path, sizes: dict[str, int], radar: Radar) -> tuple[Radar, tup
     """Radar with as many receivers as the array holds, where it did not tell them."""
     frame = radar.frame
     turns = "tx" in sizes or "element" in sizes
+    if turns and frame.turns is None:
+        raise RecordingError(
+            path,
+            got=f"an array with axes {','.join(sizes)}",
+            need="one without tx and element: several transmitters send in a chirp, as"
+            " radar.frame.multiplexing says, so that its samples are of no single one",
+            fix="Give the samples as they were taken, with axes chirp and rx.",
+        )
     needs = {
         "chirp": frame.n_chirps if turns else frame.n_sent,
         "tx": frame.n_slots,

@@ -26,14 +26,15 @@ class NamedArray:
     stored: Stored
     sizes: dict[str, int]
     """By name of axis, in the order of the array."""
-    slots: tuple[tuple[int, ...], ...]
+    turns: tuple[int, ...]
+    """Transmitter of each chirp of a round; empty where several send in a chirp."""
     is_complex: bool
     iq: Iq | None
 
     @property
     def per_round(self) -> int:
         """Chirps sent for each one along the axis `chirp`."""
-        return len(self.slots) if {"tx", "element"} & set(self.sizes) else 1
+        return len(self.turns) if {"tx", "element"} & set(self.sizes) else 1
 
     @property
     def chirp_bytes(self) -> int:
@@ -82,7 +83,7 @@ class NamedArray:
             block = self.stored.read(self._part(index, chirps))
             for first in range(0, chirps.stop - start, step):
                 rows = self._along_chirp(slice(first, first + step))
-                sent = _in_order_sent(block[rows], list(self.sizes), self.slots)
+                sent = _in_order_sent(block[rows], list(self.sizes), self.turns)
                 number = (start + first) * self.per_round
                 if lost is not None:
                     gone = lost[number : number + len(sent)]
@@ -155,9 +156,7 @@ def is_finite(numbers: np.ndarray) -> np.ndarray:
     return np.isfinite(numbers)
 
 
-def _in_order_sent(
-    block: np.ndarray, names: list[str], slots: tuple[tuple[int, ...], ...]
-) -> np.ndarray:
+def _in_order_sent(block: np.ndarray, names: list[str], turns: tuple[int, ...]) -> np.ndarray:
     """Samples (chirp, rx, sample) and perhaps iq, the chirps in the order they were sent."""
     fields = pair(block.dtype)
     if fields:
@@ -167,10 +166,10 @@ def _in_order_sent(
     block = np.transpose(block, [names.index(name) for name in order])
     if "element" in names:
         at = order.index("element")
-        block = block.reshape(*block.shape[:at], len(slots), -1, *block.shape[at + 1 :])
+        block = block.reshape(*block.shape[:at], len(turns), -1, *block.shape[at + 1 :])
         order[at : at + 1] = ["tx", "rx"]
     wanted = ("frame", "chirp", "tx", "rx", "sample")
     block = np.expand_dims(block, [at for at, name in enumerate(wanted) if name not in order])[0]
-    if "tx" in order and len(slots) > 1:
-        block = block[:, [transmitter for (transmitter,) in slots]]
+    if "tx" in order and len(turns) > 1:
+        block = block.take(turns, axis=1)
     return block.reshape(-1, *block.shape[2:])

@@ -36,7 +36,7 @@ _READ = (
     ("adcCfg", "format", (0, 1, 2), "0, 1 or 2: real, or complex"),
     ("adcbufCfg", "sample_swap", (0, 1), "0 or 1"),
     ("adcbufCfg", "interleave", (0, 1), "0 or 1"),
-    ("bpmCfg", "enabled", (0,), "0: transmitters that take turns"),
+    ("bpmCfg", "enabled", (0, 1), "0 or 1: transmitters that take turns, or two together"),
     ("lvdsStreamCfg", "header", (0,), "0: samples without headers"),
     ("lvdsStreamCfg", "data_format", (0, 1), "0 or 1: samples alone"),
     ("lvdsStreamCfg", "software", (0,), "0: samples alone"),
@@ -49,7 +49,7 @@ _READ = (
     ("chirpCfg", "slope_variation", (0,), "0: equal chirps"),
     ("chirpCfg", "idle_variation", (0,), "0: equal chirps"),
     ("chirpCfg", "adc_start_variation", (0,), "0: equal chirps"),
-    ("chirpCfg", "tx_mask", tuple(1 << n for n in range(16)), "one bit: one transmitter"),
+    ("chirpCfg", "tx_mask", range(1, 2**16), "a bit for each transmitter, at least one"),
 )
 """What is read, of all that the commands can say."""
 
@@ -94,7 +94,10 @@ def read(file: Path, text: str, device: Device | None = None) -> Settings:
     frame = last[frames[-1]]
     chirps = _chirps(file, lines, frame)
     _must_be_read(file, [*last.values()], chirps, frames)
-    profile = _profile(file, lines, chirps, frame)
+    bpm = last.get("bpmCfg")
+    if bpm is not None and not bpm["enabled"]:
+        bpm = None
+    profile = _profile(file, lines, chirps, frame, bpm)
     adc, buffer = last["adcCfg"], last["adcbufCfg"]
     platform = _PLATFORM.search(text)
     with values_from(file):
@@ -106,6 +109,7 @@ def read(file: Path, text: str, device: Device | None = None) -> Settings:
             n_frames=last[frames[0]].whole("n_frames"),
             period_s=frame["period_ms"] / 1e3,
             rx_mask=last["channelCfg"].whole("rx_mask"),
+            bpm=bpm is not None,
         )
         return ti_settings(
             sent,
@@ -204,8 +208,10 @@ def _must_be_read(
         raise InvalidFile(*sorted(wrong, key=lambda mistake: mistake.line or 0))
 
 
-def _profile(file: Path, lines: Sequence[Line], chirps: Sequence[Line], frame: Line) -> Line:
-    """Give the profile of all chirps, whose transmitters must take turns."""
+def _profile(
+    file: Path, lines: Sequence[Line], chirps: Sequence[Line], frame: Line, bpm: Line | None
+) -> Line:
+    """Give the profile of all chirps, whose transmitters must take turns or be a pair of BPM."""
     profiles = {line["profile"]: line for line in lines if line.command == "profileCfg"}
     used = {chirp["profile"] for chirp in chirps}
     mistakes = [
@@ -219,15 +225,58 @@ def _profile(file: Path, lines: Sequence[Line], chirps: Sequence[Line], frame: L
         for chirp in _different(chirps)
         if len(used) > 1 or chirp["profile"] not in profiles
     ]
+    if bpm is None:
+        mistakes += _not_in_turns(file, chirps, frame)
+    else:
+        mistakes += _no_pair(file, chirps, frame, bpm)
+    if mistakes:
+        raise InvalidFile(*mistakes)
+    return profiles[used.pop()]
+
+
+def _not_in_turns(file: Path, chirps: Sequence[Line], frame: Line) -> list[Mistake]:
+    together = [
+        chirp.mistake(
+            file,
+            got=f"given tx_mask {chirp['tx_mask']:g}",
+            need="given tx_mask of one bit, one transmitter, unless bpmCfg says otherwise",
+            fix="Record it so, or give the radar as a YAML file with its multiplexing.",
+        )
+        for chirp in _different(chirps)
+        if chirp.whole("tx_mask").bit_count() != 1
+    ]
+    if together:
+        return together
     try:
         turns([chirp.whole("tx_mask") for chirp in chirps])
     except InvalidSetting as error:
         (order,) = error.mistakes
         got = f"of chirps of transmitters {order.got}"
-        mistakes.append(frame.mistake(file, got=got, need=order.need, fix=order.fix))
-    if mistakes:
-        raise InvalidFile(*mistakes)
-    return profiles[used.pop()]
+        return [frame.mistake(file, got=got, need=order.need, fix=order.fix)]
+    return []
+
+
+def _no_pair(file: Path, chirps: Sequence[Line], frame: Line, bpm: Line) -> list[Mistake]:
+    """Say what is wrong with the two chirps that two transmitters send together.
+
+    The demo gives the first no phase, the second 180 degrees on the later transmitter
+    (SDK User Guide, bpmCfg).
+    """
+    masks = [chirp.whole("tx_mask") for chirp in chirps]
+    both = (bpm["first"], bpm["second"]) == (frame["first"], frame["first"] + 1)
+    if both and len(masks) == 2 and masks[0] == masks[1] and masks[0].bit_count() == 2:
+        return []
+    said = ", ".join(map(str, masks[:8])) + (" ..." if len(masks) > 8 else "")
+    return [
+        bpm.mistake(
+            file,
+            got=f"given enabled 1, for chirps {bpm['first']:g} and {bpm['second']:g}, in a frame"
+            f" of chirps with tx_mask {said}",
+            need="given the two chirps of the frame in the order sent, both with the same two"
+            " transmitters, or enabled 0",
+            fix="Record it so, or give the radar as a YAML file with its multiplexing.",
+        )
+    ]
 
 
 def _different(chirps: Sequence[Line]) -> list[Line]:

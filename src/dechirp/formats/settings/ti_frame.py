@@ -10,6 +10,8 @@ from dechirp.formats.settings.receivers import antennas, known
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
 from dechirp.radar.frame import Frame
+from dechirp.radar.multiplexing.base import Multiplexing
+from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 
@@ -33,6 +35,8 @@ class TiFrame:
     """0: until stopped."""
     period_s: float
     rx_mask: int
+    bpm: bool = False
+    """Whether the loop is two chirps of the same two transmitters, + + and then + -."""
 
 
 def turns(masks: Sequence[int]) -> tuple[int, ...]:
@@ -56,8 +60,8 @@ def turns(masks: Sequence[int]) -> tuple[int, ...]:
             "transmitters",
             got=several if mask > 0 else f"chirp {index} with none",
             need="one in every chirp",
-            fix="Record with transmitters that take turns; chirps that several send together"
-            " (BPM, DDM) are not read yet.",
+            fix="Record with transmitters that take turns, or give the radar as a YAML file with"
+            " multiplexing of kind bpm, ddma or phase-code.",
         )
     one_round = tuple(dict.fromkeys(masks))
     n_rounds, rest = divmod(len(masks), len(one_round))
@@ -103,12 +107,14 @@ def ti_settings(
         If the frame cannot be.
     """
     found = device or known(named)
-    order = turns(sent.masks)
+    order = _sending(sent.masks[0]) if sent.bpm else turns(sent.masks)
     transmitters = sorted(order)
     # The array has the transmitters that send, in the chip's order.
     places = tuple(transmitters.index(transmitter) for transmitter in order)
     n_chirps = sent.n_loops * (len(sent.masks) // len(order))
-    multiplexing = Tdm(order=places) if len(order) > 1 else None
+    multiplexing: Multiplexing | None = Tdm(order=places) if len(order) > 1 else None
+    if sent.bpm:
+        multiplexing = Bpm(order=places)
     array, findings = antennas(
         sent.chirp,
         tx_mask=sum(1 << transmitter for transmitter in order),
@@ -140,8 +146,12 @@ def ti_settings(
     )
 
 
+def _sending(mask: int) -> tuple[int, ...]:
+    return tuple(n for n in range(mask.bit_length()) if mask >> n & 1)
+
+
 def _named(mask: int) -> str:
-    return "+".join(str(n + 1) for n in range(mask.bit_length()) if mask >> n & 1) or "none"
+    return "+".join(str(n + 1) for n in _sending(mask)) or "none"
 
 
 def _one_chirp_a_frame(n_frames: int, period_s: float) -> Finding:

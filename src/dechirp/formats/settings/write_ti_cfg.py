@@ -217,13 +217,25 @@ def _sent(frame: Frame, tx: Sequence[int], n_frames: int, gain: int) -> list[str
         _decimal(chirp.sample_rate_hz / 1e3, 0),
         f"0 0 {gain}",
     )
-    turns = [1 << tx[index] for slot in frame.slots for index in slot]
+    turns = [1 << tx[index] for index in _turns(frame)]
     period_ms = _decimal((frame.period_s or frame.duration_s) * 1e3, 6)
     return [
         f"profileCfg {' '.join(numbers)}",
         *(f"chirpCfg {n} {n} 0 0 0 0 0 {mask}" for n, mask in enumerate(turns)),
         f"frameCfg 0 {len(turns) - 1} {frame.n_chirps} {n_frames} {period_ms} 1 0",
     ]
+
+
+def _turns(frame: Frame) -> tuple[int, ...]:
+    """Transmitters in their order, which must take turns."""
+    if frame.turns is None:
+        raise InvalidSetting(
+            "Frame.multiplexing",
+            got="one in which several transmitters send in a chirp",
+            need="of kind tdm, or none: no other is written as .cfg",
+            fix="Let the transmitters take turns, or set the chip up with another tool.",
+        )
+    return frame.turns
 
 
 def _decimal(number: float, digits: int) -> str:

@@ -41,7 +41,7 @@ def memory_bytes(radar: Radar) -> int:
     chirp, n_chirps = radar.frame.chirp, radar.frame.n_chirps
     n_points = _power_of_two(chirp.n_samples)
     n_bins = n_points if chirp.sampling == "complex" else n_points // 2
-    return n_bins * (4 * n_chirps * radar.n_channels + 2 * _power_of_two(n_chirps))
+    return n_bins * (4 * n_chirps * radar.n_summed + 2 * _power_of_two(n_chirps))
 
 
 def _antennas(radar: Radar, name: str, n_tx: int, n_rx: int) -> Iterator[Finding]:
@@ -273,7 +273,7 @@ def _memory(radar: Radar, limits: Limits, name: str) -> Iterator[Finding]:
     yield _error(
         "radar.frame.n_chirps",
         got=f"a frame of {got / 1024:.5g} kB: {radar.frame.n_chirps} chirps times"
-        f" {radar.n_channels} pairs of antennas times {chirp.n_samples} samples, rounded up to"
+        f" {radar.n_summed} channels times {chirp.n_samples} samples, rounded up to"
         f" {_power_of_two(chirp.n_samples)}",
         need=f"at most {most / 1024:.5g} kB: the demo on {name} keeps the range spectra of a"
         " frame and its map in that memory",

@@ -1,7 +1,6 @@
 """The beat signal of the first chirp, and its spectrum."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -57,7 +56,7 @@ def signal(cube: xr.DataArray, *, doppler_frequency_hz: float | None = None) -> 
 
 
 def spectrum(
-    cube: xr.DataArray, chirp: Chirp, chain: Chain, *, truth_m: Sequence[float] = ()
+    cube: xr.DataArray, chirp: Chirp, chain: Chain, *, truth_m: np.ndarray | None = None
 ) -> Markup:
     """Draw power over range: of the first chirp, and the mean over the chirps.
 
@@ -86,10 +85,10 @@ def spectrum(
             linewidth=1.0,
             label=f"mean power of the first {power.shape[0]} chirps",
         )
-        if truth_m:
+        if truth_m is not None and truth_m.size:
             axes.plot(
                 truth_m,
-                np.full(len(truth_m), lowest + 0.02 * (highest - lowest)),
+                np.full(truth_m.size, lowest + 0.02 * (highest - lowest)),
                 linestyle="",
                 marker="^",
                 markersize=5,

@@ -15,7 +15,7 @@ from dechirp.report.words import power_db, power_unit
 from dechirp.scene.folding import Place
 
 _MOST_PIXELS = (220, 420)  # velocity, range: as many as a figure of 500 pixels can show
-_MOST_CIRCLES, _FEW_CIRCLES = 200, 20
+_MOST_CIRCLES, _FEW_CIRCLES = 200, 40
 _LARGEST_SPAN_DB = 80.0
 _CLOSE_UP_CELLS = (16, 24)  # on each side, velocity and range
 
@@ -31,6 +31,8 @@ class MarkedMap:
     found: Place
     """Detections, strongest first."""
     truth: Place | None
+    scatterers: Place | None = None
+    """Of bodies, besides the truth about targets that are points."""
 
 
 @value
@@ -172,6 +174,8 @@ def _map(
 
 
 def _mark(axes: Axes, marked: MarkedMap, circle_points: float) -> None:
+    _mark_truth(axes, marked.truth, marker="+", size=7, name="truth")
+    _mark_truth(axes, marked.scatterers, marker=".", size=3, name="truth, scatterers of bodies")
     circles = _inside(axes, marked.found)[:, :_MOST_CIRCLES]
     if circles.size:
         crowded = circles.shape[1] > _FEW_CIRCLES
@@ -185,19 +189,23 @@ def _mark(axes: Axes, marked: MarkedMap, circle_points: float) -> None:
             markeredgewidth=1.0 if crowded else 1.4,
             label="detection",
         )
-    crosses = np.empty((2, 0)) if marked.truth is None else _inside(axes, marked.truth)
-    if crosses.size:
-        # Dark on a light rim, to be seen on the noise and on the peak.
-        for color, width, name in (("#ffffff", 2.6, None), (INK, 1.1, "truth")):
-            axes.plot(
-                *crosses,
-                linestyle="",
-                marker="+",
-                markersize=7 + width,
-                markeredgecolor=color,
-                markeredgewidth=width,
-                label=name,
-            )
+
+
+def _mark_truth(axes: Axes, truth: Place | None, *, marker: str, size: float, name: str) -> None:
+    places = np.empty((2, 0)) if truth is None else _inside(axes, truth)
+    if not places.size:
+        return
+    # Dark on a light rim, to be seen on the noise and on the peak.
+    for color, width, label in (("#ffffff", 2.6, None), (INK, 1.1, name)):
+        axes.plot(
+            *places,
+            linestyle="",
+            marker=marker,
+            markersize=size + width,
+            color=color,
+            markeredgewidth=width,
+            label=label,
+        )
 
 
 def _inside(axes: Axes, place: Place) -> np.ndarray:

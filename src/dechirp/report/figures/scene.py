@@ -8,84 +8,190 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from dechirp.core.values import value
+from dechirp.report.compare import in_bodies
 from dechirp.report.figures.style import BLUE, INK, ORANGE, draw
 from dechirp.report.words import number
+from dechirp.scene.rotations import into
 from dechirp.scene.scene import Scene
 
-_MOST_ARCS = 20
-_MOST_NAMES = 12
+_MOST_ARCS, _FEW_ARCS = 20, 6
+_MOST_NAMES = 24
+_MOST_ARROWS = 200
+_MOST_POINTS = 600
+# Where nothing is further aside than this part of the length, a road, it is drawn wider.
+_NARROW = 0.3
+
+
+@value
+class _Drawn:
+    """What is drawn, in coordinates of the radar: x, y of each."""
+
+    places_m: np.ndarray
+    points_m: np.ndarray
+    """Scatterers of bodies."""
+    arrows_m: np.ndarray
+    """From each target, its way over ground in a while."""
+    headings: np.ndarray
+    """Direction of the x axis of each target."""
+    courses_m: list[np.ndarray]
+    """Ways through waypoints."""
+    stops_m: np.ndarray
+    """The waypoints."""
+    ego_m: np.ndarray
+    """The radar's own way in that while."""
 
 
 def from_above(scene: Scene, *, time_s: float, detected_m: Sequence[float] = ()) -> Markup:
-    """Draw targets with their velocities, the radar, and detections as arcs of equal range.
+    """Draw targets with their velocities over ground, the radar, and detections as arcs.
 
     Parameters
     ----------
     scene : Scene
-        Drawn as it is at `time_s`, in coordinates of the radar.
+        Drawn as it is at `time_s`, in coordinates of the radar then; of large bodies some of
+        the scatterers.
     time_s : float
         Of the first estimates: the middle of the first frame.
     detected_m : sequence, m
         Ranges of the detections, strongest first; angles are not estimated.
     """
-    places_m = scene.positions_m(time_s)[:, :2]
-    velocities = np.array([target.velocity_m_per_s for target in scene.targets]).reshape(-1, 3)
-    ego = np.array(scene.ego.velocity_m_per_s)
-    reach_m = max(1.0, float(np.hypot(*places_m.T).max(initial=0.0)))
-    arrow_s = _arrow_s(np.vstack([velocities, ego[None]]), reach_m)
-    tips_m = places_m + arrow_s * velocities[:, :2]
-    ends_m = np.vstack([places_m, tips_m, [[0.0, 0.0]], arrow_s * ego[None, :2]])
+    way_s = _while_s(scene, time_s)
+    drawn = _drawn(scene, time_s, way_s)
+    reach_m = _reach_m(drawn)
+    ends_m = np.vstack(
+        [drawn.places_m, drawn.points_m, drawn.places_m + drawn.arrows_m, drawn.ego_m, [[0, 0]]]
+    )
     front = ends_m[:, 0].max() + 0.12 * reach_m
     back = min(ends_m[:, 0].min() - 0.08 * reach_m, -0.1 * reach_m)
+    aside_m = 1.25 * abs(ends_m[:, 1]).max()
+    is_narrow = aside_m < _NARROW * (front - back)
     # At least as wide as the figure: 1.4 times its height once the labels have their room.
-    side = max(1.25 * abs(ends_m[:, 1]).max(), 0.7 * (front - back))
+    side = max(aside_m, (0.1 if is_narrow else 0.7) * (front - back))
 
     def paint(figure: Figure) -> None:
         axes = figure.subplots()
         axes.grid(False)
-        axes.set_aspect("equal")
+        axes.set_aspect("auto" if is_narrow else "equal")
         axes.set(xlim=(side, -side), ylim=(back, front))
         _rings(axes, math.hypot(max(front, -back), side))
-        angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
-        for range_m in detected_m[:_MOST_ARCS]:
-            axes.plot(
-                range_m * np.sin(angle),
-                range_m * np.cos(angle),
-                color=ORANGE,
-                linewidth=1.3,
-                linestyle=(0, (5, 3)),
-                label="range of a detection",
-            )
-        for place, tip in zip(places_m, tips_m, strict=True):
-            _arrow(axes, place, tip, BLUE)
-        _arrow(axes, np.zeros(2), arrow_s * ego[:2], INK)
-        axes.plot(
-            places_m[:, 1],
-            places_m[:, 0],
-            linestyle="",
-            marker="o",
-            markersize=6,
-            color=BLUE,
-            label=f"target, its way in {number(arrow_s)} s" if arrow_s else "target",
-        )
+        _arcs(axes, detected_m)
+        _ways(axes, drawn)
+        _targets(axes, drawn, 0.05 * reach_m, way_s)
         axes.plot(0, 0, marker="^", markersize=9, color=INK, linestyle="", label="radar")
-        for name, place in list(zip(scene.names, places_m, strict=True))[:_MOST_NAMES]:
+        for name, place in list(zip(scene.names, drawn.places_m, strict=True))[:_MOST_NAMES]:
+            is_left = place[1] > 0
             axes.annotate(
-                name, (place[1], place[0]), (7, 5), textcoords="offset points", clip_on=True
+                name,
+                (place[1], place[0]),
+                (-7 if is_left else 7, 4),
+                textcoords="offset points",
+                ha="right" if is_left else "left",
+                fontsize=8.5 if len(scene.names) <= 8 else 7,
+                clip_on=True,
             )
-        axes.set_xlabel("y, m (left positive)")
+        axes.set_xlabel("y, m (left positive)" + (", drawn wider" if is_narrow else ""))
         axes.set_ylabel("x, m (forward)")
         handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
         figure.legend(
             handles.values(), handles.keys(), loc="outside upper right", ncols=3, handlelength=1.6
         )
 
-    return draw(paint, label="The scene from above", height_in=3.6)
+    many = len(scene.targets) > 8
+    return draw(paint, label="The scene from above", height_in=4.6 if many else 3.6)
 
 
-def _arrow_s(velocities: np.ndarray, reach_m: float) -> float:
+def _drawn(scene: Scene, time_s: float, way_s: float) -> _Drawn:
+    at_s = np.array([time_s])
+    here_m = np.array(scene.ego.position_m) + scene.ego.ways_m(at_s)
+    axes = scene.ego.axes(at_s)
+
+    def seen(places_m: np.ndarray) -> np.ndarray:
+        """From coordinates of the scene, (n, 3), to x and y of the radar's, (n, 2)."""
+        return into(axes, (places_m - here_m)[None])[0, :, :2]
+
+    on_ground = into(axes, scene.ego.velocities_m_per_s(at_s)[:, None])
+    arrows_m = way_s * (scene.target_velocities_m_per_s(at_s) + on_ground)[0, :, :2]
+    courses_m, stops_m = [], [np.empty((0, 2))]
+    for place in np.flatnonzero([bool(target.waypoints) for target in scene.targets]):
+        target = scene.targets[place]
+        arrows_m[place] = 0  # its course is drawn
+        times_s = np.linspace(0, target.waypoints[-1].time_s, 200)
+        courses_m.append(seen(np.array(target.position_m) + target.ways_m(times_s)))
+        stops_m.append(seen(np.array([point.position_m for point in target.waypoints])))
+    facing = [target.headings_at_rad(at_s)[0] for target in scene.targets]
+    facing_to = np.stack([np.cos(facing), np.sin(facing), np.zeros(len(facing))], axis=-1)
+    times_s = time_s + np.linspace(0, way_s, 50)
+    return _Drawn(
+        places_m=scene.target_positions_m(at_s)[0, :, :2],
+        points_m=scene.positions_m(at_s)[0, in_bodies(scene, _MOST_POINTS), :2],
+        arrows_m=arrows_m,
+        headings=into(axes, facing_to[None])[0, :, :2],
+        courses_m=courses_m,
+        stops_m=np.vstack(stops_m),
+        ego_m=seen(np.array(scene.ego.position_m) + scene.ego.ways_m(times_s)),
+    )
+
+
+def _reach_m(drawn: _Drawn) -> float:
+    points_m = np.vstack([drawn.places_m, drawn.points_m])
+    return max(1.0, float(np.hypot(*points_m.T).max(initial=0.0)))
+
+
+def _arcs(axes: Axes, detected_m: Sequence[float]) -> None:
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    for range_m in detected_m[:_MOST_ARCS]:
+        axes.plot(
+            range_m * np.sin(angle),
+            range_m * np.cos(angle),
+            color=ORANGE,
+            linewidth=1.3 if len(detected_m) <= _FEW_ARCS else 0.6,
+            linestyle=(0, (5, 3)),
+            label="range of a detection",
+        )
+
+
+def _ways(axes: Axes, drawn: _Drawn) -> None:
+    """Draw the courses through waypoints, and the radar's own way."""
+    for course_m in drawn.courses_m:
+        axes.plot(*course_m.T[::-1], color=BLUE, linewidth=0.8, label="way through waypoints")
+    axes.plot(*drawn.stops_m.T[::-1], linestyle="", marker="|", markersize=5, color=BLUE)
+    axes.plot(*drawn.ego_m.T[::-1], color=INK, linewidth=1.4)
+    _arrow(axes, drawn.ego_m[-2], drawn.ego_m[-1], INK)
+
+
+def _targets(axes: Axes, drawn: _Drawn, stroke_m: float, way_s: float) -> None:
+    ends_m = drawn.places_m + stroke_m * drawn.headings
+    for place, end in list(zip(drawn.places_m, ends_m, strict=True))[:_MOST_ARROWS]:
+        axes.plot(*np.array([place, end]).T[::-1], color=BLUE, linewidth=2.2, alpha=0.5)
+    tips_m = drawn.places_m + drawn.arrows_m
+    for place, tip in list(zip(drawn.places_m, tips_m, strict=True))[:_MOST_ARROWS]:
+        _arrow(axes, place, tip, BLUE)
+    if len(drawn.points_m):
+        axes.plot(
+            *drawn.points_m.T[::-1],
+            linestyle="",
+            marker=".",
+            markersize=2,
+            color=INK,
+            label="scatterers of bodies",
+        )
+    axes.plot(
+        *drawn.places_m.T[::-1],
+        linestyle="",
+        marker="o",
+        markersize=6 if len(drawn.places_m) <= 8 else 3.5,
+        color=BLUE,
+        label=f"target, its way in {number(way_s)} s" if way_s else "target",
+    )
+
+
+def _while_s(scene: Scene, time_s: float) -> float:
     """Choose a round time in which the fastest goes about a quarter of the way shown."""
-    fastest = float(np.hypot(velocities[:, 0], velocities[:, 1]).max())
+    at_s = np.array([time_s])
+    ego = scene.ego.velocities_m_per_s(at_s)
+    on_ground = scene.target_velocities_m_per_s(at_s)[0] + into(scene.ego.axes(at_s), ego[None])[0]
+    fastest = float(np.linalg.norm(np.vstack([on_ground, ego])[:, :2], axis=1).max())
+    reach_m = np.linalg.norm(scene.positions_m(at_s)[0, :, :2], axis=1).max(initial=1.0)
     return _round_down(0.3 * reach_m / fastest) if fastest > 0 else 0.0
 
 

@@ -1,0 +1,1 @@
+"""How an antenna sees directions: a family."""

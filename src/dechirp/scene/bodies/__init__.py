@@ -1,0 +1,1 @@
+"""Bodies of many scatterers: a family."""

@@ -1,0 +1,366 @@
+"""Bodies of many scatterers, and how much they reflect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.config.files import parse
+from dechirp.config.texts import dump
+from dechirp.core.errors import InvalidFile
+from dechirp.core.values import value
+from dechirp.radar.budget import received_power_w
+from dechirp.scene.bodies.base import Body
+from dechirp.scene.bodies.cloud import Cloud
+from dechirp.scene.bodies.points import Oscillation, Points, Rotation, Scatterer
+from dechirp.scene.ego import Ego
+from dechirp.scene.rcs import cross_sections_m2, target_cross_sections_m2
+from dechirp.scene.rcs_table import RcsTable
+from dechirp.scene.scene import Scene
+from dechirp.scene.target import Target
+from dechirp.scene.truth import truth
+from dechirp.scene.waypoints import Waypoint
+
+
+def point(**of):
+    return Scatterer(**{"position_m": (1, 0.5, 0.3), "rcs_m2": 0.1, **of})
+
+
+def offsets_m(scatterer, times_s):
+    return Points(scatterers=(scatterer,)).offsets_m(np.asarray(times_s))[:, 0]
+
+
+def test_the_top_of_a_wheel_goes_forward_and_comes_round():
+    rim = point(
+        position_m=(1, 0.8, 0.6), rotation=Rotation(center_m=(1, 0.5, 0.3), rate_rad_per_s=50)
+    )
+    times_s = np.linspace(0, 2 * np.pi / 50, 9)
+    way_m = offsets_m(rim, times_s)
+
+    # A quarter of a turn on it is ahead of the axle, then below it, then behind it.
+    assert way_m[2] == pytest.approx((1.3, 0.8, 0.3), abs=1e-12)
+    assert way_m[4] == pytest.approx((1, 0.8, 0), abs=1e-12)
+    assert way_m[6] == pytest.approx((0.7, 0.8, 0.3), abs=1e-12)
+    assert way_m[8] == pytest.approx(way_m[0], abs=1e-12)
+    radii_m = np.hypot(way_m[:, 0] - 1, way_m[:, 2] - 0.3)
+    assert radii_m == pytest.approx(np.full(9, 0.3), abs=1e-12)
+
+
+def test_a_rotor_turns_about_its_axis_however_long():
+    for axis in ((0, 0, 1), (0, 0, 1e6), (0, 0, 1e-6)):
+        turn = Rotation(center_m=(0, 0, 0), axis=axis, rate_rad_per_s=np.pi)
+        found = offsets_m(point(position_m=(0.2, 0, 0.7), rotation=turn), [0.5])
+        assert found[0] == pytest.approx((0, 0.2, 0.7), abs=1e-12)
+
+
+def test_an_arm_swings_about_its_middle():
+    swing = Oscillation(amplitude_m=(0.3, 0, -0.1), frequency_hz=2, phase_rad=np.pi / 2)
+    found = offsets_m(point(oscillation=swing), [0, 0.125, 0.25])
+
+    for place_m, times in zip(found, (1, 0, -1), strict=True):
+        assert place_m == pytest.approx((1 + 0.3 * times, 0.5, 0.3 - 0.1 * times), abs=1e-12)
+
+
+def test_a_part_may_turn_and_swing():
+    turn, swing = (
+        Rotation(center_m=(0, 0, 0), rate_rad_per_s=3),
+        Oscillation(amplitude_m=(0, 0, 0.1), frequency_hz=1),
+    )
+    both = offsets_m(point(rotation=turn, oscillation=swing), [0.1, 0.7])
+    apart = offsets_m(point(rotation=turn), [0.1, 0.7]) + offsets_m(
+        point(oscillation=swing), [0.1, 0.7]
+    )
+
+    assert both == pytest.approx(apart - (1, 0.5, 0.3), abs=1e-12)
+
+
+PLACES_M = np.array([(1.0, 2.0, 3.0), (-4.0, 5.0, -6.0)])
+
+
+def test_a_cloud_is_its_points():
+    cloud = Cloud(positions_m=PLACES_M, rcs_m2=np.array([0.5, 2.0]))
+    points = Points(
+        scatterers=[
+            Scatterer(position_m=p, rcs_m2=s) for p, s in zip(PLACES_M, (0.5, 2), strict=True)
+        ]
+    )
+    times_s = np.array([0.0, 1.0])
+
+    assert (cloud.offsets_m(times_s) == points.offsets_m(times_s)).all()
+    assert (cloud.cross_sections_m2() == points.cross_sections_m2()).all()
+    assert cloud.is_rigid and points.is_rigid
+    assert cloud == Cloud(positions_m=PLACES_M.tolist(), rcs_m2=(0.5, 2))
+
+
+def test_a_cloud_does_not_change_with_the_arrays_it_was_made_of():
+    places_m, rcs_m2 = PLACES_M.copy(), np.array([0.5, 2.0])
+    cloud = Cloud(positions_m=places_m, rcs_m2=rcs_m2)
+    places_m[:], rcs_m2[:] = 0, 0
+
+    assert cloud.offsets_m(np.zeros(1))[0].tolist() == PLACES_M.tolist()
+    with pytest.raises(ValueError, match="read-only"):
+        cloud.offsets_m(np.zeros(1))[0, 0] = 1
+    with pytest.raises(ValueError, match="read-only"):
+        cloud.cross_sections_m2()[0] = 1
+
+
+def test_scatterers_are_counted_through_target_by_target():
+    body = Cloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+    scene = Scene(
+        targets=[
+            Target(position_m=(10, 0, 0), rcs_m2=7),
+            Target(position_m=(20, 0, 0), body=body, heading_rad=np.pi / 2),
+            Target(position_m=(30, 0, 0), rcs_m2=9),
+        ]
+    )
+
+    assert scene.owners.tolist() == [0, 1, 1, 2]
+    assert cross_sections_m2(scene, 0.0).tolist() == [7, 0.5, 2, 9]
+    assert target_cross_sections_m2(scene, [0.0, 1.0]).tolist() == [[7, 2.5, 9]] * 2
+    # Its x axis points left: x becomes y, and y becomes -x.
+    assert scene.positions_m([0.0])[0] == pytest.approx(
+        np.array([(10, 0, 0), (18, 1, 3), (15, -4, -6), (30, 0, 0)]), abs=1e-12
+    )
+
+
+TABLE = RcsTable(
+    azimuth_rad=(-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi), rcs_m2=((1, 100, 10, 50, 1),)
+)
+
+
+@pytest.mark.parametrize(
+    ("of", "rcs_m2"),
+    [
+        ({"heading_rad": np.pi}, 10),  # it comes
+        ({}, 1),  # it shows its tail
+        ({"heading_rad": np.pi / 2}, 50),  # it goes left, and has the radar on its left
+        ({"heading_rad": -np.pi / 2}, 100),
+        ({"velocity_m_per_s": (-3, 0, 0)}, 10),
+        ({"heading_rad": 3 * np.pi / 4}, np.sqrt(10 * 50)),  # half way, in decibels
+        ({"heading_rad": -np.pi / 4}, np.sqrt(1 * 100)),
+    ],
+)
+def test_a_cross_section_over_aspect_is_what_the_target_shows_to_the_radar(of, rcs_m2):
+    scene = Scene(targets=[Target(position_m=(20, 0, 0), rcs_table=TABLE, **of)])
+
+    assert cross_sections_m2(scene, 0.0)[0] == pytest.approx(rcs_m2, rel=1e-9)
+
+
+def test_the_aspect_is_towards_where_the_radar_is_and_not_where_it_looks():
+    target = Target(position_m=(0, 20, 0), rcs_table=TABLE, heading_rad=np.pi / 2)
+    for yaw_rad in (0.0, 1.0, np.pi / 2):
+        scene = Scene(targets=[target], ego=Ego(yaw_rad=yaw_rad))
+        assert cross_sections_m2(scene, 0.0)[0] == pytest.approx(1, rel=1e-9)
+    # Driven past it: the radar is 20 m ahead of it, to its left.
+    past = Scene(targets=[target], ego=Ego(velocity_m_per_s=(-20, 40, 0)))
+    assert cross_sections_m2(past, 1.0)[0] == pytest.approx(np.sqrt(10 * 50), rel=1e-9)
+
+
+def test_the_aspect_changes_with_elevation():
+    table = RcsTable(
+        azimuth_rad=(0,), elevation_rad=(-np.pi / 2, 0, np.pi / 2), rcs_m2=((1,), (10,), (1000,))
+    )
+    for z_m, rcs_m2 in ((0, 10), (-20, np.sqrt(10 * 1000)), (20, np.sqrt(10))):
+        scene = Scene(targets=[Target(position_m=(20, 0, z_m), rcs_table=table)])
+        assert cross_sections_m2(scene, 0.0)[0] == pytest.approx(rcs_m2, rel=1e-9)
+
+
+def test_a_cross_section_over_aspect_changes_along_a_curve():
+    points = [
+        Waypoint(time_s=1, position_m=(20, 10, 0)),
+        Waypoint(time_s=2, position_m=(30, 15, 0)),
+    ]
+    target = Target(position_m=(25, 0, 0), rcs_table=TABLE, waypoints=points)
+    scene = Scene(targets=[target])
+    over_time = target_cross_sections_m2(scene, [0.0, 0.5, 2.0])[:, 0]
+
+    one_by_one = [cross_sections_m2(scene, time_s)[0] for time_s in (0.0, 0.5, 2.0)]
+    assert over_time == pytest.approx(one_by_one, rel=1e-12)
+    assert np.ptp(over_time) > 1
+
+
+def test_the_truth_has_the_cross_section_of_all_scatterers_at_each_time(radar):
+    radar = replace(radar, frame=replace(radar.frame, period_s=1.0))
+    body = Cloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+    passing = Target(
+        position_m=(20, 5, 0), velocity_m_per_s=(0, -8, 0), rcs_table=TABLE, heading_rad=0.0
+    )
+    scene = Scene(targets=[Target(position_m=(20, 0, 0), body=body), passing])
+    known = truth(scene, radar, n_frames=3)
+
+    echo_w = received_power_w(radar, range_m=20.0, rcs_m2=2.5)
+    noise_w = received_power_w(radar, range_m=20.0, rcs_m2=1.0)
+    of_body = truth(scene, radar, n_frames=3, noise_power_w=float(noise_w)).snr[0]
+    assert of_body.values == pytest.approx(echo_w / noise_w * radar.integration_gain, rel=1e-9)
+    rcs_m2 = target_cross_sections_m2(scene, known.time.values)[:, 1]
+    ratios = known.snr[1] * known.range[1] ** 4 / rcs_m2
+    assert ratios.values == pytest.approx(np.full(3, ratios.values[0]), rel=1e-9)
+
+
+def test_white_noise_stands_below_the_echo_of_all_scatterers(radar):
+    body = Cloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+    noise = dc.WhiteNoise(snr=4)
+    for target, rcs_m2 in (
+        (Target(position_m=(20, 0, 0), body=body), 2.5),
+        (Target(position_m=(20, 0, 0), rcs_table=TABLE), 1),
+    ):
+        echo_w = received_power_w(radar, range_m=20.0, rcs_m2=rcs_m2)
+        noise_w = noise.noise_power_w(Scene(targets=[target]), radar)
+        assert noise_w == pytest.approx(echo_w / 4, rel=1e-9)
+
+
+WHOLE = """\
+ego: {position: [1 m, 0 m, 0.5 m], yaw: 10 deg, pitch: -2 deg, roll: 1 deg,
+      velocity: [20 m/s, 0 m/s, 0 m/s], turn_rate: 5 deg/s}
+targets:
+  - name: car
+    position: [30 m, 2 m, 0 m]
+    waypoints: [{time: 1 s, position: [40 m, 2 m, 0 m]}, {time: 2 s, position: [48 m, 4 m, 0 m]}]
+    fluctuation: swerling-3
+    body:
+      kind: points
+      scatterers:
+        - {position: [1 m, 0.8 m, 0.6 m], rcs: -20 dBsm,
+           rotation: {center: [1 m, 0.8 m, 0.3 m], axis: [0, 1, 0], rate: 90 deg/s}}
+        - {position: [0 m, 0 m, 1 m], rcs: 10 dBsm,
+           oscillation: {amplitude: [1 mm, 0 m, 0 m], frequency: 30 Hz, phase: 90 deg}}
+  - {name: heap, position: [20 m, -5 m, 0 m], heading: 30 deg,
+     body: {kind: cloud, positions: [[0 m, 0 m, 0 m], [1 m, 0 m, 0 m]], rcs: [1 m^2, 0.5 m^2]}}
+  - {name: van, position: [60 m, 0 m, 0 m], acceleration: [-3 m/s^2, 0 m/s^2, 0 m/s^2],
+     velocity: [5 m/s, 0 m/s, 0 m/s],
+     rcs_table: {azimuth: [-90 deg, 0 deg, 90 deg], rcs: [[20 dBsm, 10 dBsm, 20 dBsm]]}}
+"""
+
+
+def test_settings_files_say_all_of_a_scene():
+    scene = parse(WHOLE, Scene)
+    car, heap, van = scene.targets
+
+    assert scene.ego.turn_rate_rad_per_s == pytest.approx(np.radians(5), rel=1e-15)
+    assert car.waypoints[1] == Waypoint(time_s=2, position_m=(48, 4, 0))
+    assert car.body.scatterers[0].rotation.rate_rad_per_s == pytest.approx(np.pi / 2, rel=1e-15)
+    assert car.body.scatterers[1].oscillation.amplitude_m == (1e-3, 0, 0)
+    assert heap.body == Cloud(positions_m=((0, 0, 0), (1, 0, 0)), rcs_m2=(1, 0.5))
+    assert van.acceleration_m_per_s2 == (-3, 0, 0)
+    assert van.rcs_table.rcs_m2 == ((100, 10, 100),)
+    assert parse(dump(scene), Scene) == scene
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "setting", "line"),
+    [
+        ("{time: 2 s,", "{time: 0.5 s,", "targets.car.waypoints.1.time", 6),
+        ("rate: 90 deg/s", "rate: 90 deg", "targets.car.body.scatterers.0.rotation.rate", 12),
+        ("-3 m/s^2", "-3 m/s", "targets.van.acceleration.0", 17),
+        ("kind: cloud", "kind: clod", "targets.heap.body.kind", 16),
+        ("[1 m^2, 0.5 m^2]", "[1 m^2]", "targets.heap.body.rcs", 16),
+        ("0 deg, 90 deg]", "0 deg, -9 deg]", "targets.van.rcs_table.azimuth.2", 19),
+        ("fluctuation: swerling-3", "rcs: 20 dBsm", "targets.car.body", 8),
+    ],
+)
+def test_a_mistake_in_a_scene_is_told_with_its_place(right, wrong, setting, line):
+    with pytest.raises(InvalidFile) as error:
+        parse(WHOLE.replace(right, wrong), Scene)
+
+    (mistake,) = error.value.mistakes
+    assert (mistake.setting, mistake.line) == (setting, line)
+
+
+@pytest.mark.parametrize(
+    ("positions_m", "rcs_m2", "message"),
+    [
+        ([(0, 0, np.nan)], [1], "Cloud.positions_m is nan, but must be finite"),
+        ([(0, 0)], [1], r"Cloud.positions_m is of the shape \(1, 2\)"),
+        (np.zeros((0, 3)), [], r"Cloud.positions_m is of the shape \(0, 3\)"),
+        ([(0, 0, 0)], [np.inf], "Cloud.rcs_m2 is inf"),
+        ([(0, 0, 0)], [-1], "Cloud.rcs_m2 is -1.0, but must be finite and above 0"),
+        ([(0, 0, 0)], [1, 2], r"Cloud.rcs_m2 is of the shape \(2,\)"),
+        ([(0, 0, 0)], [1e-30], "Cloud.rcs_m2 is .* the least 1e-30"),
+        ([(0, 0, "x")], [1], "Cloud.positions_m"),
+    ],
+)
+def test_a_cloud_of_what_is_no_place_is_refused(positions_m, rcs_m2, message):
+    with pytest.raises(dc.InvalidSetting, match=message):
+        Cloud(positions_m=positions_m, rcs_m2=rcs_m2)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Points(scatterers=()), "Points.scatterers"),
+        (lambda: Points(scatterers=[(1, 2, 3)]), "Points.scatterers"),
+        (lambda: Points(scatterers=np.array(1.0)), "Points.scatterers"),
+        (lambda: point(position_m=(1, 2)), "Scatterer.position_m"),
+        (lambda: point(rcs_m2=0), "Scatterer.rcs_m2"),
+        (lambda: point(rotation=10.0), "Scatterer.rotation is 10.0, .* of the class Rotation"),
+        (lambda: point(oscillation=[1, 2]), "Scatterer.oscillation is .* Oscillation"),
+        (
+            lambda: Rotation(center_m=(0, 0, 0), axis=(0, 0, 0), rate_rad_per_s=1),
+            "Rotation.axis is .*a direction",
+        ),
+        (lambda: Rotation(center_m=(0, 0, 0), rate_rad_per_s=np.nan), "Rotation.rate_rad_per_s"),
+        (lambda: Oscillation(amplitude_m=(1, 0, 0), frequency_hz=-1), "Oscillation.frequency_hz"),
+        (
+            lambda: Oscillation(amplitude_m=(10, 0, 0), frequency_hz=1e4),
+            "a thousandth of that of light",
+        ),
+        (
+            lambda: point(rotation=Rotation(center_m=(9, 0, 0), rate_rad_per_s=9e4)),
+            "Scatterer.rotation is .* m/s on its circle",
+        ),
+    ],
+)
+def test_a_part_that_cannot_be_is_refused(make, message):
+    with pytest.raises(dc.InvalidSetting, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ({"rcs_m2": 5, "rcs_table": TABLE}, "rcs_table is given beside rcs_m2"),
+        ({"rcs_m2": 5, "body": Cloud(positions_m=PLACES_M, rcs_m2=(1, 1))}, "body is given beside"),
+        (
+            {"rcs_table": TABLE, "body": Cloud(positions_m=PLACES_M, rcs_m2=(1, 1))},
+            "rcs_table is given beside body",
+        ),
+    ],
+)
+def test_a_target_has_one_kind_of_cross_section(given, named):
+    with pytest.raises(dc.InvalidSetting, match=rf"Target\.{named}"):
+        Target(position_m=(10, 0, 0), **given)
+
+
+def test_a_table_of_aspects_out_of_order_is_refused():
+    with pytest.raises(dc.InvalidSetting, match=r"RcsTable\.azimuth_rad\.2"):
+        RcsTable(azimuth_rad=(0, 1, 0.5), rcs_m2=((1, 1, 1),))
+
+
+@value
+class Guest(Body):
+    """What another package may have made of a body."""
+
+    rcs: tuple[float, ...]
+
+    def offsets_m(self, times_s):
+        return np.zeros((len(times_s), 1, 3))
+
+    def cross_sections_m2(self):
+        return np.array(self.rcs)
+
+
+@pytest.mark.parametrize(
+    ("rcs", "message"),
+    [
+        ((np.nan,), "a cross section of nan m"),
+        ((-1.0,), "a cross section of -1 m"),
+        ((), "a body without scatterers"),
+        ((1.0, 1.0), r"places of the shape \(2, 1, 3\), but must be finite places"),
+    ],
+)
+def test_a_body_that_is_no_body_is_refused_by_the_name_of_its_target(radar, rcs, message):
+    scene = Scene(targets=[Target(name="bus", position_m=(10, 0, 0), body=Guest(rcs=rcs))])
+    with pytest.raises(dc.InvalidSetting, match=rf"^scene\.targets\.bus\.body is .*{message}"):
+        dc.truth(scene, radar)
+        scene.positions_m([0.0, 1.0])
