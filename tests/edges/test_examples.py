@@ -1,13 +1,23 @@
 """The examples do what they say."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 import dechirp as dc
+from dechirp.config.texts import dump
+from dechirp.report.page import render
+from dechirp.theory.detection import required_snr
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
+SCENES = ["highway", "corner-radar", "parking-radar"]
+SWERLING = {"steady": 0, "swerling-1": 1, "swerling-3": 3}
+
+# Two Hann windows cost 3.5 dB, and a target between four cells 2.8 dB at most.
+LOSSES = 10**0.63
 
 
 def test_both_vehicles_are_found_in_every_frame_without_a_false_alarm():
@@ -40,3 +50,155 @@ def test_a_radar_of_the_examples_opens_a_cube(tmp_path, name):
         encoding="full-scale",
     )
     assert recording.cube.sizes == {"frame": 1, "chirp": 128, "rx": 1, "sample": 128}
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def scene_result(request) -> dc.Result:
+    return dc.run(dc.load(EXAMPLES / f"{request.param}.yaml"))
+
+
+def detectable(result: dc.Result) -> list[str]:
+    """Targets of which theory detects the strongest scatterer, without the others, 9 times in 10.
+
+    In every frame; mean powers stand out by what their fluctuation asks for.
+    """
+    found = []
+    for name, target in zip(
+        result.scenario.scene.names, result.scenario.scene.targets, strict=True
+    ):
+        snr = result.truth.snr.sel(target=name).min().item()
+        if target.body is not None:
+            rcs_m2 = target.body.cross_sections_m2()
+            snr *= rcs_m2.max() / rcs_m2.sum()
+        looks = result.radar.n_summed
+        need = required_snr(0.9, 1e-6, n_summed=looks, swerling=SWERLING[target.fluctuation])
+        if snr / looks / LOSSES > need:
+            found.append(name)
+    return found
+
+
+def is_hit(result: dc.Result, name: str, frame: int) -> bool:
+    """Whether a detection lies within two cells of a scatterer of the target."""
+    scene, radar = result.scenario.scene, result.radar
+    own = scene.owners == scene.names.index(name)
+    mid_s = result.truth.time.values[frame]
+    # Ranges of each scatterer, and how they change within a microsecond.
+    before_m, at_m, after_m = (
+        np.linalg.norm(scene.positions_m([mid_s + shift_s])[0, own], axis=-1)
+        for shift_s in (-1e-6, 0, 1e-6)
+    )
+    velocity = (after_m - before_m) / 2e-6
+    of_frame = result.detections.frame.values == frame
+    found_m = result.detections.range.values[of_frame][:, None]
+    found_m_per_s = result.detections.velocity.values[of_frame][:, None]
+    # Velocities repeat; the fold moves ranges by less than half a cell here.
+    twice_most = 2 * radar.frame.max_velocity_m_per_s
+    apart = np.mod(found_m_per_s - velocity + twice_most / 2, twice_most) - twice_most / 2
+    in_range = abs(found_m - at_m) < 2 * radar.frame.chirp.range_resolution_m
+    return bool((in_range & (abs(apart) < 2 * radar.frame.velocity_resolution_m_per_s)).any())
+
+
+def test_what_theory_detects_is_found_within_two_cells(scene_result):
+    result = scene_result
+    names = detectable(result)
+
+    assert len(names) >= 0.8 * len(result.scenario.scene.names)
+    for name in names:
+        hits = [is_hit(result, name, frame) for frame in range(result.n_frames)]
+        # Scatterers within a cell add up or cancel, and neighbours raise the threshold: in
+        # one frame of ten it may be lost, as theory allows; the first is the report's.
+        assert hits[0], name
+        assert sum(hits) >= 0.9 * result.n_frames, name
+
+
+def test_detections_of_the_scenes_belong_to_their_targets(scene_result):
+    result = scene_result
+    names = result.scenario.scene.names
+    by_frame = [
+        {name for name in names if is_hit(result, name, frame)} for frame in range(result.n_frames)
+    ]
+    page = render(result, yaml=dump(result.scenario))
+
+    found, n = len(by_frame[0]), len(names)
+    assert f"Detected: {found} of {n} targets" in page
+    assert f"in all frames {sum(map(len, by_frame))} of {n * result.n_frames}" in page
+    # The truth is marked on the map, bodies by their scatterers.
+    assert page.count("truth, scatterers of bodies") == 2
+    assert "auto: " in page and "10⁻⁵ of the root mean square" in page
+    assert len(page.encode()) < 1_500_000
+
+
+def test_the_scenes_hold_what_their_heads_say():
+    highway = dc.load(EXAMPLES / "highway.yaml").scene
+    assert len(highway.targets) == 20
+    assert all(target.body is not None for target in highway.targets)
+
+    corner = dc.load(EXAMPLES / "corner-radar.yaml")
+    assert len(corner.radar.array.tx_m) == 3 and corner.radar.n_channels == 12
+    assert corner.scene.ego.is_turning
+    ahead_m = [corner.scene.positions_m([t])[..., 0].min() for t in (0, 0.6)]
+    assert min(ahead_m) > 0
+
+    parking = dc.load(EXAMPLES / "parking-radar.yaml").radar.frame
+    assert parking.chirp.sampled_bandwidth_hz == pytest.approx(4e9)
+    assert (parking.n_chirps, parking.chirp.n_samples) == (512, 256)
+    assert parking.chirp.n_samples / parking.chirp.sample_rate_hz == pytest.approx(50e-6)
+
+
+BASE = """\
+radar:
+  frame:
+    chirp: {start_frequency: 77 GHz, slope: 20 MHz/us, adc_start: 2 us, ramp_duration: 30 us,
+            sample_rate: 10 MHz, n_samples: 64, sampling: complex}
+    n_chirps: 16
+    interval: 35 us
+  hardware: {transmit_power: 12 dBm, antenna_gain: 10 dBi, noise_factor: 12 dB}
+scene: {}
+"""
+TWO = {"radar": {"array": {"tx": [[0, 0, 0], [0, "8 mm", 0]]}}}
+
+
+def merged(old: dict, new: dict) -> dict:
+    both = {key: new.get(key, old.get(key)) for key in {**old, **new}}
+    for key in old.keys() & new.keys():
+        if isinstance(old[key], dict) and isinstance(new[key], dict):
+            both[key] = merged(old[key], new[key])
+    return both
+
+
+def snippets() -> list[str]:
+    page = (EXAMPLES.parent / "docs" / "scenes.md").read_text()
+    found = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    return ["scene:\n  targets:\n" + text if text.startswith(" ") else text for text in found]
+
+
+@pytest.mark.parametrize("text", snippets())
+def test_the_settings_that_the_guide_shows_simulate(tmp_path, text):
+    yaml = YAML(typ="safe")
+    settings = merged(yaml.load(BASE), yaml.load(text))
+    if "multiplexing" in text:
+        settings = merged(settings, TWO)
+    elif "tx:" in text:
+        settings["radar"]["frame"]["multiplexing"] = {"kind": "tdm", "order": [0, 1]}
+    yaml.dump(settings, tmp_path / "guide.yaml")
+
+    result = dc.run(dc.load(tmp_path / "guide.yaml"))
+
+    assert not any("hole" in finding.got for finding in result.findings)
+
+
+def test_a_hole_in_a_table_is_told_by_the_name_of_its_target():
+    path = "scene.targets.parked-car.rcs_table"
+    wrong = (
+        "{azimuth: [-90 deg, -80 deg, -70 deg, 90 deg], rcs: [[1 dBsm, 2 dBsm, 1 dBsm, 1 dBsm]]}"
+    )
+    result = dc.run(dc.load(EXAMPLES / "corner-radar.yaml", [f"{path}={wrong}"]))
+
+    [finding] = [one for one in result.findings if "hole" in one.got]
+    assert finding.setting == f"{path}.azimuth"
+    assert "from -70 deg to 90 deg" in finding.got
+
+
+def test_bounds_of_angles_are_told_in_degrees():
+    with pytest.raises(dc.InvalidFile, match=r"scene.ego.yaw is 400 deg, .* \(360 deg\)"):
+        dc.load(EXAMPLES / "corner-radar.yaml", ["scene.ego.yaw=400 deg"])
