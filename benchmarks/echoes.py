@@ -1,6 +1,6 @@
 """How fast echoes are summed, against the direct sum with `numpy.exp` in the same run.
 
-Cases of `docs/echoes.md`: cube A is 77 GHz, 150 MHz, 300 MS/s complex, 128 chirps x 2200
+Cube A is 77 GHz, 150 MHz, 300 MS/s complex, 128 chirps x 2200
 samples; `MIMO` three transmitters in turn, four receivers, 128 chirps of each x 256 samples,
 lengths exact for each pair; `long` a chirp of 4 GHz in 50 us, 512 chirps x 256 samples. Scenes
 are drawn anew for each seed; targets fly at up to 40 m/s (20 m/s before the MIMO radar).

@@ -13,7 +13,8 @@ from scipy.linalg import hadamard
 from dechirp.echoes.kernels import direct, nonuniform
 from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.echoes.kernels.between import fewest_times
-from dechirp.echoes.kernels.kaiser_bessel import WIDTH, spreading
+from dechirp.echoes.kernels.kaiser_bessel import spreading
+from dechirp.echoes.kernels.patches import WIDTH
 from dechirp.echoes.kernels.series import BLOCK, DOPPLER, IMAG, LANES, ORDER, REAL, SERIES, View
 from dechirp.echoes.kernels.series import expand as fill_blocks
 from dechirp.echoes.kernels.tones import economised, hardest
@@ -383,3 +384,46 @@ def test_samples_between_known_ones_are_those_of_the_tones(n_samples):
     assert off < 2.5e-6
     assert not out[[0, 8]].any()
     assert fewest_times(0, 0.4, tolerance=2.5e-6) is None
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 2e-6])
+@pytest.mark.parametrize("n_samples", [1, 2, 3, 5])
+@pytest.mark.parametrize("at_rest", [False, True])
+def test_few_samples_and_scenes_at_rest_are_within_the_tolerance(tolerance, n_samples, at_rest):
+    rng = np.random.default_rng(3)
+    sent, _ = send("middle", 8)
+    scatterers = scatter(sent, rng, n=70, ranges_m=(3, 90), speed_m_per_s=0 if at_rest else 40)
+    out = summed(scatterers, sent, n_samples, dtype=complex, tolerance=tolerance)
+    assert error(out, scatterers, sent, n_samples) < tolerance
+
+
+def test_one_very_hard_scatterer_does_not_hide_those_less_hard():
+    # The largest is beyond the range of the steps in which a limit is sought, or endless.
+    for largest in (1e9, np.inf, np.nan):
+        errors = np.append(np.full(1000, 5e-11), largest)
+        hard = hardest(errors, 8e-12)
+        assert hard[-1]
+        assert errors[~hard].sum() <= 8e-12
+
+
+def test_a_scatterer_that_passes_between_two_looks_is_summed_right(plan):
+    plan("chirps")
+    sent, n_samples = send("middle", 64)
+    scatterers = scatter(sent, np.random.default_rng(5), n=3, ranges_m=(3, 30), speed_m_per_s=9)
+    # Nearest, 2 cm, at an eighth of the frame: between the first two looks of five.
+    nearest_s = sent.starts_s[0] * 0.75
+    speed = 0.2 / abs(sent.starts_s[0])
+    scatterers.path_m[:, 0] = 0
+    scatterers.path_m[0, 0] = [0.02, -speed * nearest_s, 0]
+    scatterers.path_m[1, 0] = [0, speed, 0]
+    out = summed(scatterers, sent, n_samples, dtype=complex)
+    assert error(out, scatterers, sent, n_samples, n_chirps=64) < PROMISED
+
+
+def test_delays_of_very_many_chirps_are_within_the_tolerance():
+    sent, _ = send("middle", 64)
+    sent = sent._replace(slope_hz_per_s=300e12, sample_rate_hz=50e6)
+    rng = np.random.default_rng(6)
+    scatterers = scatter(sent, rng, n=1500, ranges_m=(3e3, 20e3), speed_m_per_s=90)
+    out = summed(scatterers, sent, 3, dtype=complex)
+    assert error(out, scatterers, sent, 3) < PROMISED

@@ -10,7 +10,8 @@ import scipy.fft
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels.base import Sent
 from dechirp.echoes.kernels.between import Between, fewest_times
-from dechirp.echoes.kernels.kaiser_bessel import WIDTH, Spreading, spreading
+from dechirp.echoes.kernels.kaiser_bessel import Spreading, spreading
+from dechirp.echoes.kernels.patches import WIDTH
 from dechirp.echoes.kernels.tones import Paths, Waveform
 
 

@@ -13,7 +13,7 @@ from dechirp.echoes.kernels import direct
 from dechirp.echoes.kernels.axes import FastTime
 from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.echoes.kernels.gridding import spread_line
-from dechirp.echoes.kernels.kaiser_bessel import WIDTH
+from dechirp.echoes.kernels.patches import WIDTH
 from dechirp.echoes.kernels.series import BLOCK, LANES, WORK, View, expand_block, shifts_of
 from dechirp.echoes.kernels.threads import in_threads
 from dechirp.echoes.kernels.tones import (
@@ -150,8 +150,8 @@ def _come_closer(paths: Paths, sent: Sent, times_s: np.ndarray) -> np.ndarray:
     fastest = sum(
         k * latest_s ** (k - 1) * np.linalg.norm(paths.path_m[k], axis=0) for k in powers if k
     )
-    # A tenth closer: the last field kept, of power 6 and more, is half as large again.
-    return np.asarray(fastest * apart_s / 2 > 0.1 * nearest_m)
+    # A quarter closer: nearer, series soon need one field more.
+    return np.asarray(fastest * apart_s / 2 > 0.25 * nearest_m)
 
 
 def _add_directly(

@@ -13,7 +13,7 @@ import scipy.fft
 
 from dechirp.echoes.kernels.axes import Axis, FastTime, slow_axis
 from dechirp.echoes.kernels.gridding import spread, warp
-from dechirp.echoes.kernels.kaiser_bessel import WIDTH
+from dechirp.echoes.kernels.patches import WIDTH
 from dechirp.echoes.kernels.series import LANES, View
 from dechirp.echoes.kernels.threads import in_threads, slices
 from dechirp.echoes.kernels.tones import ECONOMISED, Survey, Waveform
@@ -22,6 +22,19 @@ from dechirp.echoes.kernels.tones import ECONOMISED, Survey, Waveform
 def half_duration_s(times_s: np.ndarray, half_window_s: float) -> float:
     """From the middle of a run to its first or last sample."""
     return float(times_s[-1] - times_s[0]) / 2 + half_window_s
+
+
+def stretch_left_out(look: Survey, waveform: Waveform, half_s: float) -> float:
+    """Error of echoes, at most, of stretches that differ by more than the one field more holds.
+
+    It counts only for delays far longer than a chirp.
+    """
+    mid_hz = (look.low_hz + look.high_hz) / 2
+    carrier_hz = abs(waveform.mid_frequency_hz - mid_hz)
+    apart = (look.high_hz - mid_hz) / carrier_hz
+    swept = abs(waveform.slope_hz_per_s) * waveform.half_window_s / carrier_hz
+    first = 2 * np.pi * swept * apart * look.fastest_hz * half_s
+    return float(first * (first / 2 + apart))
 
 
 def add(

@@ -42,8 +42,8 @@ def costs(shape: tuple[int, ...], scatterers: Scatterers, sent: Sent, tolerance:
     n_pairs = int(np.count_nonzero(sent.weights.any(axis=0))) * n_rx
     cannot = float("inf")
     return Costs(
-        direct=n_lines * n * (n_samples * 0.3e-9 + 150e-9),
-        product=n_lines * n * (n_samples * 0.12e-9 + 60e-9)
+        direct=n_lines * (n_samples * 0.5e-9 + n * (n_samples * 0.29e-9 + 170e-9)),
+        product=n_lines * (n_samples * 0.25e-9 + n * (n_samples * 0.16e-9 + 35e-9))
         if tolerance >= FINEST["product"]
         else cannot,
         nonuniform=n_pairs * (1e-3 + n * 200e-9) + n_lines * n_samples * 10e-9

@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import i0
 
-WIDTH = 8
-"""Grid points that a value is spread over."""
+from dechirp.echoes.kernels.patches import WIDTH
 
 _DEGREE = 8  # 4e-9 off
 

@@ -237,7 +237,10 @@ def cheapest(
     seen = view(few, sent, waveform, (0, 0), mid_s, half_s, one_chirp=False)
     blocks = tones(seen)
     allowed = (_SERIES * tolerance) ** 2 * float(powers(blocks).sum())
-    band_hz = 2 * survey(seen, 1).fastest_hz
+    look = survey(seen, 1)
+    band_hz = 2 * look.fastest_hz
+    if by_run.stretch_left_out(look, waveform, half_s) > _SERIES * tolerance:
+        return best
     n_runs = 1
     while n_chirps >= 4 * n_runs:
         half_run_s = (half_s - waveform.half_window_s) / n_runs + waveform.half_window_s

@@ -13,7 +13,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 WIDTH = 8
-"""Complex numbers that are taken together, and rows of a patch."""
+"""Complex numbers that are taken together, rows of a patch, and grid points of a tone."""
 
 _VECTOR = ir.VectorType(ir.FloatType(), 2 * WIDTH)
 _FLOATS, _WHOLE = types.Array(types.float32, 1, "C"), types.int64

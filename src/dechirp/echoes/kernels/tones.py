@@ -31,7 +31,7 @@ _compiled = numba.njit(
 MOST_FIELDS = 6
 """Fields of a series at most; scatterers that need more are summed in another way."""
 
-_STEPS = 128  # of errors, down to the 2^64th part of the largest
+_STEPS = 128  # of errors, down to the 2^64th part of what is allowed
 
 
 class Paths(NamedTuple):
@@ -192,29 +192,29 @@ def powers(blocks: np.ndarray) -> np.ndarray:
 
 def hardest(errors: np.ndarray, allowed: float) -> np.ndarray:
     """Which scatterers, few, must go so that the sum of the others' errors is allowed; a mask."""
-    return np.asarray(errors > _limit(errors, allowed))
+    return np.asarray(~(errors <= _limit(errors, allowed)))
 
 
 @_compiled
 def _limit(errors: np.ndarray, allowed: float) -> float:
-    """Limit under which the errors add up to no more than is allowed: in steps of 1.4."""
-    total, largest = 0.0, 0.0
+    """Limit up to which the errors add up to no more than is allowed: in steps of 1.4."""
+    # Whatever is larger than all that is allowed goes, endless errors too.
+    total = 0.0
     for i in range(len(errors)):
-        total += errors[i]
-        largest = max(largest, errors[i])
+        if errors[i] <= allowed:
+            total += errors[i]
     if total <= allowed:
-        return largest
-    if not total < np.inf:
-        return allowed / len(errors)
+        return allowed
     sums = np.zeros(_STEPS)
     for i in range(len(errors)):
-        below = -2 * np.log2(max(errors[i] / largest, 1e-38))
-        sums[min(int(below), _STEPS - 1)] += errors[i]
+        if errors[i] <= allowed:
+            below = -2 * np.log2(max(errors[i] / allowed, 1e-38))
+            sums[min(int(below), _STEPS - 1)] += errors[i]
     step = 0
     while step < _STEPS and total > allowed:
         total -= sums[step]
         step += 1
-    return largest * 2 ** (-step / 2)
+    return allowed * 2 ** (-step / 2)
 
 
 @_compiled
