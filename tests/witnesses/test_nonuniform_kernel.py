@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import hadamard
+from test_direct_kernel import scatter
 
 from dechirp.echoes.kernels import direct, nonuniform
 from dechirp.echoes.kernels.base import Scatterers, Sent
@@ -51,23 +52,6 @@ def send(name, n_chirps, *, weights=None, spacing_m=1.9e-3, n_rx=1):
         sample_rate_hz=sample_rate_hz,
     )
     return sent, n_samples
-
-
-def scatter(sent, rng, *, n, ranges_m, speed_m_per_s, n_terms=2):
-    away = rng.normal(size=(n, 3))
-    away /= np.linalg.norm(away, axis=1)[:, None]
-    path_m = np.zeros((n_terms, n, 3))
-    path_m[0] = away * rng.uniform(*ranges_m, size=n)[:, None]
-    path_m[1] = speed_m_per_s * rng.uniform(-1, 1, (n, 3))
-    for term in range(2, n_terms):
-        # 10 m/s^2, and as much again over 10 ms from each higher power.
-        path_m[term] = 10 * 100 ** (term - 2) * rng.uniform(-1, 1, (n, 3))
-    return Scatterers(
-        path_m=path_m,
-        amplitudes=rng.uniform(0.1, 1, n) * np.linalg.norm(path_m[0], axis=1) ** 2,
-        tx_gains=rng.uniform(0.1, 1, (sent.weights.shape[1], n)),
-        rx_gains=rng.uniform(0.1, 1, (len(sent.rx_m), n)),
-    )
 
 
 def summed(scatterers, sent, n_samples, *, dtype=np.complex64, **options):
