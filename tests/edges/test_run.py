@@ -41,3 +41,10 @@ def test_a_run_tells_that_it_kept_only_the_strongest_peaks(radar):
     (finding,) = dc.run(scenario).findings
     assert (finding.level, finding.setting) == ("warning", "chain.cfar")
     assert "in 2 frames" in finding.got
+
+
+def test_a_run_says_how_far_it_is_while_it_simulates_and_while_it_processes(radar):
+    scene = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0))])
+    told = []
+    dc.run(dc.Scenario(radar=radar, scene=scene, n_frames=2), progress=lambda *n: told.append(n))
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]

@@ -56,7 +56,7 @@ def run(
         seed=seed,
         told={} if told is None else told.given(),
     )
-    with progress("frames", quiet=quiet) as report:
+    with progress("steps", quiet=quiet) as report:
         result = run_scenario(scenario, progress=report)
     document = _write(result, source=source, out=out)
     if as_json:

@@ -82,7 +82,8 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     scenario : Scenario
         As read by `load`, or made in Python.
     progress : callable, optional
-        Called with the number of frames done and of all frames.
+        Called with the number of steps done and of all: a frame that is simulated is one, a
+        frame that is processed another.
 
     Raises
     ------
@@ -90,7 +91,13 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
         If a setting cannot work, the recording cannot be read, or memory would not hold it.
     """
     started = perf_counter()
-    source, radar, findings = _source(scenario)
+    n_simulated = 0 if scenario.scene is None else scenario.n_frames
+
+    def simulated(done: int, of: int) -> None:
+        if progress is not None:
+            progress(done, 2 * of)
+
+    source, radar, findings = _source(scenario, simulated)
     opened = perf_counter()
     chain = scenario.chain.fitted(radar)
     numbers = _numbers(source)
@@ -101,7 +108,7 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
             columns = detect(cube, radar, chain)
             found.append(columns.assign(frame=columns.frame + number))
             if progress is not None:
-                progress(len(found), len(numbers))
+                progress(n_simulated + len(found), n_simulated + len(numbers))
     # Only now: held through the detection, these two maps would be a fourth cube in memory.
     first = next(_one_by_one(source)).isel(frame=0)
     power = power_map(first, radar, chain)
@@ -165,7 +172,9 @@ def _crowded(n_frames: int) -> tuple[Finding, ...]:
     )
 
 
-def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[Finding, ...]]:
+def _source(
+    scenario: Scenario, simulated: Callable[[int, int], None]
+) -> tuple[xr.DataArray | Recording, Radar, tuple[Finding, ...]]:
     """The simulated cube or the recording, its radar, and what is to be said about it."""
     if scenario.scene is not None:
         assert scenario.radar is not None
@@ -178,6 +187,7 @@ def _source(scenario: Scenario) -> tuple[xr.DataArray | Recording, Radar, tuple[
                 n_frames=scenario.n_frames,
                 seed=scenario.seed,
                 engine=scenario.engine,
+                progress=simulated,
             )
         return (
             cube,
