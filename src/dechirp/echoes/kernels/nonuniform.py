@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dechirp.echoes.kernels import by_chirp, by_run
+from dechirp.echoes.kernels import by_chirp, by_run, direct
 from dechirp.echoes.kernels.axes import FastTime, fast_time, slow_axis
 from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.echoes.kernels.threads import in_threads, slices
@@ -38,6 +38,10 @@ LARGEST = 2**23
 _SERIES = 1 / 4
 """Of the tolerance: what shortened series may leave out. Interpolation takes a quarter."""
 
+_FEWEST = 16
+"""Samples of a chirp, below which echoes are summed directly: all of few samples lie near the
+edges of the window, where the error of a transform is ten times its mean."""
+
 _LOOK = 2048
 """Scatterers that the costs are counted from: some of very many."""
 
@@ -56,6 +60,9 @@ def add(
     single precision does not reach. Amplitudes must not vary from chirp to chirp.
     """
     if not len(scatterers.amplitudes) or not sent.weights.any():
+        return
+    if out.shape[2] < _FEWEST:
+        direct.add(out, scatterers, sent)
         return
     middle_s = sent.adc_start_s + out.shape[2] // 2 / sent.sample_rate_hz
     waveform = Waveform(
