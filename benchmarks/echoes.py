@@ -1,15 +1,15 @@
 """How fast echoes are summed, against the direct sum with `numpy.exp` in the same run.
 
-Cube A is 77 GHz, 150 MHz, 300 MS/s complex, 128 chirps x 2200
-samples; `MIMO` three transmitters in turn, four receivers, 128 chirps of each x 256 samples,
-lengths exact for each pair; `long` a chirp of 4 GHz in 50 us, 512 chirps x 256 samples. Scenes
-are drawn anew for each seed; targets fly at up to 40 m/s (20 m/s before the MIMO radar).
+Cube A is 77 GHz, 150 MHz, 300 MS/s complex, 128 chirps x 2200 samples; `MIMO` three transmitters
+in turn, four receivers, 128 chirps of each x 256 samples, lengths exact for each pair; `long` a
+chirp of 4 GHz in 50 us, 512 chirps x 256 samples. Scenes are drawn anew for each seed; targets fly
+at up to 40 m/s (20 m/s before the MIMO radar).
 
-Each line: time of the kernel that `auto` chooses, its tolerance 1e-5, sum added to a cube in
-memory, warm; the first call, when compiled code is at hand; the direct sum with `numpy.exp` in
-double precision on some of the chirps, scaled; and the error against that, root mean square
-over root mean square. Baselines of others, where they can be had: a low-rank product with
-NumPy, and FINUFFT with five Taylor orders, ranges frozen within no chirp.
+Each line: time of the kernel that `auto` chooses, tolerance 1e-5, sum added to a cube in memory,
+warm; the first call, when compiled code is at hand; the direct sum with `numpy.exp` in double
+precision on some of the chirps, scaled; and the error against that, root mean square over root
+mean square. Baselines beside it: a low-rank product with NumPy, and FINUFFT, where it is
+installed, with five Taylor orders of range migration. Both leave out how echoes bend.
 
     python benchmarks/echoes.py [--threads 2] [--seed 1] [--case A]
 """
