@@ -14,6 +14,7 @@ import scipy.fft
 from dechirp.echoes.kernels.axes import Axis, FastTime, slow_axis
 from dechirp.echoes.kernels.gridding import spread, warp
 from dechirp.echoes.kernels.patches import WIDTH
+from dechirp.echoes.kernels.scratch import lent
 from dechirp.echoes.kernels.series import LANES, View
 from dechirp.echoes.kernels.threads import in_threads, slices
 from dechirp.echoes.kernels.tones import ECONOMISED, Survey, Waveform
@@ -89,14 +90,17 @@ def add(
     middle = slow.n_points // 2
     rows = slice(max(middle - reach, 0), min(middle + reach, slow.n_points))
     fields = np.moveaxis(grid[:n_columns, :, rows], 0, 2)
-    times = scipy.fft.ifft(fields, axis=2, norm="forward", workers=n_threads)[:, :, fast.kept]
-    times = times * slow.over()[rows, None]
+    lines = lent("times", fields.shape)
+    np.multiply(fields, slow.over()[rows, None], out=lines)
+    times = scipy.fft.ifft(lines, axis=2, norm="forward", overwrite_x=True, workers=n_threads)
+    kept_times = lent("kept times", (*times.shape[:2], len(fast.times_s)))
+    kept_times[:] = times[:, :, fast.kept]
 
     def one(some: slice) -> None:
         warp(
             out[some],
             weights[some],
-            times.view(np.float32),
+            kept_times.view(np.float32),
             times_s[some] / slow.step_s,
             fast.times_s / slow.step_s,
             stretch,
@@ -130,10 +134,12 @@ def _spread(
     """All tones on the grid of beat and Doppler frequencies, (n_fast + WIDTH, n_fields, n_slow)."""
     shape = (fast.axis.n_points + WIDTH, n_fields, slow.n_points)
     before = np.append(2 * slow.spacing * slow.step_s, slow.spread.before)
-    grids: list[np.ndarray] = []
+    parts = slices(-(-len(left) // LANES), n_threads)
+    grids = [lent(f"grid {part}", shape) for part in range(len(parts))]
 
-    def one(some: slice) -> None:
-        grid = np.zeros(shape, np.complex64)
+    def one(part: int) -> None:
+        some, grid = parts[part], grids[part]
+        grid[:] = 0
         spread(
             grid.view(np.float32).reshape(-1),
             slow.n_points,
@@ -149,9 +155,8 @@ def _spread(
             crossed,
             slow.spread.polynomials,
         )
-        grids.append(grid)
 
-    in_threads(n_threads, one, slices(-(-len(left) // LANES), n_threads))
+    in_threads(n_threads, one, range(len(parts)))
     total = grids[0]
     for other in grids[1:]:
         total += other

@@ -4,7 +4,8 @@ Each echo is a tone times a short series: in fast time, for each chirp on its ow
 or in fast and slow time, for a run of chirps (`by_run`). Tones of all scatterers are spread
 onto a grid of frequencies, and transforms make samples of it. Which of the two, runs of which
 length, and how long the series are, is chosen by counting what they cost; scatterers whose
-series in a run are longer, the nearest and fastest, are summed chirp by chirp.
+series in a run are longer, the nearest and fastest, are summed chirp by chirp, or as a product
+if they are few.
 
 With n scatterers and N samples, runs take O(n + N log N), and chirps O(n chirps + N log N).
 """
@@ -14,9 +15,10 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dechirp.echoes.kernels import by_chirp, by_run, direct
+from dechirp.echoes.kernels import by_chirp, by_run, direct, product
 from dechirp.echoes.kernels.axes import FastTime, fast_time, slow_axis
 from dechirp.echoes.kernels.base import Scatterers, Sent
+from dechirp.echoes.kernels.scratch import lent
 from dechirp.echoes.kernels.threads import in_threads, slices
 from dechirp.echoes.kernels.tones import (
     Paths,
@@ -35,6 +37,9 @@ GROUP = 2**17
 LARGEST = 2**23
 """Points of a grid, 64 MB."""
 
+CACHED = 2**18
+"""Points of a grid that a core's own cache holds, 2 MB."""
+
 _SERIES = 1 / 4
 """Of the tolerance: what shortened series may leave out. Interpolation takes a quarter."""
 
@@ -42,7 +47,10 @@ _FEWEST = 16
 """Samples of a chirp, below which echoes are summed directly: all of few samples lie near the
 edges of the window, where the error of a transform is ten times its mean."""
 
-_LOOK = 2048
+FEW = 150
+"""Scatterers that a product sums faster than transforms of their own would."""
+
+_LOOK = 1024
 """Scatterers that the costs are counted from: some of very many."""
 
 
@@ -137,7 +145,7 @@ def _add_group(
     n_threads: int,
 ) -> None:
     fast = fast_time(paths, sent, waveform, 1.5 if tolerance >= 9e-6 else 2.0, tolerance)
-    plan = cheapest(paths, sent, waveform, fast, tolerance)
+    plan = cheapest(paths, sent, waveform, fast, tolerance, n_threads)
     if plan.n_runs == 0:
         txs, rxs = _used(sent)
         amplitudes = _strengths(paths.middling(txs, rxs), sent, waveform)
@@ -176,17 +184,22 @@ def _add_run(
     part = sent._replace(starts_s=sent.starts_s[run], weights=sent.weights[run])
     target = out
     if fast.between is not None:
-        target = np.zeros((len(out), len(fast.times_s)), np.complex64)
+        target = lent("known", (len(out), len(fast.times_s)))
+        target[:] = 0
     for tx in (int(tx) for tx in np.flatnonzero(part.weights.any(axis=0))):
         seen = view(paths, sent, waveform, (tx, rx), mid_s, half_s, one_chirp=False)
         look = survey(seen, n_fields, n_threads)
         allowed = (_SERIES * tolerance) ** 2 * look.power
         hard = hardest(look.errors, allowed)
         if hard.any():
-            by_chirp.add(
-                out[:, None], _seen_by(paths.some(hard), rx), part._replace(rx_m=sent.rx_m[[rx]]),
-                shorter, fast, [tx], [0], allowed, n_threads, target[:, None],
-            )  # fmt: skip
+            few, alone = _seen_by(paths.some(hard), rx), part._replace(rx_m=sent.rx_m[[rx]])
+            if len(few.amplitudes) <= FEW:
+                _add_few(target[:, None], few, alone, waveform, fast, tx, tolerance, n_threads)
+            else:
+                by_chirp.add(
+                    out[:, None], few, alone, shorter, fast, [tx], [0], allowed, n_threads,
+                    target[:, None],
+                )  # fmt: skip
         by_run.add(
             target, seen, look, hard, part.weights[:, tx], n_fields, shorter, fast, tolerance,
             n_threads,
@@ -198,6 +211,40 @@ def _add_run(
             between.fill(out, np.arange(some.start, some.stop), target[some])
 
         in_threads(n_threads, fill, slices(len(out), n_threads))
+
+
+def _add_few(
+    known: np.ndarray,
+    paths: Paths,
+    sent: Sent,
+    waveform: Waveform,
+    fast: FastTime,
+    tx: int,
+    tolerance: float,
+    n_threads: int,
+) -> None:
+    """Add some scatterers as a product to (n_chirps, 1, n_times), at the times of `fast`."""
+    middle_s = sent.adc_start_s + waveform.n_samples // 2 / waveform.sample_rate_hz
+    at_times = sent._replace(
+        tx_m=sent.tx_m[[tx]],
+        weights=sent.weights[:, [tx]],
+        adc_start_s=middle_s + fast.times_s[0],
+        sample_rate_hz=1 / fast.axis.step_s,
+    )
+    few = Scatterers(
+        paths.path_m.transpose(0, 2, 1), paths.amplitudes, paths.tx_gains[[tx]], paths.rx_gains
+    )
+    mixer = np.exp(-2j * np.pi * (fast.mixed_hz * fast.times_s % 1)).astype(np.complex64)
+
+    def one(some: slice) -> None:
+        part = at_times._replace(starts_s=sent.starts_s[some], weights=at_times.weights[some])
+        echoes = lent("few", known[some].shape)
+        echoes[:] = 0
+        product.add(echoes, few, part, tolerance=tolerance)
+        echoes *= mixer
+        known[some] += echoes
+
+    in_threads(n_threads, one, slices(len(known), n_threads))
 
 
 def _seen_by(paths: Paths, rx: int) -> Paths:
@@ -221,7 +268,12 @@ def _strengths(paths: Paths, sent: Sent, waveform: Waveform) -> np.ndarray:
 
 
 def cheapest(
-    paths: Paths, sent: Sent, waveform: Waveform, fast: FastTime, tolerance: float
+    paths: Paths,
+    sent: Sent,
+    waveform: Waveform,
+    fast: FastTime,
+    tolerance: float,
+    n_threads: int = 1,
 ) -> Plan:
     """The way that takes least, in ns on one core with 512-bit vectors."""
     n, n_chirps = len(paths.amplitudes), len(waveform.times_s)
@@ -235,7 +287,7 @@ def cheapest(
     chirp_fields, _ = by_chirp.fields_needed(few, sent, waveform, txs, rxs, allowed)
     scatterer_ns = 20 + 3 * chirp_fields
     best = Plan(0, 0)
-    line_ns = 3.0 * chirp_fields * n_columns + 3 * n_times
+    line_ns = 4.5 * chirp_fields * n_columns + 3 * n_times
     best_ns = n_lines * n * scatterer_ns + n_chirps * n_rx * line_ns
     if n_lines * n * scatterer_ns < n_chirps * n_rx * line_ns:
         return best
@@ -256,15 +308,20 @@ def cheapest(
         for n_fields in range(2, 6):
             if most * n_columns * (n_fields + 1) > LARGEST:
                 break
-            points_ns = 8 * (n_fields + 1) * n_rows * n_columns
+            n_points = (n_fields + 1) * n_rows * n_columns
+            points_ns = (8 if n_points > CACHED else 5) * n_points
             run_ns = 1e5 + n * (30 + 12 * (n_fields + 1)) + points_ns
             sampled_ns = n_lines * n_times * (2 + n_fields)
             ns = n_runs * n_pairs * run_ns + sampled_ns
+            if n_runs * n_rx < n_threads:  # threads that share a run wait for each other
+                ns *= 1.5
             if ns >= best_ns:  # more fields take longer
                 break
-            hard = float(np.mean(hardest(left_out(blocks, n_fields, 1 / n_runs), allowed)))
-            if hard:
-                ns += n_lines * (n * hard * scatterer_ns + line_ns)
+            hard = n * float(np.mean(hardest(left_out(blocks, n_fields, 1 / n_runs), allowed)))
+            if hard > FEW:
+                ns += n_lines * (hard * scatterer_ns + 3 * line_ns)  # longer series
+            else:
+                ns += n_lines * hard * (35 + 0.16 * n_times)
             if ns < best_ns:
                 best, best_ns = Plan(n_runs, n_fields), ns
         n_runs *= 2

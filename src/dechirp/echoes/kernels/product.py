@@ -25,11 +25,11 @@ import math
 
 import numba
 import numpy as np
-from numpy.polynomial import Polynomial, chebyshev
 
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels import direct
 from dechirp.echoes.kernels.base import Scatterers, Sent
+from dechirp.echoes.kernels.economised import economised
 
 # Chirps whose ways are expanded together, scatterers whose tables are held together (in L2 for
 # a thousand samples), most terms of a polynomial, and of the Taylor series that it comes from.
@@ -112,24 +112,15 @@ def _aligned(size: int, dtype: np.dtype) -> np.ndarray:
     return room[first : first + size * dtype.itemsize].view(dtype)
 
 
-def _economised() -> tuple[np.ndarray, np.ndarray]:
-    """How powers of r from -1 to 1 are kept in the first K of them, and what is dropped.
-
-    (K, k, power): coefficients, high Chebyshev polynomials dropped; (K, power): root mean
-    square of these.
-    """
+def _tables() -> tuple[np.ndarray, np.ndarray]:
+    """(K, k, power) and (K, power): what `economised` says of every number K of terms."""
     kept, dropped = np.zeros((_MOST + 1, _MOST, _ORDERS)), np.zeros((_MOST + 1, _ORDERS))
     for n_terms in range(1, _MOST + 1):
-        for power in range(_ORDERS):
-            whole = Polynomial.basis(power)
-            low = Polynomial(chebyshev.cheb2poly(chebyshev.poly2cheb(whole.coef)[:n_terms]))
-            kept[n_terms, : len(low), power] = low.coef
-            square = ((whole - low) ** 2).integ()
-            dropped[n_terms, power] = math.sqrt(max((square(1) - square(-1)) / 2, 0))
+        kept[n_terms, :n_terms], dropped[n_terms] = economised(n_terms, _ORDERS)
     return kept, dropped
 
 
-_KEPT, _DROPPED = _economised()
+_KEPT, _DROPPED = _tables()
 
 
 @_compiled

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.polynomial import Polynomial, chebyshev
 
 from dechirp.echoes.kernels.base import Sent
+from dechirp.echoes.kernels.economised import economised
 from dechirp.echoes.kernels.series import (
     BLOCK,
     DOPPLER,
@@ -153,25 +153,8 @@ def _survey(
     found[0], found[1], found[2], found[3] = low_hz, high_hz, fastest_hz, power
 
 
-def economised(n_fields: int) -> tuple[np.ndarray, np.ndarray]:
-    """How powers of s from -1 to 1 are kept in the first n_fields of them.
-
-    (n_fields, ORDER): each power in Chebyshev polynomials, the high ones dropped (Lanczos
-    1956); and (ORDER,), root mean square of what is dropped.
-    """
-    kept, left = np.zeros((n_fields, ORDER)), np.zeros(ORDER)
-    s = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
-    for power in range(ORDER):
-        over = chebyshev.poly2cheb(np.eye(ORDER)[power])
-        low = chebyshev.cheb2poly(over[:n_fields])
-        kept[: len(low), power] = low
-        if power >= n_fields:
-            left[power] = np.sqrt(np.mean((Polynomial(low)(s) - s**power) ** 2))
-    return kept, left
-
-
-ECONOMISED = tuple(economised(n_fields) for n_fields in range(1, MOST_FIELDS + 1))
-"""By the number of fields less one."""
+ECONOMISED = tuple(economised(n_fields, ORDER) for n_fields in range(1, MOST_FIELDS + 1))
+"""How powers of s are kept in so many fields less one, and what is left out of each."""
 
 
 def left_out(blocks: np.ndarray, n_fields: int, shorter: float = 1.0) -> np.ndarray:

@@ -1,0 +1,65 @@
+"""Jobs shared out among threads, and the arrays they work in."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from dechirp.echoes.kernels import scratch
+from dechirp.echoes.kernels.threads import in_threads, slices
+
+
+@pytest.mark.parametrize("n_threads", [1, 2, 5])
+def test_every_job_is_done_once_and_jobs_may_share_out_their_own(n_threads):
+    done = np.zeros((6, 50), int)
+
+    def row(r):
+        def cell(some):
+            done[r, some] += 1
+
+        in_threads(n_threads, cell, slices(50, 7))
+
+    in_threads(n_threads, row, range(6))
+    assert (done == 1).all()
+
+
+@pytest.mark.parametrize("n_threads", [1, 3])
+def test_the_first_error_is_raised_and_no_job_begins_after_it(n_threads):
+    begun = []
+
+    def fail(job):
+        begun.append(job)
+        raise ValueError(f"job {job}")
+
+    with pytest.raises(ValueError, match="job"):
+        in_threads(n_threads, fail, range(1000))
+    assert len(begun) <= n_threads
+
+
+def test_an_error_of_a_helper_reaches_the_caller():
+    caller = threading.current_thread()
+    both = threading.Barrier(2, timeout=60)
+
+    def work(job):
+        both.wait()
+        if threading.current_thread() is not caller:
+            raise ValueError("of a helper")
+
+    with pytest.raises(ValueError, match="of a helper"):
+        in_threads(2, work, range(2))
+
+
+def test_work_arrays_are_kept_and_of_each_thread_its_own():
+    mine = scratch.lent("a", (3, 4))
+    assert np.shares_memory(mine, scratch.lent("a", (2, 5)))
+    assert not np.shares_memory(mine, scratch.lent("b", (3, 4)))
+    theirs = []
+    other = threading.Thread(target=lambda: theirs.append(scratch.lent("a", (3, 4))))
+    other.start()
+    other.join()
+    assert not np.shares_memory(mine, theirs[0])
+
+
+def test_large_work_arrays_are_not_kept():
+    size = scratch.MOST // 8 + 1
+    assert not np.shares_memory(scratch.lent("large", (size,)), scratch.lent("large", (size,)))
