@@ -319,7 +319,7 @@ def cheapest(
                 break
             hard = n * float(np.mean(hardest(left_out(blocks, n_fields, 1 / n_runs), allowed)))
             if hard > FEW:
-                ns += n_lines * (hard * scatterer_ns + 3 * line_ns)  # longer series
+                ns += n_lines * (hard * scatterer_ns + 6 * line_ns)  # longer series
             else:
                 ns += n_lines * hard * (35 + 0.16 * n_times)
             if ns < best_ns:
