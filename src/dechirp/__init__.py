@@ -23,9 +23,35 @@ if TYPE_CHECKING:
         RecordingError,
     )
     from dechirp.core.findings import Finding, PhysicsWarning
+    from dechirp.echoes.codes import codes
     from dechirp.echoes.echo import plan, simulate
     from dechirp.echoes.engine import Engine
+    from dechirp.echoes.impairments.bumper import Bumper
+    from dechirp.echoes.impairments.compression import Compression
+    from dechirp.echoes.impairments.coupling import Coupling
+    from dechirp.echoes.impairments.dc_offset import DcOffset
+    from dechirp.echoes.impairments.fog import Fog
+    from dechirp.echoes.impairments.gas import Gas
+    from dechirp.echoes.impairments.ground import Ground
+    from dechirp.echoes.impairments.if_filter import IfFilter
+    from dechirp.echoes.impairments.interference import Interference, Interferer
+    from dechirp.echoes.impairments.iq_imbalance import IqImbalance
+    from dechirp.echoes.impairments.jitter import Jitter
+    from dechirp.echoes.impairments.leakage import Leakage
+    from dechirp.echoes.impairments.mismatch import Mismatch
+    from dechirp.echoes.impairments.phase_noise import PhaseNoise
+    from dechirp.echoes.impairments.pll import Pll
+    from dechirp.echoes.impairments.polynomial_nonlinearity import PolynomialNonlinearity
+    from dechirp.echoes.impairments.position_errors import PositionErrors
+    from dechirp.echoes.impairments.quantisation import Quantisation
+    from dechirp.echoes.impairments.radome import Radome
+    from dechirp.echoes.impairments.rain import Rain
+    from dechirp.echoes.impairments.rain_backscatter import RainBackscatter
+    from dechirp.echoes.impairments.sinusoidal_nonlinearity import SinusoidalNonlinearity
+    from dechirp.echoes.impairments.slope_drift import SlopeDrift
     from dechirp.echoes.impairments.thermal_noise import ThermalNoise
+    from dechirp.echoes.impairments.typical_77ghz import Typical77Ghz
+    from dechirp.echoes.impairments.wall import Wall
     from dechirp.echoes.impairments.white_noise import WhiteNoise
     from dechirp.experiment.inspection import Inspection, inspect
     from dechirp.experiment.run import Result, run
@@ -36,6 +62,7 @@ if TYPE_CHECKING:
     from dechirp.process.cfar.base import Cells, Cfar
     from dechirp.process.cfar.cell_averaging import CellAveraging
     from dechirp.process.chain import Chain, detect, power_map, threshold_map
+    from dechirp.process.spectrogram import spectrogram
     from dechirp.radar.array import Array
     from dechirp.radar.chirp import Chirp
     from dechirp.radar.design import Design, design
@@ -52,9 +79,21 @@ if TYPE_CHECKING:
     from dechirp.radar.patterns.table import TablePattern
     from dechirp.radar.radar import Radar
     from dechirp.radar.requirements import Requirements
+    from dechirp.scene.bodies.bicyclist import Bicyclist
+    from dechirp.scene.bodies.car import Car
     from dechirp.scene.bodies.cloud import Cloud
+    from dechirp.scene.bodies.corner_reflector import CornerReflector
+    from dechirp.scene.bodies.ground_clutter import GroundClutter
+    from dechirp.scene.bodies.guard_rail import GuardRail
+    from dechirp.scene.bodies.mesh import Mesh
+    from dechirp.scene.bodies.pedestrian import Pedestrian
+    from dechirp.scene.bodies.plate import Plate
     from dechirp.scene.bodies.points import Oscillation, Points, Rotation, Scatterer
+    from dechirp.scene.bodies.sphere import Sphere
+    from dechirp.scene.bodies.truck import Truck
+    from dechirp.scene.bodies.van import Van
     from dechirp.scene.ego import Ego
+    from dechirp.scene.rays import Rays
     from dechirp.scene.rcs_table import RcsTable
     from dechirp.scene.scene import Scene
     from dechirp.scene.target import Target
@@ -64,9 +103,35 @@ if TYPE_CHECKING:
 _WHERE = {
     "core.errors": "DechirpError InvalidFile InvalidSetting NotEnoughMemory RecordingError",
     "core.findings": "Finding PhysicsWarning",
+    "echoes.codes": "codes",
     "echoes.echo": "plan simulate",
     "echoes.engine": "Engine",
+    "echoes.impairments.bumper": "Bumper",
+    "echoes.impairments.compression": "Compression",
+    "echoes.impairments.coupling": "Coupling",
+    "echoes.impairments.dc_offset": "DcOffset",
+    "echoes.impairments.fog": "Fog",
+    "echoes.impairments.gas": "Gas",
+    "echoes.impairments.ground": "Ground",
+    "echoes.impairments.if_filter": "IfFilter",
+    "echoes.impairments.interference": "Interference Interferer",
+    "echoes.impairments.iq_imbalance": "IqImbalance",
+    "echoes.impairments.jitter": "Jitter",
+    "echoes.impairments.leakage": "Leakage",
+    "echoes.impairments.mismatch": "Mismatch",
+    "echoes.impairments.phase_noise": "PhaseNoise",
+    "echoes.impairments.pll": "Pll",
+    "echoes.impairments.polynomial_nonlinearity": "PolynomialNonlinearity",
+    "echoes.impairments.position_errors": "PositionErrors",
+    "echoes.impairments.quantisation": "Quantisation",
+    "echoes.impairments.radome": "Radome",
+    "echoes.impairments.rain": "Rain",
+    "echoes.impairments.rain_backscatter": "RainBackscatter",
+    "echoes.impairments.sinusoidal_nonlinearity": "SinusoidalNonlinearity",
+    "echoes.impairments.slope_drift": "SlopeDrift",
     "echoes.impairments.thermal_noise": "ThermalNoise",
+    "echoes.impairments.typical_77ghz": "Typical77Ghz",
+    "echoes.impairments.wall": "Wall",
     "echoes.impairments.white_noise": "WhiteNoise",
     "experiment.inspection": "Inspection inspect",
     "experiment.run": "Result run",
@@ -77,6 +142,7 @@ _WHERE = {
     "process.cfar.base": "Cells Cfar",
     "process.cfar.cell_averaging": "CellAveraging",
     "process.chain": "Chain detect power_map threshold_map",
+    "process.spectrogram": "spectrogram",
     "radar.array": "Array",
     "radar.chirp": "Chirp",
     "radar.design": "Design design",
@@ -93,9 +159,21 @@ _WHERE = {
     "radar.patterns.table": "TablePattern",
     "radar.radar": "Radar",
     "radar.requirements": "Requirements",
+    "scene.bodies.bicyclist": "Bicyclist",
+    "scene.bodies.car": "Car",
     "scene.bodies.cloud": "Cloud",
+    "scene.bodies.corner_reflector": "CornerReflector",
+    "scene.bodies.ground_clutter": "GroundClutter",
+    "scene.bodies.guard_rail": "GuardRail",
+    "scene.bodies.mesh": "Mesh",
+    "scene.bodies.pedestrian": "Pedestrian",
+    "scene.bodies.plate": "Plate",
     "scene.bodies.points": "Oscillation Points Rotation Scatterer",
+    "scene.bodies.sphere": "Sphere",
+    "scene.bodies.truck": "Truck",
+    "scene.bodies.van": "Van",
     "scene.ego": "Ego",
+    "scene.rays": "Rays",
     "scene.rcs_table": "RcsTable",
     "scene.scene": "Scene",
     "scene.target": "Target",
@@ -106,7 +184,10 @@ _MODULE = {name: module for module, names in _WHERE.items() for name in names.sp
 
 __all__ = [
     "Array",
+    "Bicyclist",
     "Bpm",
+    "Bumper",
+    "Car",
     "CellAveraging",
     "Cells",
     "Certificate",
@@ -114,7 +195,11 @@ __all__ = [
     "Chain",
     "Chirp",
     "Cloud",
+    "Compression",
+    "CornerReflector",
     "CosinePattern",
+    "Coupling",
+    "DcOffset",
     "Ddma",
     "DechirpError",
     "Design",
@@ -122,18 +207,42 @@ __all__ = [
     "Ego",
     "Engine",
     "Finding",
+    "Fog",
     "Frame",
+    "Gas",
+    "Ground",
+    "GroundClutter",
+    "GuardRail",
     "Hardware",
+    "IfFilter",
     "Inspection",
+    "Interference",
+    "Interferer",
     "InvalidFile",
     "InvalidSetting",
+    "IqImbalance",
+    "Jitter",
+    "Leakage",
+    "Mesh",
+    "Mismatch",
     "NotEnoughMemory",
     "Oscillation",
     "PatchArray",
+    "Pedestrian",
     "PhaseCode",
+    "PhaseNoise",
     "PhysicsWarning",
+    "Plate",
+    "Pll",
     "Points",
+    "PolynomialNonlinearity",
+    "PositionErrors",
+    "Quantisation",
     "Radar",
+    "Radome",
+    "Rain",
+    "RainBackscatter",
+    "Rays",
     "RcsTable",
     "Recording",
     "RecordingError",
@@ -143,13 +252,21 @@ __all__ = [
     "Scatterer",
     "Scenario",
     "Scene",
+    "SinusoidalNonlinearity",
+    "SlopeDrift",
     "Source",
+    "Sphere",
     "TablePattern",
     "Target",
     "Tdm",
     "ThermalNoise",
+    "Truck",
+    "Typical77Ghz",
+    "Van",
+    "Wall",
     "Waypoint",
     "WhiteNoise",
+    "codes",
     "design",
     "detect",
     "device",
@@ -161,6 +278,7 @@ __all__ = [
     "reference",
     "run",
     "simulate",
+    "spectrogram",
     "threshold_map",
     "ti_cfg_text",
     "truth",

@@ -30,6 +30,13 @@ from dechirp.core.errors import InvalidSetting
         ("1e-6", "probability", 1e-6),
         ("2.5", None, 2.5),
         ("0", "m", 0.0),
+        ("15 degC", "k", 288.15),
+        ("15 °C", "k", 288.15),
+        ("-40 degC", "k", 233.15),
+        ("1013.25 hPa", "pa", 101325.0),
+        ("7.5 g/m^3", "kg_per_m3", 0.0075),
+        ("36 mm/h", "m_per_s", 1e-5),
+        ("500 fs", "s", 5e-13),
     ],
 )
 def test_a_quantity_is_the_float_nearest_to_what_is_written(text, unit, number):
@@ -44,6 +51,7 @@ def test_a_quantity_is_the_float_nearest_to_what_is_written(text, unit, number):
         ("10 dBsm", "m2", 10.0),
         ("10 dBi", None, 10.0),
         ("-24 dB", None, 0.00398107),
+        ("-90 dBc/Hz", "per_hz", 1e-9),
     ],
 )
 def test_decibels_become_linear_powers(text, unit, number):

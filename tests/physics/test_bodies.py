@@ -116,8 +116,8 @@ def test_scatterers_are_counted_through_target_by_target():
     )
 
     assert scene.owners.tolist() == [0, 1, 1, 2]
-    assert cross_sections_m2(scene, 0.0).tolist() == [7, 0.5, 2, 9]
-    assert target_cross_sections_m2(scene, [0.0, 1.0]).tolist() == [[7, 2.5, 9]] * 2
+    assert cross_sections_m2(scene, 0.0, 0.0039).tolist() == [7, 0.5, 2, 9]
+    assert target_cross_sections_m2(scene, [0.0, 1.0], 0.0039).tolist() == [[7, 2.5, 9]] * 2
     # Its x axis points left: x becomes y, and y becomes -x.
     assert scene.positions_m([0.0])[0] == pytest.approx(
         np.array([(10, 0, 0), (18, 1, 3), (15, -4, -6), (30, 0, 0)]), abs=1e-12
@@ -144,17 +144,17 @@ TABLE = RcsTable(
 def test_a_cross_section_over_aspect_is_what_the_target_shows_to_the_radar(of, rcs_m2):
     scene = Scene(targets=[Target(position_m=(20, 0, 0), rcs_table=TABLE, **of)])
 
-    assert cross_sections_m2(scene, 0.0)[0] == pytest.approx(rcs_m2, rel=1e-9)
+    assert cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(rcs_m2, rel=1e-9)
 
 
 def test_the_aspect_is_towards_where_the_radar_is_and_not_where_it_looks():
     target = Target(position_m=(0, 20, 0), rcs_table=TABLE, heading_rad=np.pi / 2)
     for yaw_rad in (0.0, 1.0, np.pi / 2):
         scene = Scene(targets=[target], ego=Ego(yaw_rad=yaw_rad))
-        assert cross_sections_m2(scene, 0.0)[0] == pytest.approx(1, rel=1e-9)
+        assert cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(1, rel=1e-9)
     # Driven past it: the radar is 20 m ahead of it, to its left.
     past = Scene(targets=[target], ego=Ego(velocity_m_per_s=(-20, 40, 0)))
-    assert cross_sections_m2(past, 1.0)[0] == pytest.approx(np.sqrt(10 * 50), rel=1e-9)
+    assert cross_sections_m2(past, 1.0, 0.0039)[0] == pytest.approx(np.sqrt(10 * 50), rel=1e-9)
 
 
 def test_the_aspect_changes_with_elevation():
@@ -163,7 +163,7 @@ def test_the_aspect_changes_with_elevation():
     )
     for z_m, rcs_m2 in ((0, 10), (-20, np.sqrt(10 * 1000)), (20, np.sqrt(10))):
         scene = Scene(targets=[Target(position_m=(20, 0, z_m), rcs_table=table)])
-        assert cross_sections_m2(scene, 0.0)[0] == pytest.approx(rcs_m2, rel=1e-9)
+        assert cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(rcs_m2, rel=1e-9)
 
 
 def test_a_cross_section_over_aspect_changes_along_a_curve():
@@ -173,9 +173,9 @@ def test_a_cross_section_over_aspect_changes_along_a_curve():
     ]
     target = Target(position_m=(25, 0, 0), rcs_table=TABLE, waypoints=points)
     scene = Scene(targets=[target])
-    over_time = target_cross_sections_m2(scene, [0.0, 0.5, 2.0])[:, 0]
+    over_time = target_cross_sections_m2(scene, [0.0, 0.5, 2.0], 0.0039)[:, 0]
 
-    one_by_one = [cross_sections_m2(scene, time_s)[0] for time_s in (0.0, 0.5, 2.0)]
+    one_by_one = [cross_sections_m2(scene, time_s, 0.0039)[0] for time_s in (0.0, 0.5, 2.0)]
     assert over_time == pytest.approx(one_by_one, rel=1e-12)
     assert np.ptp(over_time) > 1
 
@@ -193,7 +193,7 @@ def test_the_truth_has_the_cross_section_of_all_scatterers_at_each_time(radar):
     noise_w = received_power_w(radar, range_m=20.0, rcs_m2=1.0)
     of_body = truth(scene, radar, n_frames=3, noise_power_w=float(noise_w)).snr[0]
     assert of_body.values == pytest.approx(echo_w / noise_w * radar.integration_gain, rel=1e-9)
-    rcs_m2 = target_cross_sections_m2(scene, known.time.values)[:, 1]
+    rcs_m2 = target_cross_sections_m2(scene, known.time.values, 0.0039)[:, 1]
     ratios = known.snr[1] * known.range[1] ** 4 / rcs_m2
     assert ratios.values == pytest.approx(np.full(3, ratios.values[0]), rel=1e-9)
 

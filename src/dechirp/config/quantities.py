@@ -24,11 +24,14 @@ class Kind:
     """Read as well, and offered in messages."""
     levels: tuple[tuple[str, float], ...] = ()
     """Units in dB, and the level of their zero over the SI unit."""
+    zeros: tuple[tuple[str, str], ...] = ()
+    """Units of the same size whose zero is elsewhere, and where."""
 
     @property
     def good(self) -> tuple[str, ...]:
         """Units to offer."""
-        return (*(name for name, _ in self.levels), *self.scales, *self.others)
+        named = (*self.levels, *self.zeros)
+        return (*(name for name, _ in named), *self.scales, *self.others)
 
 
 KINDS = {
@@ -38,12 +41,16 @@ KINDS = {
     ),
     "s": Kind("a time, as 35 us", "s", ("s", "ms", "us", "ns"), ("min", "h")),
     "m": Kind("a length, as 50 m", "m", ("m", "mm", "um"), ("km", "cm")),
-    "m_per_s": Kind("a velocity, as 10 m/s", "m/s", ("m/s",), ("km/h", "mph", "mm/s")),
+    "m_per_s": Kind("a velocity, as 10 m/s", "m/s", ("m/s",), ("km/h", "mph", "mm/s", "mm/h")),
     "m_per_s2": Kind("an acceleration, as 3 m/s^2", "m/s^2", ("m/s^2",), ("mm/s^2",)),
     "m2": Kind("a radar cross section, as 10 dBsm", "m^2", ("m^2",), (), (("dBsm", 0),)),
     "w": Kind("a power, as 12 dBm", "W", ("W", "mW", "uW", "nW"), (), (("dBm", -30), ("dBW", 0))),
     "rad": Kind("an angle, as 30 deg", "rad", ("rad",), ("deg", "mrad")),
     "rad_per_s": Kind("a rate of turn, as 20 deg/s", "rad/s", ("rad/s",), ("deg/s",)),
+    "k": Kind("a temperature, as 15 degC", "K", ("K",), zeros=(("degC", "273.15"),)),
+    "pa": Kind("a pressure, as 1013 hPa", "Pa", ("hPa", "Pa"), ("kPa",)),
+    "kg_per_m3": Kind("a density, as 7.5 g/m^3", "kg/m^3", ("kg/m^3", "g/m^3")),
+    "per_hz": Kind("a spectral density, as -90 dBc/Hz", levels=(("dBc/Hz", 0),)),
     "bits_per_s": Kind("a data rate, as 1 Gbit/s", "bit/s", ("Gbit/s", "Mbit/s", "bit/s")),
     "bytes": Kind("a size, as 4 MiB", "B", ("B",), ("KiB", "MiB", "GiB", "kB", "MB", "GB")),
     "probability": Kind("a bare number, as 1e-6"),
@@ -67,7 +74,8 @@ def quantity(text: str, unit: str | None, *, setting: str = "quantity") -> float
         Such as `77 GHz`. 0 needs no unit; a ratio is bare or in dB; a probability is bare.
     unit : str, optional
         Suffix of the field's name: `hz`, `hz_per_s`, `s`, `m`, `m_per_s`, `m_per_s2`, `m2`,
-        `w`, `rad`, `rad_per_s`, `bits_per_s`, `bytes`, or `probability`; None: a ratio.
+        `w`, `rad`, `rad_per_s`, `k`, `pa`, `kg_per_m3`, `per_hz`, `bits_per_s`, `bytes`, or
+        `probability`; None: a ratio.
     setting : str
         What a mistake calls it.
 
@@ -124,6 +132,9 @@ def _number(digits: str, symbol: str, kind: Kind) -> float | None:
     for level, zero_db in kind.levels:
         if symbol == level:
             return _power(number, zero_db)
+    for name, zero in kind.zeros:
+        if symbol == name and math.isfinite(number):
+            return float(Decimal(digits) + Decimal(zero))
     if not kind.base:
         return None
     from dechirp.config.units import convert  # pint takes 0.3 s; dB and bare numbers need none

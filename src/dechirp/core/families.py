@@ -38,7 +38,7 @@ class Family(ABC):
 
 def _final(cls: type[Family]) -> Iterator[type[Family]]:
     for sub in cls.__subclasses__():
-        if inspect.isabstract(sub):
+        if inspect.isabstract(sub) or sub.__subclasses__():
             yield from _final(sub)
         else:
             yield sub

@@ -20,4 +20,7 @@ class Finding:
 
 
 class PhysicsWarning(UserWarning):
-    """Legal physics that surprises: an echo that aliases, folds or arrives late."""
+    """Legal physics that surprises: an echo that aliases, folds or arrives late.
+
+    Made of a `Finding`, whose sentence it says.
+    """

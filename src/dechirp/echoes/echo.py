@@ -1,7 +1,7 @@
 """From a scene to what the converter samples."""
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,19 +11,17 @@ from dechirp.core.checks import whole
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
 from dechirp.core.memory import must_fit
+from dechirp.echoes import oscillator
 from dechirp.echoes.engine import Engine
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.echoes.kernels import choice
-from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.echoes.kernels.direct import Before
-from dechirp.radar.budget import echo_amplitude
+from dechirp.echoes.parts import Part, Window, direct_parts, window
+from dechirp.echoes.stages import Stages, by_stage
 from dechirp.radar.cube import labelled_cube
 from dechirp.radar.radar import Radar
-from dechirp.scene.fluctuation import power_factors
-from dechirp.scene.paths import paths
 from dechirp.scene.possible import must_be_possible
-from dechirp.scene.rcs import cross_sections_m2
 from dechirp.scene.scene import Scene
 from dechirp.scene.surprises import surprises
 
@@ -34,8 +32,8 @@ CUBES_HELD = 3
 _SCATTERER_BYTES = 600
 # Grids and tables of the kernels, on two threads.
 _KERNEL_BYTES = 300e6
-# A real cube is summed as a complex one of so many samples at a time.
-_AT_ONCE = 2**20
+# A copy of echoes, complex or longer than what is kept, holds so many samples at a time.
+_AT_ONCE = 2**21
 
 _DOUBLE: np.dtype[np.complexfloating] = np.dtype(np.complex128)
 
@@ -58,7 +56,8 @@ def simulate(
     scene, radar
         What is seen and what sees; the radar needs its hardware, for absolute powers.
     impairments : sequence, optional
-        Act on the echoes in this order; thermal noise alone without it, none when empty.
+        Act on the echoes, stage by stage: oscillator, paths, receiver; in this order within a
+        stage. Thermal noise alone without it, none when empty.
     n_frames : int
         Frames in succession; targets move on between them.
     seed : int or Generator
@@ -104,13 +103,11 @@ def simulate(
     rng = _generator(seed)
     kind = _cube_type(dtype)
     for finding in surprises(scene, radar, n_frames=n_frames):
-        warnings.warn(str(finding), PhysicsWarning, stacklevel=2)
-    cube = clean_echoes(
-        scene, radar, n_frames=n_frames, dtype=kind, rng=rng, engine=engine, progress=progress
-    )
-    for impairment in (ThermalNoise(),) if impairments is None else impairments:
-        impairment.apply(cube, scene=scene, radar=radar, rng=rng)
-    return cube
+        warnings.warn(PhysicsWarning(finding), stacklevel=2)
+    stages = by_stage((ThermalNoise(),) if impairments is None else impairments, radar)
+    for impairment in stages.all:
+        impairment.check(scene, radar)
+    return _simulated(scene, radar, stages, n_frames, kind, rng, engine, progress)
 
 
 def clean_echoes(
@@ -128,15 +125,36 @@ def clean_echoes(
     `rng` is drawn from where targets fluctuate; seeded with 0 without it.
     """
     rng = np.random.default_rng(0) if rng is None else rng
+    return _simulated(scene, radar, by_stage((), radar), n_frames, dtype, rng, engine, progress)
+
+
+def _simulated(
+    scene: Scene,
+    radar: Radar,
+    stages: Stages,
+    n_frames: int,
+    dtype: np.dtype[np.complexfloating],
+    rng: np.random.Generator,
+    engine: Engine | None,
+    progress: Callable[[int, int], None] | None,
+) -> xr.DataArray:
     must_be_possible(scene, radar, n_frames=n_frames)
-    cube = _empty_cube(scene, radar, n_frames, dtype)
+    before, after = stages.margins(radar)
+    samples = _empty_samples(scene, radar, n_frames, before + after, dtype)
     kernels: set[str] = set()
     for index in range(n_frames):
-        if scene.targets:
-            kernels |= _add_frame(cube.values[index], scene, radar, index, rng, engine or Engine())
+        kept = window(radar, index).wider(before, after)
+        kernels |= _add_frame(samples[index], scene, radar, kept, stages, rng, engine or Engine())
         if progress is not None:
             progress(index + 1, n_frames)
-    cube.attrs["kernels"] = ", ".join(sorted(kernels))
+    attributes: dict[str, object] = {"kernels": ", ".join(sorted(kernels))}
+    for impairment in stages.receivers:
+        impairment.apply(samples, scene, radar, rng)
+        attributes |= impairment.attributes(radar)
+    if before or after:
+        samples = samples[..., before : before + radar.frame.chirp.n_samples].copy()
+    cube = labelled_cube(samples, radar, units="sqrt(W)")
+    cube.attrs |= attributes
     return cube
 
 
@@ -196,7 +214,7 @@ def plan(
     engine, kind = engine or Engine(), _cube_type(dtype)
     shape = (radar.array.n_rx, radar.frame.chirp.n_samples)
     planned = []
-    for part in _parts(scene, radar, 0, np.random.default_rng(0)) if scene.targets else ():
+    for part in direct_parts(scene, radar, 0, np.random.default_rng(0)) if scene.targets else ():
         kernel, costs_s = choice.chosen(
             (len(part.sent.starts_s), *shape), part.scatterers, part.sent, engine, kind
         )
@@ -204,94 +222,81 @@ def plan(
     return planned
 
 
-class _Part(NamedTuple):
-    """Scatterers whose paths are polynomials during a run of chirps."""
-
-    chirps: slice
-    scatterers: Scatterers
-    sent: Sent
-
-
-def _parts(scene: Scene, radar: Radar, index: int, rng: np.random.Generator) -> Iterator[_Part]:
-    """What is to be summed for one frame; all chirps, as they are sent."""
-    frame = radar.frame
-    start_s = frame.start_s(index)
-    mid_s = start_s + frame.mid_frame_s
-    per_frame, per_chirp = power_factors(scene, frame.n_sent, rng)
-    positions_m = scene.positions_m([mid_s])
-    every = Scatterers(
-        positions_m,
-        echo_amplitude(radar) * np.sqrt(cross_sections_m2(scene, mid_s) * per_frame),
-        *_gains(positions_m[0], radar),
-    )
-    seen = every.amplitudes * every.tx_gains.max(axis=0) * every.rx_gains.max(axis=0) > 0
-    starts_s = frame.interval_s * np.arange(frame.n_sent)
-    weights = frame.sent_weights()
-    for path in paths(scene, frame, start_s):
-        kept = seen[path.scatterers]
-        own, chirps = path.scatterers[kept], path.chirps
-        factors = None if per_chirp is None else np.sqrt(per_chirp[chirps][:, own])
-        scatterers = choice.some(every, own)._replace(
-            path_m=path.path_m[:, kept], chirp_factors=factors
-        )
-        if own.size:
-            sent = _sent(radar, starts_s[chirps] - path.mid_s, weights[chirps])
-            yield _Part(chirps, scatterers, sent)
-
-
 def _add_frame(
     samples: np.ndarray,
     scene: Scene,
     radar: Radar,
-    index: int,
+    kept: Window,
+    stages: Stages,
     rng: np.random.Generator,
     engine: Engine,
 ) -> set[str]:
     """Add the echoes of one frame to `samples`, (chirp, rx, sample), and name the kernels."""
-    before = _before(radar, index) if engine.late == "tail" else None
-    kernels = set()
-    for part in _parts(scene, radar, index, rng):
-        own = None if before is None else before.of(part.chirps)
-        kernels |= _add(samples[part.chirps], part.scatterers, part.sent, engine, own)
+    found: list[Part] = []
+    if scene.targets:
+        found += direct_parts(scene, radar, kept.frame, rng, unseen=bool(stages.paths))
+    for path in stages.paths:
+        found = path.parts(found, kept, scene, radar, rng)
+    wide, reach, phase_rad = kept, None, np.zeros(0)
+    if stages.oscillators:
+        added_s = [path.added_delays_s(radar) for path in stages.paths]
+        reach = oscillator.reach(found, kept, radar, [one for one in added_s if one is not None])
+        wide = kept.wider(reach.before, reach.after)
+        seen = reach.phase_window(wide)
+        phase_rad = np.sum([one.phase_rad(seen, radar, rng) for one in stages.oscillators], axis=0)
+    tail = _before(radar, kept.frame) if engine.late == "tail" else None
+    own = reach is None and np.iscomplexobj(samples)
+    kernels: set[str] = set()
+    for rows in _some_rows(samples, own):
+        echo = samples[rows]
+        if not own:
+            shape = (*echo.shape[:2], wide.n_times)
+            echo = np.zeros(shape, np.result_type(samples, np.complex64))
+        kernels |= _sum(echo, rows, found, wide, engine, tail)
+        for path in stages.paths:
+            path.add(echo, wide.of(rows), scene, radar, rng)
+        if reach is not None:
+            echo = oscillator.turned(echo, phase_rad[rows], reach, radar)
+        if np.iscomplexobj(samples):
+            if not own:
+                samples[rows] = echo
+        else:
+            # One mixer: the same mean power as the two of a complex receiver together.
+            samples[rows] = samples.dtype.type(np.sqrt(2)) * echo.real
     return kernels
 
 
-def _add(
-    samples: np.ndarray,
-    scatterers: Scatterers,
-    sent: Sent,
+def _some_rows(samples: np.ndarray, own: bool) -> list[slice]:
+    """Chirps at a time: all where they are summed in place, else some, for a complex copy."""
+    at_once = len(samples) if own else max(1, _AT_ONCE // samples[0].size)
+    return [slice(row, min(row + at_once, len(samples))) for row in range(0, len(samples), at_once)]
+
+
+def _sum(
+    echo: np.ndarray,
+    rows: slice,
+    parts: Sequence[Part],
+    wide: Window,
     engine: Engine,
-    before: Before | None,
+    tail: Before | None,
 ) -> set[str]:
-    if np.iscomplexobj(samples):
-        return choice.add(samples, scatterers, sent, engine=engine, before=before)
-    # One mixer: the same mean power as the two of a complex receiver together. Some chirps at
-    # a time, since a complex copy of the whole frame would be two more cubes.
-    kernels = set()
-    at_once = max(1, _AT_ONCE // samples[0].size)
-    for first in range(0, len(samples), at_once):
-        rows = slice(first, first + at_once)
-        echo = np.zeros(samples[rows].shape, np.result_type(samples, np.complex64))
-        own = None if before is None else before.of(rows)
+    """Sum the echoes in some chirps of a frame, and name the kernels."""
+    kernels: set[str] = set()
+    for part in parts:
+        first, stop = max(part.chirps.start, rows.start), min(part.chirps.stop, rows.stop)
+        if first >= stop:
+            continue
+        both = slice(first, stop)
+        of_part = slice(first - part.chirps.start, stop - part.chirps.start)
+        scatterers, run = choice.rows_of(part.scatterers, part.sent, of_part)
         kernels |= choice.add(
-            echo, *choice.rows_of(scatterers, sent, rows), engine=engine, before=own
+            echo[first - rows.start : stop - rows.start],
+            scatterers,
+            run._replace(adc_start_s=wide.first_s),
+            engine=engine,
+            before=None if tail is None else tail.of(both),
         )
-        samples[rows] += samples.dtype.type(np.sqrt(2)) * echo.real
     return kernels
-
-
-def _sent(radar: Radar, starts_s: np.ndarray, weights: np.ndarray) -> Sent:
-    chirp = radar.frame.chirp
-    return Sent(
-        starts_s,
-        weights,
-        np.array(radar.array.tx_m),
-        np.array(radar.array.rx_m),
-        chirp.start_frequency_hz,
-        chirp.slope_hz_per_s,
-        chirp.adc_start_s,
-        chirp.sample_rate_hz,
-    )
 
 
 def _before(radar: Radar, index: int) -> Before:
@@ -304,28 +309,11 @@ def _before(radar: Radar, index: int) -> Before:
     return Before(gaps_s, weights, frame.chirp.ramp_duration_s)
 
 
-def _gains(positions_m: np.ndarray, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitude gains of every transmitter and receiver towards each scatterer."""
-    hardware = radar.known_hardware()
-
-    def towards(antennas_m: tuple[tuple[float, float, float], ...], which: str) -> np.ndarray:
-        gain = getattr(hardware, f"{which}_gain")
-        if getattr(hardware, f"{which}_pattern") is None:
-            return np.full((len(antennas_m), len(positions_m)), np.sqrt(gain()))
-        gains = np.empty((len(antennas_m), len(positions_m)))
-        for row, antenna_m in zip(gains, antennas_m, strict=True):
-            x, y, z = (positions_m - np.array(antenna_m)).T
-            row[:] = np.sqrt(gain(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))))
-        return gains
-
-    return towards(radar.array.tx_m, "tx"), towards(radar.array.rx_m, "rx")
-
-
-def _empty_cube(
-    scene: Scene, radar: Radar, n_frames: int, dtype: np.dtype[np.complexfloating]
-) -> xr.DataArray:
+def _empty_samples(
+    scene: Scene, radar: Radar, n_frames: int, more: int, dtype: np.dtype[np.complexfloating]
+) -> np.ndarray:
     frame, chirp = radar.frame, radar.frame.chirp
-    shape = (n_frames, frame.n_sent, radar.array.n_rx, chirp.n_samples)
+    shape = (n_frames, frame.n_sent, radar.array.n_rx, chirp.n_samples + more)
     kind = dtype if chirp.sampling == "complex" else np.empty(0, dtype).real.dtype
     cubes = CUBES_HELD * float(np.prod(shape, dtype=float)) * kind.itemsize
     must_fit(
@@ -333,4 +321,4 @@ def _empty_cube(
         needed_bytes=cubes + _SCATTERER_BYTES * scene.n_scatterers,
         fix="Simulate fewer frames, chirps, receivers, samples or scatterers.",
     )
-    return labelled_cube(np.zeros(shape, kind), radar, units="sqrt(W)")
+    return np.zeros(shape, kind)

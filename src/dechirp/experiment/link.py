@@ -3,6 +3,7 @@
 import numpy as np
 
 from dechirp.core.units import decibels
+from dechirp.echoes.stages import by_stage
 from dechirp.experiment.scenario import Scenario
 from dechirp.radar.budget import BudgetLine, received_power_w
 from dechirp.radar.patterns.base import Pattern
@@ -17,7 +18,8 @@ DETECTION_PROBABILITY = 0.9
 def added_noise_w(scenario: Scenario, radar: Radar) -> float:
     """Power of the noise that the impairments add to each sample, W."""
     assert scenario.scene is not None
-    return sum(noise.noise_power_w(scenario.scene, radar) for noise in scenario.impairments)
+    every = by_stage(scenario.impairments, radar).all
+    return sum(one.noise_power_w(scenario.scene, radar) for one in every)
 
 
 def link_budget(scenario: Scenario, radar: Radar) -> tuple[BudgetLine, ...] | None:
@@ -33,7 +35,9 @@ def link_budget(scenario: Scenario, radar: Radar) -> tuple[BudgetLine, ...] | No
     range_m, velocity_m_per_s = float(known.range), float(known.velocity)
     towards = (known.azimuth.item(), known.elevation.item())
     tx_gain, rx_gain = float(hardware.tx_gain(*towards)), float(hardware.rx_gain(*towards))
-    rcs_m2 = float(target_cross_sections_m2(scenario.scene, known.time.values[None])[0, 0])
+    rcs_m2 = target_cross_sections_m2(
+        scenario.scene, known.time.values[None], radar.frame.chirp.wavelength_m
+    ).item(0)
     if not tx_gain * rx_gain * rcs_m2:  # of no power, there are no decibels
         return None
     echo_w = float(

@@ -20,7 +20,6 @@ from dechirp.process.peaks import MOST_PEAKS
 from dechirp.process.remarks import remarks
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
-from dechirp.scene.surprises import surprises
 from dechirp.scene.truth import truth
 
 
@@ -178,8 +177,8 @@ def _source(
     """The simulated cube or the recording, its radar, and what is to be said about it."""
     if scenario.scene is not None:
         assert scenario.radar is not None
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PhysicsWarning)  # they are the findings
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
             cube = simulate(
                 scenario.scene,
                 scenario.radar,
@@ -189,11 +188,7 @@ def _source(
                 engine=scenario.engine,
                 progress=simulated,
             )
-        return (
-            cube,
-            scenario.radar,
-            tuple(surprises(scenario.scene, scenario.radar, n_frames=scenario.n_frames)),
-        )
+        return cube, scenario.radar, tuple(_findings(warned))
     assert scenario.recording is not None
     told = scenario.recording
     recording = open_recording(
@@ -210,6 +205,18 @@ def _source(
     recording.must_hold_samples()
     check_chain(scenario.chain, recording.radar)
     return recording, recording.radar, recording.findings
+
+
+def _findings(warned: list[warnings.WarningMessage]) -> Iterator[Finding]:
+    """What warnings say about physics; the others are passed on."""
+    for warning in warned:
+        (said,) = getattr(warning.message, "args", ("",))[:1] or ("",)
+        if isinstance(said, Finding):
+            yield said
+        else:
+            warnings.warn_explicit(
+                warning.message, warning.category, warning.filename, warning.lineno
+            )
 
 
 def _numbers(source: xr.DataArray | Recording) -> range:

@@ -13,6 +13,7 @@ from dechirp.core.values import value
 from dechirp.echoes.engine import Engine
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
+from dechirp.echoes.stages import by_stage
 from dechirp.formats.settings.read import read_radar
 from dechirp.process.chain import Chain, searched_rows
 from dechirp.radar.radar import Radar
@@ -107,8 +108,9 @@ class Scenario:
         kinds = [impairment.kind() for impairment in self.impairments]
         for index, impairment in enumerate(self.impairments):
             label = kinds[index] if kinds.count(kinds[index]) == 1 else str(index)
-            with _called(f"impairments.{label}.target", instead_of="target"):
-                impairment.noise_power_w(scene, radar)
+            with _called(f"impairments.{label}."):
+                for one in by_stage([impairment], radar).all:
+                    one.check(scene, radar)
 
 
 def check_chain(chain: Chain, radar: Radar) -> None:
@@ -126,7 +128,7 @@ def check_chain(chain: Chain, radar: Radar) -> None:
 
 
 @contextmanager
-def _called(path: str, *, instead_of: str) -> Iterator[None]:
+def _called(path: str, *, instead_of: str = "") -> Iterator[None]:
     """Call a setting, or what lies in it, as this scenario does: by its path."""
     try:
         yield

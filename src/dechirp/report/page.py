@@ -10,8 +10,10 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
+from dechirp.process.spectrogram import spectrogram
 from dechirp.report import tables
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
+from dechirp.report.figures import spectrogram as over
 from dechirp.report.summary import settings
 from dechirp.report.view import View, view_of
 from dechirp.report.words import quantity
@@ -20,6 +22,10 @@ if TYPE_CHECKING:
     from dechirp.experiment.run import Result
 
 _MOST_ROWS = 50
+# Of a spectrogram: limbs keep their speed for about as long, and a figure shows no more columns.
+_WINDOW_S, _MOST_WINDOWS = 20e-3, 400
+# From the origin of a body to its parts.
+_REACH_M = 2.0
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
@@ -105,10 +111,42 @@ def _figures(shown: View) -> dict[str, Markup]:
             time_s=radar.frame.mid_frame_s,
             detected_m=shown.strongest.range.values[in_map].tolist(),
         )
+    moving_m = _ranges_of_moving_bodies_m(shown)
+    if moving_m is not None:
+        drawn["spectrogram"] = _spectrogram(result, moving_m)
     if result.n_frames > 1 and shown.strongest.sizes["detection"]:
         drawn["range_over_time"] = _over_time(shown, "range")
         drawn["velocity_over_time"] = _over_time(shown, "velocity")
     return drawn
+
+
+def _ranges_of_moving_bodies_m(shown: View) -> tuple[float, float] | None:
+    """Between which ranges bodies swing or turn parts; None where there are none."""
+    scene_, truth = shown.result.scenario.scene, shown.result.truth
+    if scene_ is None or truth is None:
+        return None
+    moves = [target.body is not None and not target.body.is_rigid for target in scene_.targets]
+    ranges_m = truth.range.values[moves]
+    if not ranges_m.size:
+        return None
+    return max(float(ranges_m.min()) - _REACH_M, 0.0), float(ranges_m.max()) + _REACH_M
+
+
+def _spectrogram(result: "Result", range_m: tuple[float, float]) -> Markup:
+    frame = result.radar.frame
+    n_window = min(max(round(_WINDOW_S / frame.repetition_s), 16), frame.n_chirps)
+    hop = max(n_window // 4, frame.n_chirps * result.n_frames // _MOST_WINDOWS)
+    chain = result.scenario.chain
+    power = spectrogram(
+        result.cube,
+        result.radar,
+        range_m=range_m,
+        range_window=chain.range_window,
+        n_window=n_window,
+        hop=hop,
+        n_velocity_bins=2 * n_window,
+    )
+    return over.over_time(power)
 
 
 def _cut(shown: View, along: cfar.Axis) -> Markup:

@@ -92,7 +92,8 @@ def targets(view: View) -> list[dict[str, str]]:
     if truth is None or matched is None or scene is None:
         return []
     hits = _hits(view, view.result.first_frame)
-    rcs_m2 = target_cross_sections_m2(scene, truth.time.values[:1])[0]
+    wavelength_m = view.result.radar.frame.chirp.wavelength_m
+    rcs_m2 = target_cross_sections_m2(scene, truth.time.values[:1], wavelength_m)[0]
     rows = []
     for index, name in enumerate(scene.names):
         one = truth.isel(target=index, frame=0)

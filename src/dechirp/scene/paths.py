@@ -104,8 +104,8 @@ def _interpolated(
     middle_m = at_m[_MIDDLE]
     # From the middle on, ways are short and keep their digits.
     way_m = at_m - middle_m
-    series_m = np.einsum("kj,jnx->knx", _THROUGH_NODES, way_m[: len(_NODES)])
-    left_m = way_m[len(_NODES) :] - np.einsum("ck,knx->cnx", _AT_CHECKS, series_m)
+    series_m = np.tensordot(_THROUGH_NODES, way_m[: len(_NODES)], axes=1)
+    left_m = way_m[len(_NODES) :] - np.tensordot(_AT_CHECKS, series_m, axes=1)
     error_m = np.linalg.norm(left_m, axis=-1).max(axis=0)
     sizes_m = np.linalg.norm(series_m, axis=-1)
     close_m = _close_m(scene, scatterers, middle_m, sizes_m, half_s, times_s[len(_NODES)])
@@ -116,7 +116,7 @@ def _interpolated(
     # Terms that no scatterer needs are left out: what follows term k adds up to tails_m[k].
     tails_m = np.cumsum(sizes_m[::-1], axis=0)[::-1]
     n_terms = 1 + np.flatnonzero((tails_m > close_m / 2)[:, is_close].any(axis=1)).max(initial=0)
-    terms_m = np.einsum("mk,knx->mnx", _TO_POWERS[:n_terms, :n_terms], series_m[:n_terms, is_close])
+    terms_m = np.tensordot(_TO_POWERS[:n_terms, :n_terms], series_m[:n_terms, is_close], axes=1)
     path_m = terms_m / half_s ** np.arange(n_terms)[:, None, None]
     path_m[0] += middle_m[is_close]
     return Path(chirps, mid_s, scatterers[is_close], path_m), is_close

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from dechirp.core.checks import instances
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
-from dechirp.scene.bodies.base import Body
+from dechirp.scene.bodies.base import AspectBody, Body
 from dechirp.scene.ego import Ego
 from dechirp.scene.rotations import about_z, into, out_of
 from dechirp.scene.target import Fluctuation, Target
@@ -117,7 +117,8 @@ class Scene:
     @cached_property
     def over_aspect(self) -> np.ndarray:
         """Places of the targets whose cross section varies with aspect."""
-        return _kept(np.flatnonzero([target.rcs_table is not None for target in self.targets]))
+        varies = [t.rcs_table is not None or isinstance(t.body, AspectBody) for t in self.targets]
+        return _kept(np.flatnonzero(varies))
 
     @cached_property
     def fluctuating(self) -> dict[Fluctuation, np.ndarray]:
@@ -270,7 +271,7 @@ class Scene:
         """Number of scatterers of each target."""
         counts = np.ones(len(self.targets), dtype=int)
         for place in np.flatnonzero(self._has_body).tolist():
-            counts[place] = len(self._body(place).cross_sections_m2())
+            counts[place] = self._body(place).n_scatterers()
             if not counts[place]:
                 raise InvalidSetting(
                     f"scene.targets.{self.names[place]}.body",

@@ -83,9 +83,17 @@ def surprises(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]
         *_like_elements(radar),
         *_mixed(radar),
         *_holes(scene, radar),
+        *_in_bodies(scene),
         *by_target,
         *_more(told, others),
     ]
+
+
+def _in_bodies(scene: Scene) -> Iterator[Finding]:
+    """What bodies say of themselves."""
+    for name, target in zip(scene.names, scene.targets, strict=True):
+        if target.body is not None:
+            yield from target.body.findings(f"scene.targets.{name}.body")
 
 
 def _view(scene: Scene, radar: Radar, frame: int, when: str) -> _View:

@@ -94,7 +94,7 @@ def _echo_powers_w(scene: Scene, radar: Radar, times_s: np.ndarray, seen: _Seen)
     return received_power_w(
         radar,
         range_m=seen.range_m,
-        rcs_m2=target_cross_sections_m2(scene, times_s),
+        rcs_m2=target_cross_sections_m2(scene, times_s, radar.frame.chirp.wavelength_m),
         azimuth_rad=seen.azimuth_rad,
         elevation_rad=seen.elevation_rad,
     )

@@ -12,6 +12,7 @@ from zarr.codecs import BloscCodec
 from dechirp.config.texts import dump
 from dechirp.config.tree import read_tree
 from dechirp.core.conventions import CUBE_AXES, axis
+from dechirp.echoes.codes import codes, is_coded
 from dechirp.radar.radar import Radar
 
 FORMAT_VERSION = 1
@@ -30,6 +31,9 @@ def write_cube(
 ) -> None:
     """Write a new store, one frame after the other, so that one is held at a time.
 
+    Samples that a simulated converter rounded are written as its codes, int16, with an axis
+    `iq` where they are complex; times the attribute `scale` they are the samples.
+
     Parameters
     ----------
     path : Path
@@ -44,9 +48,12 @@ def write_cube(
     attributes = {"format_version": FORMAT_VERSION, "radar": read_tree(dump(radar), "").plain}
     store = zarr.create_group(path, zarr_format=3, attributes=attributes)
     starts_s = np.zeros(n_frames)
-    array = None
+    array, as_codes = None, False
     for index, frame in enumerate(frames):
         labelled = frame.transpose(*CUBE_AXES)
+        if array is None:
+            as_codes = is_coded(labelled)
+        labelled = codes(labelled) if as_codes else labelled
         if array is None:
             array = _empty(store, labelled, n_frames)
             for name in CUBE_AXES[1:]:
@@ -74,9 +81,15 @@ def _empty(store: zarr.Group, frame: xr.DataArray, n_frames: int) -> zarr.Array[
         chunks=(1, per_chunk, *frame.shape[2:]),
         dtype=frame.dtype,
         compressors=BloscCodec(cname="lz4"),
-        dimension_names=CUBE_AXES,
-        attributes={**frame.attrs, **_labels(frame)},
+        dimension_names=tuple(map(str, frame.dims)),
+        attributes={**_attributes(frame), **_labels(frame)},
     )
+
+
+def _attributes(frame: xr.DataArray) -> dict[str, Any]:
+    """Attributes of the samples; `scale` of codes alone, as a reader multiplies with it."""
+    no_codes = () if frame.dtype == np.int16 else ("scale",)
+    return {str(name): said for name, said in frame.attrs.items() if name not in no_codes}
 
 
 def _labels(frame: xr.DataArray) -> dict[str, str]:

@@ -1,27 +1,102 @@
-"""What an impairment is: something the receiver does to the samples of the echoes."""
+"""What an impairment is, in three stages, in the order of the signal.
+
+An oscillator that is not what it should be turns the phase of what is sent and of what it is
+mixed with. Paths add echoes, and weaken them. A receiver changes samples.
+"""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-import xarray as xr
 
 from dechirp.core.families import Family
+from dechirp.echoes.parts import Part, Window
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 
 
 class Impairment(Family):
-    """Acts on the samples, in the order in which impairments are listed."""
+    """Acts in its stage; within a stage in the order in which impairments are listed."""
 
     group: ClassVar[str] = "dechirp.impairment"
 
-    @abstractmethod
-    def apply(
-        self, cube: xr.DataArray, *, scene: Scene, radar: Radar, rng: np.random.Generator
-    ) -> None:
-        """Change the samples of `cube`, (frame, chirp, rx, sample), in place."""
+    def check(self, scene: Scene, radar: Radar) -> None:
+        """Raise `InvalidSetting` where it cannot act; warn of what surprises.
+
+        The setting in the error is a field of this impairment, as settings files call it.
+        """
 
     def noise_power_w(self, scene: Scene, radar: Radar) -> float:
         """Mean power of the noise that it adds to each sample, W; none by default."""
         return 0.0
+
+
+class Preset(Impairment):
+    """Stands for several impairments, with settings that belong together."""
+
+    @abstractmethod
+    def impairments(self, radar: Radar) -> tuple[Impairment, ...]:
+        """Those it stands for in a radar."""
+
+
+class Oscillator(Impairment):
+    """A phase error of the wave that is sent; the mixer sees it now, less that a delay ago."""
+
+    @abstractmethod
+    def phase_rad(self, window: Window, radar: Radar, rng: np.random.Generator) -> np.ndarray:
+        """Phase error at the times of the window, (n_chirps, n_times), rad.
+
+        All that is sent and received in a frame carries the same error. The window begins
+        before the ramp where echoes come late: there the frequency error is that of its start.
+        """
+
+
+class Propagation(Impairment):
+    """More echoes, or weaker ones."""
+
+    def parts(
+        self,
+        parts: Sequence[Part],
+        window: Window,
+        scene: Scene,
+        radar: Radar,
+        rng: np.random.Generator,
+    ) -> list[Part]:
+        """What is summed for a frame instead of `parts`."""
+        return list(parts)
+
+    def added_delays_s(self, radar: Radar) -> tuple[float, float] | None:
+        """Between which delays what `add` adds lies; none where it carries no delayed phase."""
+        return None
+
+    def add(
+        self,
+        samples: np.ndarray,
+        window: Window,
+        scene: Scene,
+        radar: Radar,
+        rng: np.random.Generator,
+    ) -> None:
+        """Add what needs no scatterer to the samples of a window, (n_chirps, n_rx, n_times).
+
+        Complex, in place, before the oscillator turns their phase.
+        """
+
+
+class Receiver(Impairment):
+    """Changes samples, real or complex as the radar takes them."""
+
+    def margins(self, radar: Radar) -> tuple[int, int]:
+        """Samples that it needs before and after those that are kept."""
+        return 0, 0
+
+    @abstractmethod
+    def apply(
+        self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
+    ) -> None:
+        """Change samples, (n_frames, n_chirps, n_rx, n_samples), sqrt(W), in place."""
+
+    def attributes(self, radar: Radar) -> dict[str, object]:
+        """What the cube says of it."""
+        return {}

@@ -1,10 +1,9 @@
 """Thermal noise of the receiver: k T0 F fs in every sample."""
 
 import numpy as np
-import xarray as xr
 
 from dechirp.core.values import value
-from dechirp.echoes.impairments.base import Impairment
+from dechirp.echoes.impairments.base import Receiver
 from dechirp.echoes.impairments.white_noise import add_white_noise
 from dechirp.radar.budget import noise_power_w
 from dechirp.radar.radar import Radar
@@ -12,14 +11,14 @@ from dechirp.scene.scene import Scene
 
 
 @value
-class ThermalNoise(Impairment):
+class ThermalNoise(Receiver):
     """White Gaussian noise whose power follows from the noise factor and the sample rate."""
 
     def apply(
-        self, cube: xr.DataArray, *, scene: Scene, radar: Radar, rng: np.random.Generator
+        self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
     ) -> None:
         """Add the noise to every sample."""
-        add_white_noise(cube.values, self.noise_power_w(scene, radar), rng)
+        add_white_noise(samples, self.noise_power_w(scene, radar), rng)
 
     def noise_power_w(self, scene: Scene, radar: Radar) -> float:
         """K T0 F fs, whatever the scene."""

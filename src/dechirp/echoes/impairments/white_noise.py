@@ -3,18 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
-import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
-from dechirp.echoes.impairments.base import Impairment
+from dechirp.echoes.impairments.base import Receiver
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import echo_powers_w
 
 
 @value
-class WhiteNoise(Impairment):
+class WhiteNoise(Receiver):
     """Noise so strong that one target's echo has the given ratio in every sample."""
 
     snr: float
@@ -32,11 +31,15 @@ class WhiteNoise(Impairment):
                 fix="Write -24 dB, or 0.004.",
             )
 
+    def check(self, scene: Scene, radar: Radar) -> None:
+        """Raise where the target is not there, or has no echo."""
+        self.noise_power_w(scene, radar)
+
     def apply(
-        self, cube: xr.DataArray, *, scene: Scene, radar: Radar, rng: np.random.Generator
+        self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
     ) -> None:
         """Add the noise to every sample."""
-        add_white_noise(cube.values, self.noise_power_w(scene, radar), rng)
+        add_white_noise(samples, self.noise_power_w(scene, radar), rng)
 
     def noise_power_w(self, scene: Scene, radar: Radar) -> float:
         """Echo power of the target at the middle of the first frame, over the ratio."""

@@ -5,15 +5,19 @@ cost nothing; each scatterer is expanded anew in each chirp, some 30 ns, and a t
 chirp and receiver remains. Best for up to some thousand scatterers.
 """
 
+from math import comb
+
 import numba
 import numpy as np
 import scipy.fft
 
+from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels import direct
 from dechirp.echoes.kernels.axes import FastTime
 from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.echoes.kernels.gridding import spread_line
 from dechirp.echoes.kernels.patches import WIDTH
+from dechirp.echoes.kernels.scratch import lent
 from dechirp.echoes.kernels.series import BLOCK, LANES, WORK, View, expand_block, shifts_of
 from dechirp.echoes.kernels.threads import in_threads
 from dechirp.echoes.kernels.tones import (
@@ -54,33 +58,35 @@ def add(
         if not len(paths.amplitudes):
             return
     active = np.flatnonzero(sent.weights[:, transmitters].any(axis=1))
-    n_together = max(_TOGETHER // (n_fields * fast.axis.n_points), 1)
-    n_together = min(n_together, -(-len(active) * len(receivers) // n_threads))
-    jobs = [
-        (rx, active[first : first + n_together])
-        for rx in receivers
-        for first in range(0, len(active), n_together)
+    n_together = max(_TOGETHER // (len(receivers) * n_fields * fast.axis.n_points), 1)
+    n_together = min(n_together, -(-len(active) // n_threads))
+    jobs = [active[first : first + n_together] for first in range(0, len(active), n_together)]
+    amplitudes = (paths.amplitudes * paths.tx_gains[transmitters])[:, None] * paths.rx_gains[
+        receivers
     ]
-    gains = paths.amplitudes * paths.tx_gains[transmitters]
-    tx_m, weights = sent.tx_m[transmitters], sent.weights[:, transmitters].astype(complex)
+    tx_m, rx_m = sent.tx_m[transmitters], sent.rx_m[receivers]
+    weights = sent.weights[:, transmitters].astype(complex)
+    n_terms = terms_needed(paths.path_m, waveform)
     kept = ECONOMISED[n_fields - 1][0]
     no_change = np.eye(12)[-1]
     columns_at = fast.axis.places(fast.mixed_hz)
     s = (fast.times_s / waveform.half_window_s).astype(np.float32)
 
-    def one(job: tuple[int, np.ndarray]) -> None:
-        rx, chirps = job
-        grid = np.zeros((len(chirps), n_fields, fast.axis.n_points + WIDTH), np.complex64)
+    def one(chirps: np.ndarray) -> None:
+        n_points = fast.axis.n_points + WIDTH
+        grid = lent("chirps", (len(chirps), len(receivers), n_fields, n_points))
+        grid[:] = 0
         _spread(
             grid.view(np.float32).reshape(-1),
             fast.axis.n_points,
             paths.path_m,
-            gains * paths.rx_gains[rx],
+            n_terms,
+            amplitudes,
             waveform.times_s[chirps],
             weights[chirps],
             waveform.half_window_s,
             tx_m,
-            sent.rx_m[rx],
+            rx_m,
             waveform.mid_frequency_hz,
             waveform.slope_hz_per_s,
             kept,
@@ -88,18 +94,35 @@ def add(
             columns_at,
             fast.axis.spread.polynomials,
         )
-        grid[:, :, :WIDTH] += grid[:, :, -WIDTH:]
-        lines = grid[:, :, :-WIDTH]
-        lines = scipy.fft.ifft(lines, norm="forward", overwrite_x=True)[:, :, fast.kept]
-        if fast.between is None or known is not None:
-            into = out if known is None else known
-            _sum_fields(into[:, rx], chirps, lines, s, fast.over())
-        else:
-            target = np.zeros((len(chirps), len(s)), np.complex64)
-            _sum_fields(target, np.arange(len(chirps)), lines, s, fast.over())
-            fast.between.fill(out[:, rx], chirps, target)
+        grid[..., :WIDTH] += grid[..., -WIDTH:]
+        lines = grid[..., :-WIDTH]
+        lines = scipy.fft.ifft(lines, norm="forward", overwrite_x=True)[..., fast.kept]
+        for place, rx in enumerate(receivers):
+            if fast.between is None or known is not None:
+                into = out if known is None else known
+                _sum_fields(into[:, rx], chirps, lines[:, place], s, fast.over())
+            else:
+                target = np.zeros((len(chirps), len(s)), np.complex64)
+                _sum_fields(target, np.arange(len(chirps)), lines[:, place], s, fast.over())
+                fast.between.fill(out[:, rx], chirps, target)
 
     in_threads(n_threads, one, jobs)
+
+
+def terms_needed(path_m: np.ndarray, waveform: Waveform) -> int:
+    """Terms of paths about the middle of a chirp: the rest turns the phase by 1e-7 rad at most."""
+    close_m = 1e-8 * SPEED_OF_LIGHT / abs(waveform.mid_frequency_hz)
+    n_terms, half_s = len(path_m), waveform.half_window_s
+    latest_s = float(abs(waveform.times_s).max())
+    sizes_m = np.abs(path_m).max(axis=(1, 2), initial=0.0)
+    left_m = 0.0
+    for k in range(n_terms - 1, 1, -1):
+        left_m += half_s**k * sum(
+            comb(j, k) * latest_s ** (j - k) * sizes_m[j] for j in range(k, n_terms)
+        )
+        if left_m > close_m:
+            return k + 1
+    return min(n_terms, 2)
 
 
 def fields_needed(
@@ -183,6 +206,7 @@ def _spread(
     grid: np.ndarray,
     n_columns: int,
     path_m: np.ndarray,
+    n_terms: int,
     amplitudes: np.ndarray,
     times_s: np.ndarray,
     weights: np.ndarray,
@@ -196,26 +220,45 @@ def _spread(
     columns_at: np.ndarray,
     polynomials: np.ndarray,
 ) -> None:
-    """Add all tones of some chirps to (n_chirps, n_fields, n_columns + WIDTH) frequencies."""
-    n = amplitudes.shape[1]
+    """Add all tones of some chirps to (n_chirps, n_rx, n_fields, n_columns + WIDTH) frequencies."""
+    n = amplitudes.shape[2]
     work, block = np.zeros(WORK), np.empty(BLOCK)
     values = np.empty(2 * LANES * len(kept))
+    now_m = np.empty((n_terms, 3, n))
     for m in range(len(times_s)):
-        first_float = 2 * m * len(kept) * (n_columns + WIDTH)
+        _about(path_m, times_s[m], now_m)
         for tx in range(len(tx_m)):
             if weights[m, tx] == 0:
                 continue
-            seen = View(
-                path_m, amplitudes[tx], tx_m[tx], rx_m, times_s[m], half_s, mid_frequency_hz,
-                slope_hz_per_s, True,
-            )  # fmt: skip
-            shifts = shifts_of(seen)
-            for first in range(0, n, LANES):
-                expand_block(seen, shifts, first, work, block)
-                spread_line(
-                    grid, first_float, n_columns, block, weights[m, tx], kept, before,
-                    columns_at, polynomials, values,
+            for rx in range(len(rx_m)):
+                first_float = 2 * (m * len(rx_m) + rx) * len(kept) * (n_columns + WIDTH)
+                seen = View(
+                    now_m, amplitudes[tx, rx], tx_m[tx], rx_m[rx], 0.0, half_s,
+                    mid_frequency_hz, slope_hz_per_s, True,
                 )  # fmt: skip
+                shifts = shifts_of(seen)
+                for first in range(0, n, LANES):
+                    expand_block(seen, shifts, first, work, block)
+                    spread_line(
+                        grid, first_float, n_columns, block, weights[m, tx], kept, before,
+                        columns_at, polynomials, values,
+                    )  # fmt: skip
+
+
+@_compiled
+def _about(path_m: np.ndarray, mid_s: float, now_m: np.ndarray) -> None:
+    """Fill `now_m`, (n_terms, 3, n): the first terms of paths about another time."""
+    n = path_m.shape[2]
+    for k in range(len(now_m)):
+        for axis in range(3):
+            row = now_m[k, axis]
+            row[:] = 0.0
+            share = 1.0
+            for j in range(k, len(path_m)):
+                term = path_m[j, axis]
+                for i in range(np.uint64(n)):
+                    row[i] += share * term[i]
+                share *= mid_s * (j + 1) / (j + 1 - k)
 
 
 @_compiled

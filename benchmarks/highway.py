@@ -1,0 +1,125 @@
+"""How many frames a second of a highway are simulated, hardware included.
+
+Twenty cars, vans and trucks of some 3,000 scatterers, wheels turning, before a radar of three
+transmitters in turns and four receivers, 128 chirps of each and 256 samples; `typical-77ghz`; 20
+frames. Beside it what each stage adds: echoes alone, and each impairment alone, over echoes
+alone in the same run; and the phase noise of one scatterer against that of all.
+
+    python benchmarks/highway.py [--threads 2] [--frames 20]
+"""
+
+import argparse
+import json
+import os
+import warnings
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
+
+arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+arguments.add_argument("--threads", type=int, default=2)
+arguments.add_argument("--frames", type=int, default=20)
+asked = arguments.parse_args()
+for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[pool] = "1"
+os.environ["NUMBA_NUM_THREADS"] = str(asked.threads)
+
+import numpy as np
+
+import dechirp as dc
+from dechirp.echoes.impairments.base import Impairment
+
+warnings.simplefilter("ignore", dc.PhysicsWarning)
+WAVELENGTH_M = 299_792_458.0 / 77e9
+
+
+def highway_radar() -> dc.Radar:
+    chirp = dc.Chirp(
+        start_frequency_hz=76.5e9,
+        slope_hz_per_s=15e12,
+        adc_start_s=2e-6,
+        ramp_duration_s=16e-6,
+        sample_rate_hz=20e6,
+        n_samples=256,
+        sampling="complex",
+    )
+    frame = dc.Frame(
+        chirp=chirp,
+        n_chirps=128,
+        interval_s=18e-6,
+        period_s=50e-3,
+        multiplexing=dc.Tdm(order=(0, 1, 2)),
+    )
+    array = dc.Array(
+        tx_m=[(0, 2 * WAVELENGTH_M * k, 0) for k in range(3)],
+        rx_m=[(0, WAVELENGTH_M / 2 * k, 0) for k in range(4)],
+    )
+    hardware = dc.Hardware(transmit_power_w=0.015, antenna_gain=20.0, noise_factor=15.0)
+    return dc.Radar(frame=frame, array=array, hardware=hardware)
+
+
+def highway_scene() -> dc.Scene:
+    """Three lanes each way, one vehicle every few tens of metres."""
+    rng = np.random.default_rng(7)
+    targets = []
+    for number in range(20):
+        ahead = number % 2 == 0
+        speed = float(rng.uniform(22, 38))
+        kind = dc.Truck if number % 5 < 3 else (dc.Car, dc.Van)[number % 2]
+        targets.append(
+            dc.Target(
+                name=f"vehicle-{number}",
+                position_m=(
+                    12.0 + 9.0 * number,
+                    (-3.5 if ahead else 7.0) + 3.5 * (number % 3),
+                    -0.5,
+                ),
+                velocity_m_per_s=(speed if ahead else -speed, 0, 0),
+                body=kind(speed_m_per_s=speed),
+            )
+        )
+    return dc.Scene(targets=targets, ego=dc.Ego(velocity_m_per_s=(30, 0, 0)))
+
+
+def seconds(work: Callable[[], object]) -> float:
+    work()
+    took = []
+    for _ in range(3):
+        began = perf_counter()
+        work()
+        took.append(perf_counter() - began)
+    return median(took)
+
+
+def main() -> None:
+    radar, scene = highway_radar(), highway_scene()
+
+    def frames_s(impairments: list[Impairment], of: dc.Scene = scene) -> float:
+        return (
+            seconds(
+                lambda: dc.simulate(
+                    of, radar, impairments=impairments, n_frames=asked.frames, seed=1
+                )
+            )
+            / asked.frames
+        )
+
+    alone_s = frames_s([])
+    found = {"echoes alone": alone_s, "typical-77ghz": frames_s([dc.Typical77Ghz()])}
+    for impairment in dc.Typical77Ghz().impairments(radar):
+        found[f"echoes and {impairment.kind()}"] = frames_s([impairment])
+    one = dc.Scene(targets=[dc.Target(position_m=(190, 0, 0), rcs_m2=10)])
+    noise = [i for i in dc.Typical77Ghz().impairments(radar) if i.kind() == "phase-noise"]
+    found["one target alone"] = frames_s([], one)
+    found["one target and phase-noise"] = frames_s(noise, one)
+    for name, took_s in found.items():
+        print(f"{name:>32} {1e3 * took_s:7.1f} ms a frame, {took_s / alone_s:5.2f} x echoes alone")
+    print(f"{scene.n_scatterers} scatterers, {1 / found['typical-77ghz']:.1f} frames/s")
+    of_all = found["echoes and phase-noise"] - alone_s
+    of_one = found["one target and phase-noise"] - found["one target alone"]
+    print(f"phase noise of all over that of one: {of_all / of_one:.3f}")
+    print(json.dumps({"threads": asked.threads, "ms": {k: 1e3 * v for k, v in found.items()}}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""Impairments in the order in which they act."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.echoes.impairments.base import Impairment, Oscillator, Preset, Propagation, Receiver
+from dechirp.radar.radar import Radar
+
+
+class Stages(NamedTuple):
+    """Impairments by stage."""
+
+    oscillators: tuple[Oscillator, ...]
+    paths: tuple[Propagation, ...]
+    receivers: tuple[Receiver, ...]
+
+    @property
+    def all(self) -> tuple[Impairment, ...]:
+        """In the order in which they act."""
+        return (*self.oscillators, *self.paths, *self.receivers)
+
+    def margins(self, radar: Radar) -> tuple[int, int]:
+        """Samples that receivers need before and after those that are kept."""
+        needed = [receiver.margins(radar) for receiver in self.receivers]
+        return sum(before for before, _ in needed), sum(after for _, after in needed)
+
+
+def by_stage(impairments: Iterable[Impairment], radar: Radar) -> Stages:
+    """Sort impairments into their stages; presets give those they stand for."""
+    every = tuple(_single(impairments, radar))
+    return Stages(
+        tuple(one for one in every if isinstance(one, Oscillator)),
+        tuple(one for one in every if isinstance(one, Propagation)),
+        tuple(one for one in every if isinstance(one, Receiver)),
+    )
+
+
+def _single(impairments: Iterable[Impairment], radar: Radar) -> Iterator[Impairment]:
+    for impairment in impairments:
+        if isinstance(impairment, Preset):
+            yield from _single(impairment.impairments(radar), radar)
+        elif isinstance(impairment, Oscillator | Propagation | Receiver):
+            yield impairment
+        else:
+            raise InvalidSetting(
+                "impairments",
+                got=impairment,
+                need=f"impairments: {', '.join(Impairment.members())}",
+                fix="Write ThermalNoise(), with its brackets.",
+            )

@@ -1,0 +1,43 @@
+"""The settings that the pages show are settings."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import dechirp as dc
+from dechirp.config.files import parse
+from dechirp.experiment.scenario import Scenario
+
+DOCS = Path(dc.__file__).parents[2] / "docs"
+RADAR = """
+radar:
+  frame:
+    chirp: {start_frequency: 76.5 GHz, slope: 15 MHz/us, adc_start: 2 us, ramp_duration: 16 us,
+            sample_rate: 20 MHz, n_samples: 128, sampling: complex}
+    n_chirps: 64
+    interval: 25 us
+  array: {tx: [[0, 20 mm, 0]], rx: [[0, 0, 0], [0, 2 mm, 0]]}
+  hardware: {transmit_power: 12 dBm, antenna_gain: 10 dBi, noise_factor: 12 dB}
+scene: {targets: [{position: [20 m, 0, 0]}]}
+"""
+
+
+def shown(page: str) -> list[str]:
+    return re.findall(r"```yaml\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize("text", shown("hardware.md"))
+@pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+def test_every_impairment_that_is_shown_can_be_simulated(text):
+    scenario = parse(text + RADAR, Scenario)
+    assert scenario.impairments
+    cube = dc.simulate(scenario.scene, scenario.radar, impairments=scenario.impairments)
+    assert abs(cube).max() > 0
+
+
+@pytest.mark.parametrize("text", [t for t in shown("scenes.md") if t.startswith("    - ")])
+def test_every_target_that_is_shown_is_one(text):
+    without_scene = RADAR[: RADAR.index("scene:")]
+    scenario = parse(f"scene:\n  targets:\n{text}{without_scene}", Scenario)
+    assert scenario.scene.n_scatterers >= len(scenario.scene.targets) > 0

@@ -1,0 +1,144 @@
+"""What an imperfect mixer, and receivers that are unlike, do to echoes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.echoes.impairments.dc_offset import DcOffset
+from dechirp.echoes.impairments.iq_imbalance import IqImbalance
+from dechirp.echoes.impairments.mismatch import Mismatch
+
+EMPTY = dc.Scene()
+
+
+def with_sampling(radar, sampling):
+    chirp = replace(radar.frame.chirp, sampling=sampling)
+    return replace(radar, frame=replace(radar.frame, chirp=chirp))
+
+
+def received(impairment, radar, samples, seed=0):
+    impairment.check(EMPTY, radar)
+    before, after = impairment.margins(radar)
+    cube = np.array(samples)
+    impairment.apply(cube, EMPTY, radar, np.random.default_rng(seed))
+    return cube[..., before : cube.shape[-1] - after]
+
+
+def tone(cycles, *, n=256, before=0, is_complex=True):
+    """So many cycles in n samples, of power 1, in two receivers; more samples around them."""
+    phase = 2 * np.pi * cycles / n * (np.arange(n + 2 * before) - before)
+    wave = np.exp(1j * phase) if is_complex else np.sqrt(2) * np.cos(phase)
+    return np.tile(wave, (1, 3, 2, 1))
+
+
+@pytest.mark.parametrize(
+    ("gain_db", "phase_deg", "rejection_db"), [(0.1, 1.0, 39.6), (1.0, 5.0, 22.8), (0.0, 3.0, 31.6)]
+)
+def test_an_unlike_mixer_makes_an_image_as_weak_as_the_formula_says(
+    radar, gain_db, phase_deg, rejection_db
+):
+    impairment = IqImbalance(gain=10 ** (gain_db / 10), phase_rad=np.radians(phase_deg))
+    power = abs(np.fft.fft(received(impairment, radar, tone(20)))[0, 0, 0] / 256) ** 2
+
+    assert 10 * np.log10(power[20] / power[-20]) == pytest.approx(rejection_db, abs=0.05)
+    # The echo itself changes by squares of the errors alone.
+    assert 10 * np.log10(power[20]) == pytest.approx(0, abs=0.01)
+    power[[20, -20]] = 0
+    assert power.max() < 1e-20
+
+
+def test_single_precision_has_the_same_image(radar):
+    impairment = IqImbalance(gain=10**0.01, phase_rad=np.radians(1))
+    power = abs(np.fft.fft(received(impairment, radar, tone(20).astype(np.complex64)))) ** 2
+    ratio_db = 10 * np.log10(power[0, 0, 0, 20] / power[0, 0, 0, -20])
+    assert ratio_db == pytest.approx(39.6, abs=0.05)
+
+
+def test_one_mixer_has_no_halves_to_be_unlike(radar):
+    with pytest.raises(dc.InvalidSetting, match="one mixer"):
+        IqImbalance(gain=1.1).check(EMPTY, with_sampling(radar, "real"))
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+def test_an_offset_is_a_constant_of_its_power_in_every_receiver(radar, sampling):
+    radar = with_sampling(radar, sampling)
+    offset = DcOffset(power_w=1e-9, phases_rad=(0.3, 2.0))
+    cube = dc.simulate(EMPTY, radar, impairments=[offset], dtype=np.complex128).values
+
+    expected = np.sqrt(1e-9) * np.exp([0.3j, 2.0j])
+    if sampling == "real":
+        expected = np.sqrt(2) * expected.real
+    np.testing.assert_allclose(cube, np.broadcast_to(expected[:, None], cube.shape))
+
+
+def test_phases_of_offsets_are_drawn_once_for_each_receiver(radar):
+    offset = DcOffset(power_w=1.0)
+    cube = dc.simulate(EMPTY, radar, impairments=[offset], n_frames=2, seed=5).values
+    np.testing.assert_allclose(abs(cube), 1, rtol=1e-6)
+    of_rx = cube[0, 0, :, 0]
+    assert of_rx[0] != of_rx[1]
+    assert (cube == of_rx[:, None]).all()
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+@pytest.mark.parametrize("cycles", [20.0, 63.4, 110.3])
+def test_a_mismatch_turns_and_scales_each_receiver(radar, sampling, cycles):
+    radar = with_sampling(radar, sampling)
+    mismatch = Mismatch(gains=(1.2, 0.9), phases_rad=(0.05, -0.4))
+    wide, is_complex = max(mismatch.margins(radar)), sampling == "complex"
+    made = tone(cycles, before=wide, is_complex=is_complex)
+    got = received(mismatch, radar, made)[0]
+
+    phase = 2 * np.pi * cycles / 256 * np.arange(256)
+    for rx, (gain, turn) in enumerate([(1.2, 0.05), (0.9, -0.4)]):
+        turned = np.exp(1j * (phase + turn))
+        wave = np.sqrt(gain) * (turned if is_complex else np.sqrt(2) * turned.real)
+        # Real samples: 0.2 % is the tolerance of the response.
+        np.testing.assert_allclose(got[:, rx], np.tile(wave, (3, 1)), atol=4e-3)
+
+
+def test_mismatches_are_drawn_with_their_spread_and_kept_in_all_frames(radar):
+    array = dc.Array(rx_m=[(0, 1e-3 * k, 0) for k in range(400)])
+    frame = replace(radar.frame, n_chirps=2)
+    radar = replace(radar, frame=replace(frame, chirp=replace(frame.chirp, n_samples=4)))
+    mismatch = Mismatch(gain_std=10**0.05, phase_std_rad=0.05)
+    got = received(mismatch, replace(radar, array=array), np.ones((2, 2, 400, 4), complex), 6)
+
+    assert (got == got[0, 0, :, :1]).all()
+    gains_db, phases = 20 * np.log10(abs(got[0, 0, :, 0])), np.angle(got[0, 0, :, 0])
+    # Of 400 draws, a standard deviation is known to 3.5 %: four of those.
+    assert np.std(gains_db) == pytest.approx(0.5, rel=0.14)
+    assert np.std(phases) == pytest.approx(0.05, rel=0.14)
+    assert abs(gains_db.mean()) < 0.1
+    assert abs(phases.mean()) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda: IqImbalance(gain=0.0), "IqImbalance.gain"),
+        (lambda: IqImbalance(phase_rad=2.0), "IqImbalance.phase_rad"),
+        (lambda: DcOffset(power_w=-1.0), "DcOffset.power_w"),
+        (lambda: DcOffset(power_w=1.0, phases_rad=(float("nan"),)), "DcOffset.phases_rad"),
+        (lambda: Mismatch(gain_std=0.9), "Mismatch.gain_std"),
+        (lambda: Mismatch(gains=(1.0, 0.0)), "Mismatch.gains"),
+        (lambda: Mismatch(phase_std_rad=float("inf")), "Mismatch.phase_std_rad"),
+    ],
+)
+def test_wrong_numbers_are_refused_by_name(make, named):
+    with pytest.raises(dc.InvalidSetting, match=named):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("impairment", "named"),
+    [
+        (DcOffset(power_w=1.0, phases_rad=(0.0,)), "phases is of 1 receivers.*of 2"),
+        (Mismatch(gains=(1.0, 1.0, 1.0)), "gains is of 3 receivers.*of 2"),
+    ],
+)
+def test_what_is_given_is_for_each_receiver(radar, impairment, named):
+    with pytest.raises(dc.InvalidSetting, match=named):
+        impairment.check(EMPTY, radar)
