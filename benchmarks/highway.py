@@ -3,7 +3,8 @@
 Twenty cars, vans and trucks of some 3,000 scatterers, wheels turning, before a radar of three
 transmitters in turns and four receivers, 128 chirps of each and 256 samples; `typical-77ghz`; 20
 frames. Beside it what each stage adds: echoes alone, and each impairment alone, over echoes
-alone in the same run; and the phase noise of one scatterer against that of all.
+alone in the same run; and the oscillator's stage for all scatterers against that for two as far
+apart.
 
     python benchmarks/highway.py [--threads 2] [--frames 20]
 """
@@ -27,7 +28,9 @@ os.environ["NUMBA_NUM_THREADS"] = str(asked.threads)
 import numpy as np
 
 import dechirp as dc
+from dechirp.echoes import oscillator
 from dechirp.echoes.impairments.base import Impairment
+from dechirp.echoes.parts import direct_parts, window
 
 warnings.simplefilter("ignore", dc.PhysicsWarning)
 WAVELENGTH_M = 299_792_458.0 / 77e9
@@ -81,24 +84,46 @@ def highway_scene() -> dc.Scene:
     return dc.Scene(targets=targets, ego=dc.Ego(velocity_m_per_s=(30, 0, 0)))
 
 
-def seconds(work: Callable[[], object]) -> float:
+def seconds(work: Callable[[], object], n_times: int = 3) -> float:
     work()
     took = []
-    for _ in range(3):
+    for _ in range(n_times):
         began = perf_counter()
         work()
         took.append(perf_counter() - began)
     return median(took)
 
 
+def ends_of(scene: dc.Scene) -> tuple[int, int]:
+    """The nearest scatterer and the farthest."""
+    range_m = np.linalg.norm(scene.positions_m([0.0])[0], axis=-1)
+    return int(range_m.argmin()), int(range_m.argmax())
+
+
+def phase_noise_s(scene: dc.Scene, radar: dc.Radar) -> float:
+    """What the oscillator's stage takes for a frame, the sum of the echoes left out."""
+    (noise,) = (i for i in dc.Typical77Ghz().impairments(radar) if i.kind() == "phase-noise")
+    rng, kept = np.random.default_rng(1), window(radar, 0)
+    parts = list(direct_parts(scene, radar, 0, rng))
+
+    def stage() -> None:
+        reach = oscillator.reach(parts, kept, radar)
+        wide = kept.wider(reach.before, reach.after)
+        phase_rad = noise.phase_rad(reach.phase_window(wide), radar, rng)
+        oscillator.turned(echo[..., : wide.n_times], phase_rad, reach, radar)
+
+    echo = np.zeros((radar.frame.n_sent, radar.array.n_rx, 512), np.complex64)
+    return seconds(stage, 15)
+
+
 def main() -> None:
     radar, scene = highway_radar(), highway_scene()
 
-    def frames_s(impairments: list[Impairment], of: dc.Scene = scene) -> float:
+    def frames_s(impairments: list[Impairment]) -> float:
         return (
             seconds(
                 lambda: dc.simulate(
-                    of, radar, impairments=impairments, n_frames=asked.frames, seed=1
+                    scene, radar, impairments=impairments, n_frames=asked.frames, seed=1
                 )
             )
             / asked.frames
@@ -108,16 +133,22 @@ def main() -> None:
     found = {"echoes alone": alone_s, "typical-77ghz": frames_s([dc.Typical77Ghz()])}
     for impairment in dc.Typical77Ghz().impairments(radar):
         found[f"echoes and {impairment.kind()}"] = frames_s([impairment])
-    one = dc.Scene(targets=[dc.Target(position_m=(190, 0, 0), rcs_m2=10)])
-    noise = [i for i in dc.Typical77Ghz().impairments(radar) if i.kind() == "phase-noise"]
-    found["one target alone"] = frames_s([], one)
-    found["one target and phase-noise"] = frames_s(noise, one)
     for name, took_s in found.items():
         print(f"{name:>32} {1e3 * took_s:7.1f} ms a frame, {took_s / alone_s:5.2f} x echoes alone")
     print(f"{scene.n_scatterers} scatterers, {1 / found['typical-77ghz']:.1f} frames/s")
-    of_all = found["echoes and phase-noise"] - alone_s
-    of_one = found["one target and phase-noise"] - found["one target alone"]
-    print(f"phase noise of all over that of one: {of_all / of_one:.3f}")
+    ends = [scene.positions_m([0.0])[0, place] for place in ends_of(scene)]
+    two = dc.Scene(
+        targets=[
+            dc.Target(position_m=tuple(at_m), velocity_m_per_s=(38 * way, 0, 0), rcs_m2=10)
+            for at_m, way in zip(ends, (-1.8, 0.2), strict=True)
+        ]
+    )
+    of_all_s, of_two_s = (phase_noise_s(of, radar) for of in (scene, two))
+    print(
+        f"phase noise: {1e3 * of_all_s:.1f} ms a frame of all scatterers, {1e3 * of_two_s:.1f} of"
+        f" two as far apart: {of_all_s / of_two_s:.3f}"
+    )
+    found |= {"phase noise of all": of_all_s, "phase noise of two": of_two_s}
     print(json.dumps({"threads": asked.threads, "ms": {k: 1e3 * v for k, v in found.items()}}))
 
 

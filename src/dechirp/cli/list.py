@@ -86,8 +86,9 @@ def _members(base: "type[Family]") -> dict[str, Any]:
 
 def _written(default: Any, unit: str | None) -> Any:
     from dechirp.config.quantities import text_of
+    from dechirp.config.texts import as_text
 
-    return text_of(default, unit) if isinstance(default, float) else default
+    return text_of(default, unit) if isinstance(default, float) else as_text(default, unit)
 
 
 def _show(found: dict[str, Any]) -> None:

@@ -24,7 +24,7 @@ def dump(value: Any, *, without: Collection[str] = ()) -> str:
     yaml.representer.sort_base_mapping_type_on_output = False
     yaml.width = 1000  # lines that it breaks end in a space
     stream = io.StringIO()
-    written = _written(value, None)
+    written = as_text(value, None)
     for name in without:
         del written[name]
     yaml.dump(written, stream)
@@ -37,16 +37,17 @@ def plain(value: Any) -> dict[str, Any]:
     return made
 
 
-def _written(value: Any, unit: str | None) -> Any:
+def as_text(value: Any, unit: str | None) -> Any:
+    """As a settings file writes a value, with units of numbers whose fields have this one."""
     if is_dataclass(value):
         written = _kind(value)
         for key, setting in settings(cast(type, type(value))).items():
             member = getattr(value, setting.field)
             if member is not None or setting.required or setting.default is not None:
-                written[key] = _written(member, setting.slot.unit)
+                written[key] = as_text(member, setting.slot.unit)
         return written
     if isinstance(value, tuple | list):
-        return [_written(member, unit) for member in value]
+        return [as_text(member, unit) for member in value]
     number = value.item() if isinstance(value, np.generic) else value
     if isinstance(number, bool | str | None) or (isinstance(number, int) and unit is None):
         return number

@@ -18,7 +18,15 @@ from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.echoes.kernels.gridding import spread_line
 from dechirp.echoes.kernels.patches import WIDTH
 from dechirp.echoes.kernels.scratch import lent
-from dechirp.echoes.kernels.series import BLOCK, LANES, WORK, View, expand_block, shifts_of
+from dechirp.echoes.kernels.series import (
+    BLOCK,
+    LANES,
+    WORK,
+    View,
+    expand_back,
+    expand_there,
+    shifts_of,
+)
 from dechirp.echoes.kernels.threads import in_threads
 from dechirp.echoes.kernels.tones import (
     ECONOMISED,
@@ -230,19 +238,38 @@ def _spread(
         for tx in range(len(tx_m)):
             if weights[m, tx] == 0:
                 continue
-            for rx in range(len(rx_m)):
-                first_float = 2 * (m * len(rx_m) + rx) * len(kept) * (n_columns + WIDTH)
-                seen = View(
-                    now_m, amplitudes[tx, rx], tx_m[tx], rx_m[rx], 0.0, half_s,
-                    mid_frequency_hz, slope_hz_per_s, True,
-                )  # fmt: skip
-                shifts = shifts_of(seen)
-                for first in range(0, n, LANES):
-                    expand_block(seen, shifts, first, work, block)
-                    spread_line(
-                        grid, first_float, n_columns, block, weights[m, tx], kept, before,
-                        columns_at, polynomials, values,
+            seen = _seen(
+                now_m, amplitudes[tx, 0], tx_m[tx], rx_m[0], half_s, mid_frequency_hz,
+                slope_hz_per_s,
+            )  # fmt: skip
+            shifts = shifts_of(seen)
+            for first in range(0, n, LANES):
+                expand_there(seen, shifts, first, work)
+                for rx in range(len(rx_m)):
+                    own = _seen(
+                        now_m, amplitudes[tx, rx], tx_m[tx], rx_m[rx], half_s, mid_frequency_hz,
+                        slope_hz_per_s,
                     )  # fmt: skip
+                    expand_back(own, first, work, block)
+                    spread_line(
+                        grid, 2 * (m * len(rx_m) + rx) * len(kept) * (n_columns + WIDTH),
+                        n_columns, block, weights[m, tx], kept, before, columns_at, polynomials,
+                        values,
+                    )  # fmt: skip
+
+
+@_compiled
+def _seen(
+    now_m: np.ndarray,
+    amplitudes: np.ndarray,
+    tx_m: np.ndarray,
+    rx_m: np.ndarray,
+    half_s: float,
+    mid_frequency_hz: float,
+    slope_hz_per_s: float,
+) -> View:
+    """What a pair of antennas sees in a chirp, of paths about its middle."""
+    return View(now_m, amplitudes, tx_m, rx_m, 0.0, half_s, mid_frequency_hz, slope_hz_per_s, True)
 
 
 @_compiled

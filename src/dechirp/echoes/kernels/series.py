@@ -43,7 +43,8 @@ _L0, _L1, _L2, _L3, _L4, _L5 = (_LENGTH + LANES * k for k in range(6))
 _U1, _U2, _U3 = (_LOGARITHM + LANES * k for k in range(3))
 _Q0, _Q1, _Q2, _Q3, _Q4, _Q5 = (_SQUARE + LANES * k for k in range(6))
 _G1, _G2, _G3, _G4, _G5, _G6 = (SERIES + 2 * LANES * k for k in range(6))
-WORK = LANES * 4 * _TERMS + 2 * LANES * (_TERMS + 3)
+_THERE, _BACK = LANES * 4 * _TERMS, LANES * (5 * _TERMS + 3)
+WORK = _BACK + LANES * (_TERMS + 3)
 """Numbers that `expand_block` needs to work in."""
 
 _compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -93,26 +94,37 @@ def expand_block(
     view: View, shifts: np.ndarray, first: int, work: np.ndarray, block: np.ndarray
 ) -> None:
     """Fill a block with scatterers from `first` on, and with nothing after the last; 12 ns each."""
-    path_m, amplitudes = view.path_m, view.amplitudes
+    expand_there(view, shifts, first, work)
+    expand_back(view, first, work, block)
+
+
+@_compiled
+def expand_there(view: View, shifts: np.ndarray, first: int, work: np.ndarray) -> None:
+    """First half of `expand_block`, which all receivers share: places, and ways there."""
+    path_m = view.path_m
     n_terms = len(path_m)
-    known = min(n_terms, _TERMS)
-    lanes = min(LANES, len(amplitudes) - first)
-    squares = work[: LANES * 4 * _TERMS]
-    there = work[LANES * 4 * _TERMS : LANES * (5 * _TERMS + 3)]
-    back = work[LANES * (5 * _TERMS + 3) : WORK]
-    for k in range(known):
+    lanes = min(LANES, len(view.amplitudes) - first)
+    for k in range(min(n_terms, _TERMS)):
         for axis in range(3):
             at = np.uint64((3 * k + axis) * LANES)
             for i in range(np.uint64(LANES)):
-                squares[at + i] = 0.0
+                work[at + i] = 0.0
             for j in range(k, n_terms):
                 share = shifts[k, j]
                 for i in range(np.uint64(lanes)):
-                    squares[at + i] += share * path_m[j, axis, np.uint64(first) + i]
+                    work[at + i] += share * path_m[j, axis, np.uint64(first) + i]
                 for i in range(np.uint64(lanes), np.uint64(LANES)):
-                    squares[at + i] += share * path_m[j, axis, first + lanes - 1]
-    _length(squares, known, view.tx_m, there)
-    _length(squares, known, view.rx_m, back)
+                    work[at + i] += share * path_m[j, axis, first + lanes - 1]
+    _length(work[:_THERE], min(n_terms, _TERMS), view.tx_m, work[_THERE:_BACK])
+
+
+@_compiled
+def expand_back(view: View, first: int, work: np.ndarray, block: np.ndarray) -> None:
+    """Second half: ways back, and the tones."""
+    amplitudes = view.amplitudes
+    lanes = min(LANES, len(amplitudes) - first)
+    there, back = work[_THERE:_BACK], work[_BACK:WORK]
+    _length(work[:_THERE], min(len(view.path_m), _TERMS), view.rx_m, back)
     _tone(
         there, back, view.mid_frequency_hz, view.slope_hz_per_s, view.half_s, view.one_chirp, block
     )
