@@ -25,9 +25,13 @@ from dechirp.report.figures import bars
 from dechirp.report.figures.range_doppler import reduced
 from dechirp.report.figures.style import thinned
 from dechirp.report.page import render
-from dechirp.report.words import quantity, small
+from dechirp.report.view import view_of
+from dechirp.report.words import NONE, quantity, small
+from dechirp.scene.bodies.car import Car
 from dechirp.scene.bodies.cloud import Cloud
-from dechirp.scene.bodies.points import Oscillation, Points, Scatterer
+from dechirp.scene.bodies.corner_reflector import CornerReflector
+from dechirp.scene.bodies.pedestrian import Pedestrian
+from dechirp.scene.bodies.points import Oscillation, Points, Rotation, Scatterer
 from dechirp.scene.ego import Ego
 from dechirp.scene.folding import seen
 from dechirp.scene.scene import Scene
@@ -48,6 +52,7 @@ RADAR = Radar(
     hardware=Hardware(transmit_power_w=0.01, antenna_gain=100.0, noise_factor=10.0),
 )
 CAR = Target(name="car", position_m=(50, 0, 0), velocity_m_per_s=(10, 0, 0), rcs_m2=10.0)
+WALKER = dataclasses.replace(CAR, rcs_m2=1.0, body=Pedestrian(speed_m_per_s=1.4))
 SECTIONS = ["detections", "beat", "map", "threshold", "settings", "findings", "timing", "reproduce"]
 
 
@@ -393,6 +398,50 @@ def test_a_part_that_moves_is_looked_for_at_its_own_velocity():
 
     assert compare.match(moving, known, RADAR, scene).target.tolist() == [0]
     assert compare.match(at([known.range.item() + 6], 10.0), known, RADAR, scene).target[0] == -1
+
+
+def test_the_far_side_of_a_car_is_no_place_of_the_truth():
+    car = dataclasses.replace(CAR, rcs_m2=1.0, velocity_m_per_s=(0, 0, 0), body=Car(length_m=15))
+    scene = Scene(targets=(car,))
+    known = truth(scene, RADAR)
+
+    # It faces away: its tail is 7.5 m nearer than its origin and seen, its nose as far is hidden.
+    matched = compare.match(at([42.5, 57.5], 0.0), known, RADAR, scene)
+
+    assert matched.target.tolist() == [0, -1]
+    marked = view_of(result(scene=scene)).scatterers
+    assert marked.range_m.min() == pytest.approx(42.5, abs=0.2)
+    assert marked.range_m.max() < 57
+
+
+def test_a_body_that_faces_elsewhere_is_nowhere():
+    corner = dataclasses.replace(CAR, rcs_m2=1.0, body=CornerReflector(edge_m=0.1))
+    scene = Scene(targets=(corner,))
+    known = truth(scene, RADAR)
+
+    assert compare.match(at([known.range.item()], 10.0), known, RADAR, scene).target[0] == -1
+    row = re.search(r"<tr><td>car</td>(.*?)</tr>", page_of(result(scene=scene)))[1]
+    assert re.sub(r"<[^>]*>", " ", row).split() == [NONE, "50.00", "10.00", "0.0", NONE, "no"]
+
+
+@pytest.mark.parametrize("away_m", [50.0, 5000.0])
+def test_what_turns_and_swings_is_shown_over_time_also_where_ranges_fold(away_m):
+    turn = Rotation(center_m=(0, 0, 0), rate_rad_per_s=100.0)
+    wheel = Scatterer(position_m=(0, 0, 0.3), rcs_m2=1.0, rotation=turn)
+    van = dataclasses.replace(
+        CAR, rcs_m2=1.0, position_m=(away_m, 0, 0), body=Points(scatterers=(wheel,))
+    )
+    made = result(scene=Scene(targets=(van,)))
+
+    assert "spectrogram" in sections(page_of(made))
+
+
+def test_a_few_chirps_have_no_velocity_over_time():
+    cube, few = samples(Scene(targets=(CAR,)), 1), 2
+    radar = dataclasses.replace(RADAR, frame=dataclasses.replace(RADAR.frame, n_chirps=few))
+    made = result(radar=radar, cube=cube.isel(chirp=slice(few)), scene=Scene(targets=(WALKER,)))
+
+    assert "spectrogram" not in sections(page_of(made))
 
 
 def test_velocities_are_near_each_other_across_the_end_of_the_map():

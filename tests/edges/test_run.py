@@ -43,6 +43,30 @@ def test_a_run_tells_that_it_kept_only_the_strongest_peaks(radar):
     assert "in 2 frames" in finding.got
 
 
+def test_what_surprises_an_impairment_is_said_once_as_a_finding_of_the_run(radar):
+    # A warning beside it would be an error here.
+    far_off = dc.Interferer(
+        name="far off",
+        start_frequency_hz=60e9,
+        slope_hz_per_s=1e12,
+        ramp_duration_s=1e-5,
+        interval_s=1e-5,
+        transmit_power_w=0.01,
+        antenna_gain=1.0,
+        position_m=(30, 0, 0),
+    )
+    impairments = [dc.ThermalNoise(), dc.Interference(interferers=[far_off])]
+    scenario = dc.Scenario(radar=radar, scene=dc.Scene(), impairments=impairments)
+    (finding,) = dc.run(scenario).findings
+    assert finding.setting == "impairments.interference.interferers.far off"
+
+
+@pytest.mark.parametrize("wrong", [dc.ThermalNoise(), [dc.ThermalNoise], "thermal-noise"])
+def test_impairments_are_a_list_of_them(radar, wrong):
+    with pytest.raises(dc.InvalidSetting, match=r"Scenario\.impairments"):
+        dc.Scenario(radar=radar, scene=dc.Scene(), impairments=wrong)
+
+
 def test_a_run_says_how_far_it_is_while_it_simulates_and_while_it_processes(radar):
     scene = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0))])
     told = []

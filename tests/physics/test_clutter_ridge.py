@@ -153,7 +153,8 @@ def test_ground_that_cannot_be_is_refused_by_name(of, message):
 def test_a_radar_in_the_ground_is_refused(radar):
     scene = dc.Scene(targets=[dc.Target(position_m=(5, 0, 0), body=GroundClutter())])
 
-    with pytest.raises(dc.InvalidSetting, match=r"Target.position_m is .* below the radar"):
+    wrong = r"^scene\.targets\.target-1\.position is .* 0 m above the radar"
+    with pytest.raises(dc.InvalidSetting, match=wrong):
         dc.simulate(scene, radar)
 
 

@@ -245,9 +245,21 @@ def test_noise_for_a_target_that_is_not_there_is_refused(radar):
         dc.simulate(scene, radar, impairments=[dc.WhiteNoise(snr=1.0, target="bus")])
 
 
+def test_what_an_impairment_refuses_is_named_by_its_kind(radar):
+    with pytest.raises(dc.InvalidSetting, match=r"^if-filter\.high_pass is 20 MHz"):
+        dc.simulate(dc.Scene(), radar, impairments=[dc.IfFilter(high_pass_hz=20e6)])
+
+
+@pytest.mark.parametrize("wrong", [0.0, "loud", [1.0]])
+def test_a_ratio_that_is_none_is_refused(wrong):
+    with pytest.raises(dc.InvalidSetting, match=r"WhiteNoise\.snr"):
+        dc.WhiteNoise(snr=wrong)
+
+
 @pytest.mark.parametrize(
     ("argument", "wrong"),
     [
+        *[("impairments", wrong) for wrong in (dc.ThermalNoise(), "thermal-noise", 3)],
         *[("n_frames", wrong) for wrong in (-1, 0, 1.5, True, "2")],
         *[("seed", wrong) for wrong in (-1, "a", 1.5, True, None)],
         *[("dtype", wrong) for wrong in (np.float32, int, "apples", None, dc)],

@@ -129,6 +129,7 @@ def test_a_loop_slower_than_the_ramp_is_refused(radar):
         ("gain_change", (np.nan,)),
         ("gain_change", (-1.2,)),
         ("gain_change", 0.3),
+        ("gain_change", [[0.3]]),
     ],
 )
 def test_what_is_no_loop_is_refused(field, wrong):

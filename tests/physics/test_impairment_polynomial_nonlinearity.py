@@ -64,7 +64,7 @@ def test_an_error_beyond_the_band_of_the_samples_warns(radar):
         PolynomialNonlinearity(error_hz=(0.0, 4e6)).check(STILL, radar)
 
 
-@pytest.mark.parametrize("error_hz", [(), 1e5, (np.nan,), (0.0, np.inf), (1e15,), "1"])
+@pytest.mark.parametrize("error_hz", [(), 1e5, (np.nan,), (0.0, np.inf), (1e15,), "1", [[1e5]]])
 def test_what_is_no_polynomial_is_refused(error_hz):
     with pytest.raises(InvalidSetting, match="error_hz"):
         PolynomialNonlinearity(error_hz=error_hz)

@@ -8,6 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.echoes import echo
 from dechirp.echoes.impairments.interference import Interference, Interferer
 from dechirp.echoes.impairments.radome import Radome
 from dechirp.echoes.parts import window
@@ -298,6 +299,29 @@ def test_chirps_are_the_same_however_they_are_taken_apart(radar):
     assert abs(whole - wider[..., 4:260]).max() < 1e-6 * abs(whole).max()
 
 
+def test_a_ramp_has_one_drawn_phase_however_the_chirps_are_taken_apart(radar, monkeypatch):
+    # A tone through all chirps: their echoes are summed some at a time where phases are turned.
+    tone = crossing(0.0, coherent=False, ramp_duration_s=20e-3, interval_s=20e-3, offset_s=-1e-3)
+    impairments = [dc.SlopeDrift(relative_drift=1e-6), Interference(interferers=[tone])]
+    whole = dc.simulate(NOTHING, radar, impairments=impairments, seed=5)
+    monkeypatch.setattr(echo, "_AT_ONCE", 9 * 2 * 256)
+    pieces = dc.simulate(NOTHING, radar, impairments=impairments, seed=5)
+    assert abs(whole).max() > 0
+    assert abs(whole - pieces).max() < 1e-6 * abs(whole).max()
+
+
+def test_ramps_that_do_not_fit_into_memory_are_refused(radar):
+    chirp = replace(radar.frame.chirp, slope_hz_per_s=1e3, ramp_duration_s=1e6)
+    slow = replace(radar, frame=replace(radar.frame, chirp=chirp, interval_s=1e6))
+    fast = {"slope_hz_per_s": 0.0, "ramp_duration_s": 1e-7, "interval_s": 1e-7}
+    with pytest.raises(dc.NotEnoughMemory, match="interference is .* GiB of memory"):
+        dc.simulate(
+            NOTHING, slow, impairments=[Interference(interferers=[like_the_victim(**fast)])]
+        )
+    few = Interference(interferers=[like_the_victim(**fast, n_chirps=300, period_s=1e5)])
+    assert abs(dc.simulate(NOTHING, slow, impairments=[few])).max() > 0
+
+
 def test_a_radome_weakens_interference_once_and_leakage_after_it_not_at_all(radar):
     other, radome = Interference(interferers=[like_the_victim()]), Radome(loss=4.0)
     plain = dc.simulate(NOTHING, radar, impairments=[other])
@@ -338,6 +362,7 @@ def test_an_interferer_on_the_radar_is_refused(radar):
         ({"period_s": 1e-3}, "n_chirps is none, with a period"),
         ({"period_s": 1e-3, "n_chirps": 128}, "period_s"),
         ({"offset_s": math.inf}, "offset_s"),
+        ({"coherent": "no"}, "coherent"),
         ({"transmit_power_w": -1.0}, "transmit_power_w"),
         ({"antenna_gain": None}, "antenna_gain"),
         ({"antenna_gain": 0.0}, "antenna_gain"),

@@ -249,12 +249,23 @@ def test_what_is_behind_is_hidden(saved):
 
 
 def test_places_near_each_other_see_the_same(saved):
-    # A cell of 0.3 m changes over lambda / 0.6 m, 6.5 mrad; a fourth of it is taken as one.
+    # A cell of 0.3 m changes over lambda / 0.6 m, 6.5 mrad; a twentieth of it is taken as one.
     body = Mesh(path=saved(trimesh.creation.box((0.2, 0.2, 0.2))), rays=Rays(spacing_m=0.01))
-    angles = np.degrees([0.0, 0.0005, 0.01])
+    angles = np.degrees([0.0, 0.0001, 0.01])
     here, near, off = body.seen_from_m2(20 * towards(angles), WAVELENGTH_M)
     assert (here == near).all()
     assert (here != off).any()
+
+
+@pytest.mark.filterwarnings("ignore:.*is open")
+def test_a_plate_as_large_as_a_cell_keeps_its_main_lobe(saved):
+    body = Mesh(path=saved(plate()), cell_size_m=0.101, rays=Rays(spacing_m=0.003))
+    # The first null is at 1.1 deg.
+    angle = np.linspace(0, 0.75, 16)
+    lobe = np.sinc(2 * EDGE_M / WAVELENGTH_M * np.sin(np.radians(angle))) ** 2
+    expected_m2 = 4 * np.pi * EDGE_M**4 / WAVELENGTH_M**2 * lobe
+    found_m2 = body.seen_from_m2(1e3 * towards(angle), WAVELENGTH_M).sum(axis=1)
+    assert off_db(found_m2, expected_m2) == pytest.approx(0, abs=1)
 
 
 def test_a_body_goes_to_another_process_with_what_it_knows(saved):
@@ -300,6 +311,9 @@ def test_an_open_mesh_and_faces_without_area_are_warned_of(saved, tmp_path, rada
     box = trimesh.creation.box((2, 1, 1))
     (finding,) = Mesh(path=saved(box, "box.stl"), unit="mm", cell_size_m=0.001).findings("body")
     assert finding.setting == "body.unit" and "box.stl is 2.45 mm in size" in finding.got
+    house = trimesh.creation.box((40, 1, 1))
+    (finding,) = Mesh(path=saved(house, "house.stl"), cell_size_m=1.0).findings("body")
+    assert finding.setting == "body.unit" and "house.stl is 40.02 m in size" in finding.got
     doubled = trimesh.Trimesh(box.vertices, np.vstack([box.faces, [[0, 0, 1]]]), process=False)
     body = Mesh(path=saved(doubled, "box.ply"), cell_size_m=1.0, rays=Rays(spacing_m=0.05))
     # It is closed nevertheless; simulating says so, under the name of the target.
@@ -378,6 +392,9 @@ def test_a_scene_that_takes_too_many_rays_is_refused_with_their_number(saved):
     body = Mesh(path=saved(trimesh.creation.box((60, 60, 60))), cell_size_m=5.0)
     with pytest.raises(dc.InvalidSetting, match=r"1\.95 mm between rays, .* 1.*e\+09 rays .*body"):
         body.seen_from_m2(np.array([(100.0, 0, 0)]), WAVELENGTH_M)
+    scene = Scene(targets=[dc.Target(name="hall", position_m=(100, 0, 0), body=body)])
+    with pytest.raises(dc.InvalidSetting, match=r"^scene\.targets\.hall\.body\.rays\.spacing is"):
+        cross_sections_m2(scene, 0.0, WAVELENGTH_M)
 
 
 @pytest.mark.parametrize("missing", ["trimesh", "embreex"])

@@ -8,6 +8,7 @@ import pytest
 import dechirp as dc
 from dechirp.echoes.codes import codes, is_coded
 from dechirp.echoes.impairments.jitter import Jitter
+from dechirp.echoes.impairments.mismatch import Mismatch
 from dechirp.echoes.impairments.quantisation import Quantisation
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 
@@ -79,6 +80,14 @@ def test_codes_are_the_samples_in_steps(radar, sampling, bits, dtype):
     # Noise at an eighth of full scale in amplitude, and four or five times that at its peaks.
     assert 2 ** (bits - 1) / 4 < abs(made.values).max() <= 2 ** (bits - 1)
     np.testing.assert_array_equal(made.sample, cube.sample)
+
+
+def test_a_cube_has_no_scale_where_samples_are_changed_after_the_converter(radar):
+    # All zero, and so whole numbers of whatever step, though later frames are not.
+    after = [Quantisation(full_scale_w=1e-9), Mismatch(gains=(1.0, 1.1))]
+    cube = dc.simulate(EMPTY, radar, impairments=after)
+    assert "scale" not in cube.attrs
+    assert not is_coded(cube)
 
 
 def test_samples_that_are_no_codes_are_refused(radar):

@@ -123,7 +123,10 @@ def test_mismatches_are_drawn_with_their_spread_and_kept_in_all_frames(radar):
         (lambda: DcOffset(power_w=-1.0), "DcOffset.power_w"),
         (lambda: DcOffset(power_w=1.0, phases_rad=(float("nan"),)), "DcOffset.phases_rad"),
         (lambda: Mismatch(gain_std=0.9), "Mismatch.gain_std"),
+        (lambda: DcOffset(power_w=1.0, phases_rad=0.5), "DcOffset.phases_rad"),
         (lambda: Mismatch(gains=(1.0, 0.0)), "Mismatch.gains"),
+        (lambda: Mismatch(gains=2.0), "Mismatch.gains"),
+        (lambda: Mismatch(phases_rad=[[0.1], [0.2]]), "Mismatch.phases_rad.0"),
         (lambda: Mismatch(phase_std_rad=float("inf")), "Mismatch.phase_std_rad"),
     ],
 )

@@ -151,7 +151,8 @@ def test_a_corner_that_faces_the_radar_echoes_by_the_radar_equation(radar):
 
     assert np.mean(abs(cube.values) ** 2) == pytest.approx(float(expected_w), rel=1e-3)
     away = dc.Target(position_m=(10, 0, 0), heading_rad=0.0, body=target.body)
-    assert not dc.simulate(dc.Scene(targets=[away]), radar, impairments=()).any()
+    with pytest.warns(dc.PhysicsWarning, match=r"target-1\.heading: one with which .* no side"):
+        assert not dc.simulate(dc.Scene(targets=[away]), radar, impairments=()).any()
 
 
 @pytest.mark.parametrize(
@@ -165,6 +166,15 @@ def test_a_corner_that_faces_the_radar_echoes_by_the_radar_equation(radar):
 def test_what_is_small_to_the_wave_is_refused(body, name):
     with pytest.raises(dc.InvalidSetting, match=rf"{name} is .* wavelengths"):
         body.seen_from_m2(AHEAD, WAVELENGTH_M)
+
+
+def test_a_body_that_is_small_to_the_wave_is_told_by_the_name_of_its_target(radar):
+    balls = [
+        dc.Target(name=name, position_m=(20, 0, 0), body=Sphere(radius_m=radius_m))
+        for name, radius_m in (("ball", 0.1), ("pea", 0.003))
+    ]
+    with pytest.raises(dc.InvalidSetting, match=r"^scene\.targets\.pea\.body\.radius is 0.003 m"):
+        dc.simulate(dc.Scene(targets=balls), radar)
 
 
 @pytest.mark.parametrize(

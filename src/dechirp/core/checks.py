@@ -192,6 +192,29 @@ def listed(thing: object) -> tuple[Any, ...] | None:
     return tuple(thing) if isinstance(thing, Iterable) and not is_one else None
 
 
+def series(
+    where: str,
+    given: object,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+) -> tuple[float, ...]:
+    """Keep a list of numbers as floats, or raise `InvalidSetting`, about `where` or one in it."""
+    members = listed(given)
+    if members is None:
+        raise InvalidSetting(
+            where,
+            got=reprlib.repr(given),
+            need="a list of numbers",
+            fix="Write it in brackets, also where it is one number.",
+        )
+    return tuple(
+        number(f"{where}.{place}", one, above=above, at_least=at_least, at_most=at_most)
+        for place, one in enumerate(members)
+    )
+
+
 def instances(where: str, thing: object, kind: type[_T], *, fix: str) -> tuple[_T, ...]:
     """Keep a list of values of one class, or raise `InvalidSetting`, about `where` or one in it."""
     members = listed(thing)

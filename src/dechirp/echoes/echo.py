@@ -18,7 +18,7 @@ from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.echoes.kernels import choice
 from dechirp.echoes.kernels.direct import Before
 from dechirp.echoes.parts import Part, Window, direct_parts, window
-from dechirp.echoes.stages import Stages, by_stage
+from dechirp.echoes.stages import Stages, by_stage, naming
 from dechirp.radar.cube import labelled_cube
 from dechirp.radar.radar import Radar
 from dechirp.scene.possible import must_be_possible
@@ -106,7 +106,8 @@ def simulate(
         warnings.warn(PhysicsWarning(finding), stacklevel=2)
     stages = by_stage((ThermalNoise(),) if impairments is None else impairments, radar)
     for impairment in stages.all:
-        impairment.check(scene, radar)
+        with naming(impairment):
+            impairment.check(scene, radar)
     return _simulated(scene, radar, stages, n_frames, kind, rng, engine, progress)
 
 
@@ -147,14 +148,14 @@ def _simulated(
         kernels |= _add_frame(samples[index], scene, radar, kept, stages, rng, engine or Engine())
         if progress is not None:
             progress(index + 1, n_frames)
-    attributes: dict[str, object] = {"kernels": ", ".join(sorted(kernels))}
+    said: dict[str, object] = {}
     for impairment in stages.receivers:
         impairment.apply(samples, scene, radar, rng)
-        attributes |= impairment.attributes(radar)
+        said = impairment.attributes(radar)
     if before or after:
         samples = samples[..., before : before + radar.frame.chirp.n_samples].copy()
     cube = labelled_cube(samples, radar, units="sqrt(W)")
-    cube.attrs |= attributes
+    cube.attrs |= {"kernels": ", ".join(sorted(kernels)), **said}
     return cube
 
 
@@ -244,6 +245,7 @@ def _add_frame(
         wide = kept.wider(reach.before, reach.after)
         seen = reach.phase_window(wide)
         phase_rad = np.sum([one.phase_rad(seen, radar, rng) for one in stages.oscillators], axis=0)
+    seeds = rng.integers(2**63, size=len(stages.paths))
     tail = _before(radar, kept.frame) if engine.late == "tail" else None
     own = reach is None and np.iscomplexobj(samples)
     kernels: set[str] = set()
@@ -253,8 +255,8 @@ def _add_frame(
             shape = (*echo.shape[:2], wide.n_times)
             echo = np.zeros(shape, np.result_type(samples, np.complex64))
         kernels |= _sum(echo, rows, found, wide, engine, tail)
-        for path in stages.paths:
-            path.add(echo, wide.of(rows), scene, radar, rng)
+        for path, seed in zip(stages.paths, seeds, strict=True):
+            path.add(echo, wide.of(rows), scene, radar, np.random.default_rng(seed))
         if reach is not None:
             echo = oscillator.turned(echo, phase_rad[rows], reach, radar)
         if np.iscomplexobj(samples):

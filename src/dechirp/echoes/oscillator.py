@@ -23,6 +23,9 @@ Where an eighth of the window is not enough (fs^2 / S above a quarter of the sam
 sampled fast), it is so for what is slower than S times an eighth of the window, and for the first
 echo. What is faster keeps its power towards the ends of the window, but there does not cancel as
 far as the delay would have it.
+
+Echoes that begin within the samples (`Engine.late`) jump there, and around the jump, as far as
+echoes are needed, the error is not that of their delay.
 """
 
 import math

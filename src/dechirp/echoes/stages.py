@@ -1,8 +1,11 @@
 """Impairments in the order in which they act."""
 
+import reprlib
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
+from dechirp.core.checks import listed
 from dechirp.core.errors import InvalidSetting
 from dechirp.echoes.impairments.base import Impairment, Oscillator, Preset, Propagation, Receiver
 from dechirp.radar.radar import Radar
@@ -27,13 +30,42 @@ class Stages(NamedTuple):
 
 
 def by_stage(impairments: Iterable[Impairment], radar: Radar) -> Stages:
-    """Sort impairments into their stages; presets give those they stand for."""
-    every = tuple(_single(impairments, radar))
+    """Sort impairments into their stages; presets give those they stand for.
+
+    Raises
+    ------
+    InvalidSetting
+        If they are no list, or one of them is no impairment.
+    """
+    given = listed(impairments)
+    if given is None:
+        raise InvalidSetting(
+            "impairments",
+            got=reprlib.repr(impairments),
+            need="a list of impairments",
+            fix="Write [ThermalNoise()], with the brackets of a list, even for one alone.",
+        )
+    every = tuple(_single(given, radar))
     return Stages(
         tuple(one for one in every if isinstance(one, Oscillator)),
         tuple(one for one in every if isinstance(one, Propagation)),
         tuple(one for one in every if isinstance(one, Receiver)),
     )
+
+
+@contextmanager
+def naming(impairment: Impairment) -> Iterator[None]:
+    """Name what an impairment refuses by its kind as well."""
+    try:
+        yield
+    except InvalidSetting as error:
+        (mistake,) = error.mistakes
+        if mistake.setting.startswith("Radar."):
+            raise
+        raise InvalidSetting(
+            f"{impairment.kind()}.{mistake.setting}",
+            got=mistake.got, need=mistake.need, fix=mistake.fix,
+        ) from None  # fmt: skip
 
 
 def _single(impairments: Iterable[Impairment], radar: Radar) -> Iterator[Impairment]:

@@ -1,5 +1,6 @@
 """A scenario: everything that makes one experiment, as a settings file holds it."""
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import resources
@@ -7,8 +8,9 @@ from pathlib import Path
 from typing import Literal
 
 from dechirp.config import files
-from dechirp.core.checks import count
+from dechirp.core.checks import count, instances
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.findings import PhysicsWarning
 from dechirp.core.values import value
 from dechirp.echoes.engine import Engine
 from dechirp.echoes.impairments.base import Impairment
@@ -76,7 +78,9 @@ class Scenario:
     """Tracker: none is available yet."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "impairments", tuple(self.impairments))
+        fix = "Write [ThermalNoise()], with both brackets, even for one alone."
+        impairments = instances("Scenario.impairments", self.impairments, Impairment, fix=fix)
+        object.__setattr__(self, "impairments", impairments)
         count(self, "seed", at_least=0, at_most=2**63 - 1)
         count(self, "n_frames", at_most=1_000_000)
         if (self.scene is None) == (self.recording is None):
@@ -108,7 +112,8 @@ class Scenario:
         kinds = [impairment.kind() for impairment in self.impairments]
         for index, impairment in enumerate(self.impairments):
             label = kinds[index] if kinds.count(kinds[index]) == 1 else str(index)
-            with _called(f"impairments.{label}."):
+            with _called(f"impairments.{label}."), warnings.catch_warnings():
+                warnings.simplefilter("ignore", PhysicsWarning)  # findings of the run
                 for one in by_stage([impairment], radar).all:
                     one.check(scene, radar)
 

@@ -9,9 +9,13 @@ from scipy.spatial import KDTree
 
 from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, folded, frequencies, seen, wrapped
+from dechirp.scene.rcs import cross_sections_m2
 from dechirp.scene.scene import Scene
 
 _CELLS = 2.0  # a detection is its target's within two resolution cells on every estimated axis
+
+# What reflects 60 dB less than the strongest of its body is hidden, or in a null.
+_HIDDEN = 1e-6
 
 # Ranges are differenced over it: 1e-8 m/s off at 100 m, and wheels and rotors do not turn.
 _MOMENT_S = 1e-6
@@ -45,11 +49,23 @@ def scatterers(scene: Scene, times_s: ArrayLike) -> Place:
     return Place(at_m, (after_m - before_m) / (2 * _MOMENT_S))
 
 
-def in_bodies(scene: Scene, at_most: int) -> np.ndarray:
-    """Scatterers of bodies, places in the list, so many at most, spread over all."""
+def in_bodies(scene: Scene, at_most: int, among: np.ndarray | None = None) -> np.ndarray:
+    """Scatterers of bodies, places in the list, so many at most, spread over all.
+
+    `among`: whether each may be one of them, (n_scatterers,); all without it.
+    """
     has_body = np.array([target.body is not None for target in scene.targets], dtype=bool)
-    places = np.flatnonzero(has_body[scene.owners])
+    chosen = has_body[scene.owners]
+    places = np.flatnonzero(chosen if among is None else chosen & among)
     return places[:: -(-len(places) // at_most) or 1]
+
+
+def visible(scene: Scene, time_s: float, radar: Radar) -> np.ndarray:
+    """Whether each scatterer sends something back: not those on the far side of a car."""
+    rcs_m2 = cross_sections_m2(scene, time_s, radar.frame.chirp.wavelength_m)
+    strongest_m2 = np.zeros(len(scene.targets))
+    np.maximum.at(strongest_m2, scene.owners, rcs_m2)
+    return rcs_m2 > _HIDDEN * strongest_m2[scene.owners]
 
 
 def match(
@@ -57,8 +73,8 @@ def match(
 ) -> Match:
     """Give each detection to the nearest target of its frame, within two cells on every axis.
 
-    A body of the scene is where its scatterers are, on parts that move as well; without the
-    scene it is where its origin is.
+    A body of the scene is where its scatterers are, on parts that move as well, the hidden ones
+    left out; without the scene it is where its origin is.
     """
     expected = seen(truth, radar)
     of_frame = {int(frame): index for index, frame in enumerate(truth.frame.values)}
@@ -67,9 +83,10 @@ def match(
     for at in np.unique(index):
         owners, places = np.arange(truth.sizes["target"]), Place(*(of.T[at] for of in expected))
         if scene is not None:
-            owners = scene.owners
+            shown = visible(scene, float(truth.time[at]), radar)
+            owners = scene.owners[shown]
             there = scatterers(scene, truth.time.values[at : at + 1])
-            places = folded(Place(*(of[0] for of in there)), radar)
+            places = folded(Place(*(of[0, shown] for of in there)), radar)
         own = index == at
         found = Place(detections.range.values[own], detections.velocity.values[own])
         target[own] = _nearest(found, places, owners, radar)

@@ -11,12 +11,13 @@ from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
 from dechirp.process.spectrogram import spectrogram
-from dechirp.report import tables
+from dechirp.report import compare, tables
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
 from dechirp.report.figures import spectrogram as over
 from dechirp.report.summary import settings
 from dechirp.report.view import View, view_of
 from dechirp.report.words import quantity
+from dechirp.scene.folding import Place, folded
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
 _MOST_ROWS = 50
 # Of a spectrogram: limbs keep their speed for about as long, and a figure shows no more columns.
 _WINDOW_S, _MOST_WINDOWS = 20e-3, 400
-# From the origin of a body to its parts.
-_REACH_M = 2.0
+# Fewer chirps tell no velocity over time.
+_LEAST_WINDOW = 16
+# Frames in which bodies are looked for.
+_MOST_LOOKS = 33
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
@@ -121,20 +124,24 @@ def _figures(shown: View) -> dict[str, Markup]:
 
 
 def _ranges_of_moving_bodies_m(shown: View) -> tuple[float, float] | None:
-    """Between which ranges bodies swing or turn parts; None where there are none."""
-    scene_, truth = shown.result.scenario.scene, shown.result.truth
-    if scene_ is None or truth is None:
+    """Between which ranges of the map bodies are that swing or turn parts; None without any."""
+    scene_, truth, radar = shown.result.scenario.scene, shown.result.truth, shown.result.radar
+    if scene_ is None or truth is None or radar.frame.n_chirps < _LEAST_WINDOW:
         return None
     moves = [target.body is not None and not target.body.is_rigid for target in scene_.targets]
-    ranges_m = truth.range.values[moves]
-    if not ranges_m.size:
+    own = np.array(moves, dtype=bool)[scene_.owners]
+    if not own.any():
         return None
-    return max(float(ranges_m.min()) - _REACH_M, 0.0), float(ranges_m.max()) + _REACH_M
+    times_s = truth.time.values[:: -(-truth.sizes["frame"] // _MOST_LOOKS)]
+    there = Place(*(of[:, own] for of in compare.scatterers(scene_, times_s)))
+    ranges_m = compare.on_map(folded(there, radar), radar).range_m
+    margin_m = 2 * radar.frame.chirp.range_resolution_m  # of the peaks that windows widen
+    return float(ranges_m.min()) - margin_m, float(ranges_m.max()) + margin_m
 
 
 def _spectrogram(result: "Result", range_m: tuple[float, float]) -> Markup:
     frame = result.radar.frame
-    n_window = min(max(round(_WINDOW_S / frame.repetition_s), 16), frame.n_chirps)
+    n_window = min(max(round(_WINDOW_S / frame.repetition_s), _LEAST_WINDOW), frame.n_chirps)
     hop = max(n_window // 4, frame.n_chirps * result.n_frames // _MOST_WINDOWS)
     chain = result.scenario.chain
     power = spectrogram(

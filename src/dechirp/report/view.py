@@ -56,12 +56,16 @@ class View:
 
     @property
     def scatterers(self) -> Place | None:
-        """Of bodies in the first frame, where their peaks lie on the map; of many, some."""
+        """Of bodies in the first frame, where their peaks lie on the map; of many, some.
+
+        Hidden ones have no peak.
+        """
         scene, truth = self.result.scenario.scene, self.result.truth
         if scene is None or truth is None:
             return None
         there = compare.scatterers(scene, truth.time.values[:1])
-        chosen = compare.in_bodies(scene, _MOST_SCATTERERS)
+        shown = compare.visible(scene, float(truth.time[0]), self.result.radar)
+        chosen = compare.in_bodies(scene, _MOST_SCATTERERS, shown)
         place = folding.folded(Place(*(of[0, chosen] for of in there)), self.result.radar)
         return compare.on_map(place, self.result.radar)
 

@@ -54,11 +54,15 @@ def _over_aspect(
 def _seen_from_m2(
     scene: Scene, place: int, body: AspectBody, radar_m: np.ndarray, wavelength_m: float
 ) -> np.ndarray:
-    found_m2 = body.seen_from_m2(radar_m, wavelength_m)
+    name = scene.names[place]
+    try:
+        found_m2 = body.seen_from_m2(radar_m, wavelength_m)
+    except InvalidSetting as error:
+        raise _of_target(name, error) from None
     shape = (len(radar_m), body.n_scatterers())
     if found_m2.shape != shape or not (np.isfinite(found_m2) & (found_m2 >= 0)).all():
         raise InvalidSetting(
-            f"scene.targets.{scene.names[place]}.body",
+            f"scene.targets.{name}.body",
             got="cross sections that are negative or not finite"
             if found_m2.shape == shape
             else f"cross sections of the shape {found_m2.shape}",
@@ -66,3 +70,12 @@ def _seen_from_m2(
             fix="Correct what the body gives.",
         )
     return found_m2
+
+
+def _of_target(name: str, error: InvalidSetting) -> InvalidSetting:
+    """The same mistake under the path of its setting: bodies do not know their targets."""
+    (mistake,) = error.mistakes
+    owner, _, field = mistake.setting.partition(".")
+    inner = {"Target": "", "Rays": "body.rays."}.get(owner, "body.")
+    path = f"scene.targets.{name}.{inner}{field.removesuffix('_m')}"
+    return InvalidSetting(path, got=mistake.got, need=mistake.need, fix=mistake.fix)

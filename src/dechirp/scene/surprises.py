@@ -13,8 +13,12 @@ from dechirp.radar.patterns.table import TablePattern
 from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, folded, frequencies
 from dechirp.scene.possible import looked_at, must_be_possible
+from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.rcs_table import RcsTable
 from dechirp.scene.scene import Scene
+
+# Less is sent back by a grain of dust.
+_DARK_M2 = 1e-12
 
 # Targets that each kind of surprise is told of by name; of more of them, the number.
 _MOST_TOLD = 20
@@ -32,6 +36,8 @@ class _View(NamedTuple):
     """(n_scatterers, 3), of the target of each."""
     place: Place
     """Of each: with the velocity of its target, without that of a part that moves in it."""
+    is_dark: np.ndarray
+    """(n_targets,): whether nothing of a target sends anything back."""
 
 
 class _Surprise(NamedTuple):
@@ -44,7 +50,9 @@ class _Surprise(NamedTuple):
 
 
 def surprises(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]:
-    """Targets that fold, echo late, or are behind, within or around the radar; like elements.
+    """Targets that fold, echo late, or are behind, within or around the radar, or dark.
+
+    Antennas that are alike, codes that mix, tables with holes, and what bodies say of themselves.
 
     Each kind is told once of a target, of the first frame and scatterer that it befalls, and
     by name of 20 targets at most. See `looked_at` for the frames. A part that moves within a
@@ -61,7 +69,9 @@ def surprises(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]
     others: dict[int, set[int]] = {}
     for frame in looked_at(scene, n_frames) if scene.targets else ():
         view = _view(scene, radar, frame, "" if n_frames == 1 else f" in frame {frame}")
-        for kind, find in enumerate((_fast, _folding, _late, _behind, _unseen, _within, _around)):
+        for kind, find in enumerate(
+            (_fast, _folding, _late, _behind, _unseen, _within, _around, _dark)
+        ):
             surprise = find(view)
             scatterers = np.flatnonzero(surprise.befalls)
             targets, first = np.unique(scene.owners[scatterers], return_index=True)
@@ -102,7 +112,12 @@ def _view(scene: Scene, radar: Radar, frame: int, when: str) -> _View:
     velocity = scene.target_velocities_m_per_s(time_s)[0, scene.owners]
     range_m = np.linalg.norm(position_m, axis=-1)
     along = np.einsum("ni,ni->n", position_m, velocity)
-    return _View(scene, radar, when, position_m, velocity, Place(range_m, along / range_m))
+    is_dark = np.zeros(len(scene.targets), dtype=bool)
+    if scene.over_aspect.size:
+        wavelength_m = radar.frame.chirp.wavelength_m
+        is_dark = target_cross_sections_m2(scene, time_s, wavelength_m)[0] < _DARK_M2
+    place = Place(range_m, along / range_m)
+    return _View(scene, radar, when, position_m, velocity, place, is_dark)
 
 
 def _fast(view: _View) -> _Surprise:
@@ -249,6 +264,20 @@ def _around(view: _View) -> _Surprise:
             got=f"around the radar{view.when}: scatterers on all sides of it",
             need="a body that the radar is outside of",
             fix="Move the target, or leave out the parts of the body that carry the radar.",
+        ),
+    )
+
+
+def _dark(view: _View) -> _Surprise:
+    """Bodies that face elsewhere."""
+    return _Surprise(
+        view.is_dark[view.scene.owners],
+        lambda setting, _: Finding(
+            level="warning",
+            setting=f"{setting}.heading",
+            got=f"one with which the radar sees no side that reflects{view.when}",
+            need="a side that reflects towards the radar",
+            fix="Turn the target: without a heading it faces where it goes, at rest along x.",
         ),
     )
 

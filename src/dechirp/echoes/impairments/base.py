@@ -80,7 +80,9 @@ class Propagation(Impairment):
     ) -> None:
         """Add what needs no scatterer to the samples of a window, (n_chirps, n_rx, n_times).
 
-        Complex, in place, before the oscillator turns their phase.
+        Complex, in place, before the oscillator turns their phase. Called with some chirps of
+        a frame after the other, each time with a generator that begins alike: what is drawn
+        for the frame is the same in all of them.
         """
 
 
@@ -98,5 +100,5 @@ class Receiver(Impairment):
         """Change samples, (n_frames, n_chirps, n_rx, n_samples), sqrt(W), in place."""
 
     def attributes(self, radar: Radar) -> dict[str, object]:
-        """What the cube says of it."""
+        """What the cube says of it, where no other receiver changes samples after it."""
         return {}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.core.checks import not_negative, numbers
+from dechirp.core.checks import not_negative, series
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Receiver
@@ -25,8 +25,8 @@ class DcOffset(Receiver):
     def __post_init__(self) -> None:
         not_negative(self, "power_w", at_most=1e3)
         if self.phases_rad is not None:
-            numbers("DcOffset.phases_rad", self.phases_rad)
-            object.__setattr__(self, "phases_rad", tuple(self.phases_rad))
+            phases_rad = series("DcOffset.phases_rad", self.phases_rad)
+            object.__setattr__(self, "phases_rad", phases_rad)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise unless there is a phase for each receiver."""

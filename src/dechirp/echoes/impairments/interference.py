@@ -1,6 +1,7 @@
 """Other FMCW radars: their chirps, straight into the receivers."""
 
 import math
+import reprlib
 import warnings
 from collections import Counter
 from typing import NamedTuple
@@ -10,6 +11,7 @@ import numpy as np
 from dechirp.core.checks import Vector, count, instances, number, positive, vector
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.memory import must_fit
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Propagation
@@ -25,6 +27,10 @@ from dechirp.scene.slow import slow_vector
 # What the filter weakens by more than 80 dB is left out.
 _FAINTEST = 1e-4
 _APART_M = 1e-6
+# Times at which beats are summed at once: each takes about 200 bytes.
+_AT_ONCE = 2**18
+# Bytes for each ramp that arrives during a frame, and where it is looked at.
+_RAMP_BYTES = 150
 
 
 @value
@@ -76,6 +82,13 @@ class Interferer:
         number("Interferer.slope_hz_per_s", self.slope_hz_per_s, at_least=-1e18, at_most=1e18)
         positive(self, "ramp_duration_s", "interval_s", at_least=1e-7, at_most=1e6)
         number("Interferer.offset_s", self.offset_s, at_least=-1e9, at_most=1e9)
+        if not isinstance(self.coherent, bool | np.bool_):
+            raise InvalidSetting(
+                "Interferer.coherent",
+                got=reprlib.repr(self.coherent),
+                need="True or False",
+                fix="Leave it out for phases that are drawn.",
+            )
         positive(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
         vector(self, "position_m", at_most=1e9)
         slow_vector(self, "velocity_m_per_s")
@@ -159,6 +172,12 @@ class Interferer:
             chirps_s = self.interval_s * np.arange(self.n_chirps)
             starts_s = (self.period_s * frames[:, None] + chirps_s).ravel()
         return starts_s[(starts_s > since_s) & (starts_s <= until_s)] + self.offset_s
+
+    def most_ramps(self, duration_s: float) -> float:
+        """Bound on how many ramps are looked at for so long a time."""
+        if self.n_chirps is None:
+            return duration_s / self.interval_s
+        return self.n_chirps * (1 if self.period_s is None else duration_s / self.period_s + 2)
 
     def seen_m(self, times_s: np.ndarray, ego: Ego) -> np.ndarray:
         """Where it is, in the coordinates of the radar at each time, (n_times, 3)."""
@@ -272,8 +291,12 @@ class Interference(Propagation):
     ) -> None:
         """Add what each interferer sends to the samples of the window."""
         passband = self._passband(radar.frame.chirp)
+        at_once = max(1, _AT_ONCE // window.n_times)
         for interferer in self.interferers:
-            _add(samples, window, scene.ego, radar, interferer, passband, rng)
+            ramps = _ramps(window, scene.ego, radar, interferer, rng)
+            for row in range(0, len(samples), at_once):
+                some = slice(row, row + at_once)
+                _add(samples[some], window.of(some), scene.ego, radar, interferer, passband, ramps)
 
     def _passband(self, chirp: Chirp) -> "_Passband":
         half_hz = chirp.sample_rate_hz / 2
@@ -322,6 +345,38 @@ class _Crossings(NamedTuple):
     """(n,): place of the interferer's ramp among those that were looked at."""
 
 
+class _Ramps(NamedTuple):
+    """Ramps of an interferer that arrive during a frame."""
+
+    starts_s: np.ndarray
+    """(n,), ascending, since time zero."""
+    phases: np.ndarray
+    """(n,): what each begins with, in turns."""
+
+
+def _ramps(
+    window: Window, ego: Ego, radar: Radar, interferer: Interferer, rng: np.random.Generator
+) -> _Ramps:
+    """Find those of all chirps of the frame, so that each has one phase in all of them."""
+    ramps_s = window.start_s + radar.frame.interval_s * np.arange(radar.frame.n_sent)
+    delays_s = _delays_s(ramps_s, ego, interferer)
+    first_s = ramps_s[0] + window.times_s[0] - delays_s.max()
+    last_s = ramps_s[-1] + window.times_s[-1] - delays_s.min()
+    must_fit(
+        "interference",
+        needed_bytes=_RAMP_BYTES * interferer.most_ramps(last_s - first_s),
+        fix="Give the interferer a longer interval, or simulate shorter frames.",
+    )
+    starts_s = interferer.starts_s(first_s, last_s)
+    n = len(starts_s)
+    return _Ramps(starts_s, np.zeros(n) if interferer.coherent else rng.random(n))
+
+
+def _delays_s(ramps_s: np.ndarray, ego: Ego, interferer: Interferer) -> np.ndarray:
+    """Delay on the way to the radar at the start of each of its ramps."""
+    return np.asarray(np.linalg.norm(interferer.seen_m(ramps_s, ego), axis=-1) / SPEED_OF_LIGHT)
+
+
 def _add(
     samples: np.ndarray,
     window: Window,
@@ -329,26 +384,23 @@ def _add(
     radar: Radar,
     interferer: Interferer,
     passband: _Passband,
-    rng: np.random.Generator,
+    ramps: _Ramps,
 ) -> None:
-    chirp, times_s = radar.frame.chirp, window.times_s
+    chirp = radar.frame.chirp
     ramps_s = window.start_s + window.starts_s
-    delays_s = np.linalg.norm(interferer.seen_m(ramps_s, ego), axis=-1) / SPEED_OF_LIGHT
-    starts_s = interferer.starts_s(
-        ramps_s[0] + times_s[0] - delays_s.max(), ramps_s[-1] + times_s[-1] - delays_s.min()
-    )
-    phases = np.zeros(len(starts_s)) if interferer.coherent else rng.random(len(starts_s))
-    found = _crossings(window, chirp, interferer, passband, delays_s, starts_s)
+    delays_s = _delays_s(ramps_s, ego, interferer)
+    found = _crossings(window, chirp, interferer, passband, delays_s, ramps.starts_s)
     if not found.rows.size:
         return
-    t = times_s[found.columns]
+    t = window.times_s[found.columns]
     at_m = interferer.seen_m(ramps_s[found.rows] + t, ego)
     start_hz, slope = interferer.start_frequency_hz, interferer.slope_hz_per_s
     # Receivers 10 cm apart see beats 7 kHz apart at 20 MHz/us: one for all in the filter.
     theirs_s = t + found.ahead_s - np.linalg.norm(at_m, axis=-1) / SPEED_OF_LIGHT
     beat_hz = chirp.start_frequency_hz + chirp.slope_hz_per_s * t - start_hz - slope * theirs_s
     passing = passband.factors(beat_hz)
-    cycles = chirp.start_frequency_hz * t + chirp.slope_hz_per_s * t**2 / 2 - phases[found.chirps]
+    cycles = chirp.start_frequency_hz * t + chirp.slope_hz_per_s * t**2 / 2
+    cycles -= ramps.phases[found.chirps]
     amplitudes = _amplitudes(window, ego, radar, interferer)
     for receiver, (rx_m, amplitude) in enumerate(zip(radar.array.rx_m, amplitudes, strict=True)):
         length_m = np.linalg.norm(at_m - rx_m, axis=-1)

@@ -49,8 +49,7 @@ class IqImbalance(Receiver):
                 "gain",
                 got="of Q over I, and samples are real",
                 need="complex samples: one mixer has nothing to be unlike",
-                fix="Leave iq-imbalance out (of typical-77ghz: give it sampling: real), or set"
-                " radar.frame.chirp.sampling to complex.",
+                fix="Leave iq-imbalance out, or set radar.frame.chirp.sampling to complex.",
             )
 
     def apply(

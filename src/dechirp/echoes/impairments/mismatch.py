@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.core.checks import not_negative, numbers, positive, positive_ratios
+from dechirp.core.checks import not_negative, positive, series
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.echoes.analog import Reach, convolution, impulse_response, reach
@@ -52,11 +52,11 @@ class Mismatch(Receiver):
             )
         not_negative(self, "phase_std_rad", at_most=np.pi)
         if self.gains is not None:
-            positive_ratios("Mismatch.gains", self.gains)
-            object.__setattr__(self, "gains", tuple(self.gains))
+            gains = series("Mismatch.gains", self.gains, above=0.0, at_most=1e12)
+            object.__setattr__(self, "gains", gains)
         if self.phases_rad is not None:
-            numbers("Mismatch.phases_rad", self.phases_rad)
-            object.__setattr__(self, "phases_rad", tuple(self.phases_rad))
+            phases_rad = series("Mismatch.phases_rad", self.phases_rad)
+            object.__setattr__(self, "phases_rad", phases_rad)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise unless what is given is for each receiver."""

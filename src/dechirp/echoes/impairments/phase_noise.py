@@ -8,7 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import irfft, next_fast_len
 
-from dechirp.core.checks import listed, number
+from dechirp.core.checks import listed, series
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.memory import must_fit
@@ -156,7 +156,4 @@ def _points(where: str, given: object, at_least: float, at_most: float) -> tuple
         raise InvalidSetting(
             where, got=given, need="a list of at least one number", fix="Write [1e6], or a mask."
         )
-    return tuple(
-        number(f"{where}.{place}", one, at_least=at_least, at_most=at_most)
-        for place, one in enumerate(members)
-    )
+    return series(where, members, at_least=at_least, at_most=at_most)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from dechirp.core.checks import listed, numbers, positive
+from dechirp.core.checks import listed, positive, series
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.echoes.impairments.frequency_error import FrequencyError
@@ -56,8 +56,8 @@ class Pll(FrequencyError):
                 need="a list of at most 8 ratios, of the powers 1, 2 ... of the tuning voltage",
                 fix="Write [-0.3] for a gain that falls by 30 % over the ramp.",
             )
-        made = numbers("Pll.gain_change", given, above=-1e3, below=1e3)
-        object.__setattr__(self, "gain_change", tuple(made.tolist()))
+        made = series("Pll.gain_change", given, at_least=-1e3, at_most=1e3)
+        object.__setattr__(self, "gain_change", made)
         gains = Polynomial([1.0, *self.gain_change])(np.linspace(0.0, 1.0, 1001))
         if gains.min() <= 0:
             raise InvalidSetting(

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from dechirp.core.checks import listed, numbers
+from dechirp.core.checks import listed, series
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.echoes.impairments.frequency_error import FrequencyError
@@ -37,8 +37,8 @@ class PolynomialNonlinearity(FrequencyError):
                 need="a list of 1 to 16 frequencies, of the powers 0, 1, 2 ... of time",
                 fix="Write [0 Hz, 0 Hz, 100 kHz] for a parabola.",
             )
-        made = numbers("PolynomialNonlinearity.error_hz", given, above=-1e13, below=1e13)
-        object.__setattr__(self, "error_hz", tuple(made.tolist()))
+        made = series("PolynomialNonlinearity.error_hz", given, at_least=-1e13, at_most=1e13)
+        object.__setattr__(self, "error_hz", made)
 
     def frequency_hz(self, times_s: np.ndarray, radar: Radar) -> np.ndarray:
         """The polynomial."""

@@ -24,7 +24,8 @@ class Radome(Propagation):
 
     with the loss of the film one way by `theory.water.film_loss`: 10 dB for 0.2 mm at 77 GHz and
     10 degrees. It acts on what stands before it in the list of impairments: put leakage within
-    the radar after it.
+    the radar after it, and walls, ground and rain before it, whose echoes it weakens on the way
+    in wherever they stand.
     """
 
     film_m: float = 0.0

@@ -39,7 +39,8 @@ class SinusoidalNonlinearity(FrequencyError):
     def __post_init__(self) -> None:
         not_negative(self, "deviation_hz", at_most=1e13)
         positive(self, "rate_hz", at_least=1e-6, at_most=1e13)
-        number("SinusoidalNonlinearity.start_phase_rad", self.start_phase_rad)
+        start_rad = number("SinusoidalNonlinearity.start_phase_rad", self.start_phase_rad)
+        object.__setattr__(self, "start_phase_rad", start_rad)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise for a rate that samples cannot follow, warn of a large error."""

@@ -34,11 +34,11 @@ class Wall(Propagation):
     by half a circle, as metal does, and anything at grazing incidence.
 
     The radar must keep its distance from the wall: be at rest, or drive along it without
-    turning. Only what is on the radar's side is mirrored; nothing is hidden by the wall. What
-    no antenna sees straight has no ghost, and cross sections are those seen straight. Of
-    several walls each makes its ghosts, none ways off two; ways go off the ground as well,
-    whichever is listed first. Rain and other losses take the longer ways into account where
-    they are listed after it.
+    turning. Only what is on the radar's side is mirrored; nothing is hidden by the wall. Cross
+    sections are those seen straight, gains those of each way: what only its image shows to the
+    antennas has a ghost all the same. Of several walls each makes its ghosts, none ways off two;
+    ways go off the ground as well, whichever is listed first. Rain and other losses take the
+    longer ways into account where they are listed after it.
     """
 
     start_m: Point

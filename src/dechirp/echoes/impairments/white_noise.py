@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dechirp.core.checks import positive
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Receiver
@@ -23,13 +24,8 @@ class WhiteNoise(Receiver):
     """Name of the target whose echo is meant; none: the only one there is."""
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.snr) and self.snr > 0):
-            raise InvalidSetting(
-                "WhiteNoise.snr",
-                got=self.snr,
-                need="a ratio above 0, or decibels with their unit",
-                fix="Write -24 dB, or 0.004.",
-            )
+        # 300 dB either way: beyond, single precision has no such noise.
+        positive(self, "snr", at_least=1e-30, at_most=1e30)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise where the target is not there, or has no echo."""

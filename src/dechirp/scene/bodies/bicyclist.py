@@ -74,7 +74,7 @@ class Bicyclist(Body):
     phase_rad: float = 0.0
     """Of the cranks at time zero; 0: the left pedal is on top."""
     rcs_m2: float = 0.32
-    """Of all scatterers together: twice that of a pedestrian, -8 dBsm."""
+    """Of all scatterers together, -5 dBsm: twice that of a pedestrian."""
 
     def __post_init__(self) -> None:
         positive(self, "height_m", at_least=1.0, at_most=2.5)

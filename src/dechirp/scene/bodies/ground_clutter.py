@@ -99,7 +99,7 @@ class GroundClutter(AspectBody):
         if lowest_m <= 0:
             raise InvalidSetting(
                 "Target.position_m",
-                got=f"with its ground {-lowest_m:.4g} m above the radar",
+                got=f"with its ground {0.0 - lowest_m:.4g} m above the radar",
                 need="below the radar: ground is not seen from there",
                 fix="Put the ground at z = -0.5 m for a radar in a bumper, or raise the radar"
                 " (ego position).",
