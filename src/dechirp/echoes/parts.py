@@ -84,7 +84,7 @@ def direct_parts(
         seen &= every.tx_gains.max(axis=0) * every.rx_gains.max(axis=0) > 0
     starts_s = frame.interval_s * np.arange(frame.n_sent)
     weights = frame.sent_weights()
-    for path in paths(scene, frame, start_s):
+    for path in paths(scene, frame, start_s, seen):
         kept = seen[path.scatterers]
         own, chirps = path.scatterers[kept], path.chirps
         factors = None if per_chirp is None else np.sqrt(per_chirp[chirps][:, own])

@@ -47,7 +47,9 @@ class Path(NamedTuple):
     """(n_terms, n, 3): at t they are where the sum of path_m[k] t^k says, t in s from mid_s."""
 
 
-def paths(scene: Scene, frame: Frame, start_s: float) -> list[Path]:
+def paths(
+    scene: Scene, frame: Frame, start_s: float, seen: np.ndarray | None = None
+) -> list[Path]:
     """Polynomials in time along which scatterers go during one frame.
 
     Straight lines and parabolas are exact, for a radar that does not turn. Anything else is
@@ -65,11 +67,13 @@ def paths(scene: Scene, frame: Frame, start_s: float) -> list[Path]:
         Its chirps, from the start of the first to the last sample of the last.
     start_s : float
         When the frame starts, since time zero.
+    seen : array of bool (n_scatterers,), optional
+        Only where these are is asked for; those on parabolas come all the same.
 
     Returns
     -------
     list of Path
-        Every scatterer is in each chirp once.
+        Every scatterer that is asked for is in each chirp once.
 
     Raises
     ------
@@ -77,7 +81,7 @@ def paths(scene: Scene, frame: Frame, start_s: float) -> list[Path]:
         If a body is not finite, or moves so wildly that it is 10 nm off within one chirp.
     """
     found = list(_parabolas(scene, frame, start_s))
-    others = scene.wanderers
+    others = scene.wanderers if seen is None else scene.wanderers[seen[scene.wanderers]]
     waiting = [(slice(0, frame.n_sent), others)] if others.size else []
     while waiting:
         chirps, scatterers = waiting.pop()

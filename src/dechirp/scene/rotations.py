@@ -19,9 +19,9 @@ def into(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         Unit vectors as columns.
     vectors : array (n_times, n, 3)
     """
-    return np.einsum("tni,tij->tnj", vectors, axes)
+    return np.asarray(vectors @ axes)
 
 
 def out_of(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Undo `into`: from components along axes to those in the axes around."""
-    return np.einsum("tnj,tij->tni", vectors, axes)
+    return np.asarray(vectors @ np.swapaxes(axes, -1, -2))
