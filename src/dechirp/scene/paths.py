@@ -47,9 +47,7 @@ class Path(NamedTuple):
     """(n_terms, n, 3): at t they are where the sum of path_m[k] t^k says, t in s from mid_s."""
 
 
-def paths(
-    scene: Scene, frame: Frame, start_s: float, seen: np.ndarray | None = None
-) -> list[Path]:
+def paths(scene: Scene, frame: Frame, start_s: float, seen: np.ndarray | None = None) -> list[Path]:
     """Polynomials in time along which scatterers go during one frame.
 
     Straight lines and parabolas are exact, for a radar that does not turn. Anything else is
