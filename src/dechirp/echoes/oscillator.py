@@ -41,8 +41,8 @@ from dechirp.echoes.kernels.threads import in_threads
 from dechirp.echoes.parts import Part, Window
 from dechirp.radar.radar import Radar
 
-# Samples of some chirps that are turned at once: they stay in the cache of a core.
-_AT_ONCE = 2**16
+# Samples of some chirps that are turned at once, 1 MB: fewer take longer in Python than in loops.
+_AT_ONCE = 2**17
 # Samples beyond those that the fastest error needs, in which echoes pass over to a copy.
 _RINGING = 10
 
