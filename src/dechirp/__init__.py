@@ -59,17 +59,38 @@ if TYPE_CHECKING:
     from dechirp.experiment.verify.certificate import Certificate, verify
     from dechirp.formats.recording import Recording, open
     from dechirp.formats.settings.write_ti_cfg import ti_cfg_text
+    from dechirp.process.angle.aperture import FieldOfView
+    from dechirp.process.angle.bartlett import Bartlett
+    from dechirp.process.angle.capon import Capon
+    from dechirp.process.angle.esprit import Esprit
+    from dechirp.process.angle.fft import Fft
+    from dechirp.process.angle.iterative_adaptive import IterativeAdaptive
+    from dechirp.process.angle.maximum_likelihood import MaximumLikelihood
+    from dechirp.process.angle.monopulse import Monopulse
+    from dechirp.process.angle.music import Music
+    from dechirp.process.angle.root_music import RootMusic
+    from dechirp.process.angle_maps import angle_spectrum, range_azimuth_map
+    from dechirp.process.calibrate import Calibrated, calibrate
     from dechirp.process.cfar.base import Cells, Cfar
     from dechirp.process.cfar.cell_averaging import CellAveraging
+    from dechirp.process.cfar.greatest_of import GreatestOf
+    from dechirp.process.cfar.ordered_statistic import OrderedStatistic
+    from dechirp.process.cfar.smallest_of import SmallestOf
+    from dechirp.process.cfar.trimmed_mean import TrimmedMean
+    from dechirp.process.cfar.two_step import TwoStep
     from dechirp.process.chain import Chain, detect, power_map, threshold_map
     from dechirp.process.spectrogram import spectrogram
     from dechirp.radar.array import Array
+    from dechirp.radar.calibration import Calibration
     from dechirp.radar.chirp import Chirp
     from dechirp.radar.design import Design, design
     from dechirp.radar.devices.base import Device
     from dechirp.radar.devices.known import device
     from dechirp.radar.frame import Frame
     from dechirp.radar.hardware import Hardware
+    from dechirp.radar.modulations.frequency_shift_keying import FrequencyShiftKeying
+    from dechirp.radar.modulations.staggered import Staggered
+    from dechirp.radar.modulations.triangular import Triangular
     from dechirp.radar.multiplexing.bpm import Bpm
     from dechirp.radar.multiplexing.ddma import Ddma
     from dechirp.radar.multiplexing.phase_code import PhaseCode
@@ -139,17 +160,38 @@ _WHERE = {
     "experiment.verify.certificate": "Certificate verify",
     "formats.recording": "Recording open",
     "formats.settings.write_ti_cfg": "ti_cfg_text",
+    "process.angle.aperture": "FieldOfView",
+    "process.angle.bartlett": "Bartlett",
+    "process.angle.capon": "Capon",
+    "process.angle.esprit": "Esprit",
+    "process.angle.fft": "Fft",
+    "process.angle.iterative_adaptive": "IterativeAdaptive",
+    "process.angle.maximum_likelihood": "MaximumLikelihood",
+    "process.angle.monopulse": "Monopulse",
+    "process.angle.music": "Music",
+    "process.angle.root_music": "RootMusic",
+    "process.angle_maps": "angle_spectrum range_azimuth_map",
+    "process.calibrate": "Calibrated calibrate",
     "process.cfar.base": "Cells Cfar",
     "process.cfar.cell_averaging": "CellAveraging",
+    "process.cfar.greatest_of": "GreatestOf",
+    "process.cfar.ordered_statistic": "OrderedStatistic",
+    "process.cfar.smallest_of": "SmallestOf",
+    "process.cfar.trimmed_mean": "TrimmedMean",
+    "process.cfar.two_step": "TwoStep",
     "process.chain": "Chain detect power_map threshold_map",
     "process.spectrogram": "spectrogram",
     "radar.array": "Array",
+    "radar.calibration": "Calibration",
     "radar.chirp": "Chirp",
     "radar.design": "Design design",
     "radar.devices.base": "Device",
     "radar.devices.known": "device",
     "radar.frame": "Frame",
     "radar.hardware": "Hardware",
+    "radar.modulations.frequency_shift_keying": "FrequencyShiftKeying",
+    "radar.modulations.staggered": "Staggered",
+    "radar.modulations.triangular": "Triangular",
     "radar.multiplexing.bpm": "Bpm",
     "radar.multiplexing.ddma": "Ddma",
     "radar.multiplexing.phase_code": "PhaseCode",
@@ -184,9 +226,13 @@ _MODULE = {name: module for module, names in _WHERE.items() for name in names.sp
 
 __all__ = [
     "Array",
+    "Bartlett",
     "Bicyclist",
     "Bpm",
     "Bumper",
+    "Calibrated",
+    "Calibration",
+    "Capon",
     "Car",
     "CellAveraging",
     "Cells",
@@ -206,10 +252,15 @@ __all__ = [
     "Device",
     "Ego",
     "Engine",
+    "Esprit",
+    "Fft",
+    "FieldOfView",
     "Finding",
     "Fog",
     "Frame",
+    "FrequencyShiftKeying",
     "Gas",
+    "GreatestOf",
     "Ground",
     "GroundClutter",
     "GuardRail",
@@ -221,11 +272,16 @@ __all__ = [
     "InvalidFile",
     "InvalidSetting",
     "IqImbalance",
+    "IterativeAdaptive",
     "Jitter",
     "Leakage",
+    "MaximumLikelihood",
     "Mesh",
     "Mismatch",
+    "Monopulse",
+    "Music",
     "NotEnoughMemory",
+    "OrderedStatistic",
     "Oscillation",
     "PatchArray",
     "Pedestrian",
@@ -248,24 +304,32 @@ __all__ = [
     "RecordingError",
     "Requirements",
     "Result",
+    "RootMusic",
     "Rotation",
     "Scatterer",
     "Scenario",
     "Scene",
     "SinusoidalNonlinearity",
     "SlopeDrift",
+    "SmallestOf",
     "Source",
     "Sphere",
+    "Staggered",
     "TablePattern",
     "Target",
     "Tdm",
     "ThermalNoise",
+    "Triangular",
+    "TrimmedMean",
     "Truck",
+    "TwoStep",
     "Typical77Ghz",
     "Van",
     "Wall",
     "Waypoint",
     "WhiteNoise",
+    "angle_spectrum",
+    "calibrate",
     "codes",
     "design",
     "detect",
@@ -275,6 +339,7 @@ __all__ = [
     "open",
     "plan",
     "power_map",
+    "range_azimuth_map",
     "reference",
     "run",
     "simulate",

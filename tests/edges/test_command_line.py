@@ -733,7 +733,9 @@ def test_every_family_lists_its_members_with_their_settings(call):
 
     families = json.loads(out)["families"]
     assert (status, err) == (0, "")
-    assert " ".join(families) == "body cfar device format impairment multiplexing pattern"
+    assert " ".join(families) == (
+        "angle body cfar device format impairment modulation multiplexing pattern"
+    )
     assert (
         families["multiplexing"]["tdm"]["settings"]["order"]["need"]
         == "a list, each a whole number"

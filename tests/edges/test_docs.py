@@ -1,6 +1,7 @@
 """The settings that the pages show are settings."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -41,3 +42,39 @@ def test_every_target_that_is_shown_is_one(text):
     without_scene = RADAR[: RADAR.index("scene:")]
     scenario = parse(f"scene:\n  targets:\n{text}{without_scene}", Scenario)
     assert scenario.scene.n_scatterers >= len(scenario.scene.targets) > 0
+
+
+@pytest.fixture(scope="module")
+def in_space() -> dc.Scenario:
+    return dc.load(DOCS.parent / "examples" / "mimo.yaml", ["n_frames=1"])
+
+
+@pytest.mark.parametrize("text", shown("angles.md"))
+def test_every_chain_that_is_shown_finds_the_car(text, in_space):
+    shown_chain = parse(text + RADAR, Scenario).chain
+
+    found = dc.run(replace(in_space, chain=shown_chain)).detections
+
+    car = found.isel(detection=int(abs(found.velocity.values - 6).argmin()))
+    assert abs(float(car.range) - 60.05) < 0.05
+    assert abs(float(car.azimuth) + 0.033) < 5 * float(car.azimuth_std)
+
+
+def test_the_python_that_is_shown_runs(monkeypatch):
+    page = (DOCS / "angles.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(DOCS.parent)
+    names = {"dc": dc}
+    for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(code, names)
+    assert names["power"].dims == ("azimuth", "range")
+    assert names["spectrum"].dims == ("elevation", "azimuth")
+
+
+@pytest.mark.parametrize("page", ["angles.md", "scenes.md", "recordings.md"])
+def test_links_between_pages_lead_somewhere(page):
+    text = (DOCS / page).read_text(encoding="utf-8")
+    for name, section in re.findall(r"\]\(([\w./-]+)(?:#([\w-]+))?\)", text):
+        assert (DOCS / name).exists(), name
+        if section:
+            heads = re.findall(r"^#+ (.*)$", (DOCS / name).read_text(encoding="utf-8"), re.M)
+            assert section in {head.lower().replace(" ", "-") for head in heads}, section

@@ -202,3 +202,20 @@ def test_a_hole_in_a_table_is_told_by_the_name_of_its_target():
 def test_bounds_of_angles_are_told_in_degrees():
     with pytest.raises(dc.InvalidFile, match=r"scene.ego.yaw is 400 deg, .* \(360 deg\)"):
         dc.load(EXAMPLES / "corner-radar.yaml", ["scene.ego.yaw=400 deg"])
+
+
+def test_intervals_in_turn_tell_the_speed_of_oncoming_traffic():
+    result = dc.run(dc.load(EXAMPLES / "intervals-in-turn.yaml"))
+    limit = max(result.radar.at(k).frame.max_velocity_m_per_s for k in range(3))
+    oncoming = result.truth.sel(target="oncoming")
+    assert np.all(oncoming.velocity < -2 * limit)
+    for frame in range(6):
+        own = result.detections.isel(
+            detection=np.flatnonzero(result.detections.frame.values == frame)
+        )
+        nearest = own.isel(detection=int(abs(own.range - oncoming.range[frame]).values.argmin()))
+        assert float(nearest.fold_confidence) >= 0.99
+        error = abs(nearest.velocity - oncoming.velocity[frame])
+        # Six standard errors: it walks through half of a range cell.
+        assert float(error) < 6 * float(nearest.velocity_std)
+    assert "35 µs, 38 µs, 41 µs, frame by frame" in render(result, yaml="").replace("\u202f", " ")

@@ -32,6 +32,7 @@ FIGURES = {
     "map",
     "noisy_map",
     "detections",
+    "detectors",
     "thresholds",
     "curves",
     "resolution",

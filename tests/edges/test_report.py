@@ -12,13 +12,17 @@ from dechirp.core.conventions import axis
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.echoes.echo import simulate
 from dechirp.echoes.engine import Engine
+from dechirp.experiment.run import run
+from dechirp.experiment.scenario import Scenario
 from dechirp.process.cfar.base import Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
 from dechirp.process.chain import Chain, power_map
+from dechirp.radar.array import Array
 from dechirp.radar.budget import received_power_w
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
+from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.report import compare
 from dechirp.report.figures import bars
@@ -114,6 +118,8 @@ def detections(n: int = 1, n_frames: int = 1) -> xr.Dataset:
         "range_std": 0.0039 / np.sqrt(snr / 12_500),
         "velocity_std": 0.0081 / np.sqrt(snr / 12_500),
     }
+    not_told = ("azimuth", "elevation", "azimuth_std", "elevation_std", "fold", "fold_confidence")
+    columns |= {name: np.full(n, np.nan) for name in not_told}
     return xr.Dataset({name: ("detection", values) for name, values in columns.items()})
 
 
@@ -346,6 +352,33 @@ def test_a_target_beyond_the_ambiguity_limits_is_expected_where_its_echo_peaks(s
     assert abs(expected.range_m.item() - power.range[column]) < 0.6 * chirp.range_resolution_m
     off = expected.velocity_m_per_s.item() - power.velocity[row]
     assert abs(off) < 0.6 * frame.velocity_resolution_m_per_s
+
+
+@pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+@pytest.mark.parametrize("n_tx", [1, 2])
+def test_over_time_the_truth_has_the_fold_of_its_detections_on_the_map_none(n_tx):
+    """Two transmitters in turns tell folds by direction; their map goes to 27 m/s, as does
+    that of one which sends as often."""
+    interval_s = 5 * CHIRP.ramp_duration_s / n_tx
+    turns = Tdm(order=(0, 1)) if n_tx == 2 else None
+    radar = dataclasses.replace(
+        RADAR,
+        frame=Frame(chirp=CHIRP, n_chirps=64, interval_s=interval_s, multiplexing=turns),
+        array=Array(
+            tx_m=((0, 0, 0), (0, 7.8e-3, 0))[:n_tx],
+            rx_m=tuple((0, 1.95e-3 * place, 0) for place in range(4)),
+        ),
+    )
+    scene = Scene(targets=[dataclasses.replace(CAR, velocity_m_per_s=(-40, 0, 0), rcs_m2=100)])
+    result = run(Scenario(radar=radar, scene=scene, n_frames=2))
+    view = view_of(result)
+
+    assert radar.frame.max_velocity_m_per_s == pytest.approx(26.5, abs=0.5)
+    told = -40 if n_tx == 2 else -40 + 2 * radar.frame.max_velocity_m_per_s
+    assert view.seen.velocity_m_per_s == pytest.approx(told, abs=0.1)
+    assert view.strongest.velocity.values[:2] == pytest.approx(told, abs=0.1)
+    on_map = -40 + 2 * radar.frame.max_velocity_m_per_s
+    assert view.expected.velocity_m_per_s == pytest.approx(on_map, abs=0.1)
 
 
 def test_a_detection_two_cells_away_is_not_the_targets():

@@ -172,6 +172,24 @@ def test_turns_that_cannot_be_are_told_with_their_place(text, setting, got, need
     assert only.fix
 
 
+def test_another_kind_starts_from_its_own_defaults():
+    """Those of the kind before would be refused, though nobody wrote them."""
+    chosen = parse("{}", Setup, overrides=["chain.angle.kind=music", "chain.angle.n_sources=2"])
+    as_file = parse("{chain: {angle: {kind: music, n_sources: 2}}}", Setup)
+    again = parse(
+        "{chain: {angle: {kind: music, n_sources: 2}}}", Setup, overrides=["chain.angle.kind=music"]
+    )
+
+    assert chosen == as_file == again
+
+
+def test_a_step_beyond_the_sweep_is_told_with_its_place():
+    step = "  modulation: {kind: frequency-shift-keying, step: 90 GHz}\n"
+    only = mistake(RADAR.replace("  period: 50 ms\n", "  period: 50 ms\n" + step), Radar)
+
+    assert (only.setting, only.got) == ("frame.modulation.step", "9e+10 Hz")
+
+
 def test_turns_can_be_set_on_the_command_line():
     one, two = in_turns("null"), in_turns("{kind: tdm, order: [0, 1]}")
     swapped = parse(two, Radar, overrides=["frame.multiplexing.order=[1, 0]"])
@@ -218,7 +236,7 @@ def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
         "radar.yaml:2:28: frame.chirp.start_frequency is 7 apples, but must be a frequency, as"
         " 77 GHz. Units that fit: GHz, MHz, kHz, Hz, MS/s, kS/s.",
         "radar.yaml:4:3: frame.n_chrips is not a known name, but must be one of chirp, n_chirps,"
-        " interval, period, multiplexing. Did you mean n_chirps?",
+        " interval, period, multiplexing, modulation. Did you mean n_chirps?",
         "radar.yaml:6:11: frame.period is 50 m, but must be a time, as 35 us."
         " Did you mean ms? Units that fit: s, ms, us, ns, min, h.",
         "radar.yaml:9:1: hardware.transmit_power is missing, but must be given: a power, as"
@@ -294,9 +312,9 @@ def test_the_member_of_a_family_is_chosen_by_kind():
 
 
 def test_what_is_not_there_yet_may_only_be_null():
-    assert parse("chain: {angle: null}", Setup) == Setup()
-    only = mistake("chain: {angle: {kind: fft}}", Setup)
-    assert only.setting == "chain.angle"
+    assert parse("chain: {cluster: null}", Setup) == Setup()
+    only = mistake("chain: {cluster: {kind: dbscan}}", Setup)
+    assert only.setting == "chain.cluster"
     assert only.need == "null: not available yet"
 
 
@@ -333,7 +351,7 @@ def test_a_text_that_cannot_be_read_says_where(text, line, column):
 
 @pytest.mark.parametrize("text", ["", "# nothing\n", "- 1", "7", "frame"])
 def test_a_text_that_is_no_mapping_is_one_mistake(text):
-    assert mistake(text, Radar).need == "a mapping of frame, array, hardware"
+    assert mistake(text, Radar).need == "a mapping of frame, array, hardware, calibration"
 
 
 @pytest.mark.parametrize(
@@ -518,3 +536,27 @@ def test_any_setting_of_the_command_line_is_taken_or_refused(option):
         parse(RADAR, Radar, overrides=[option])
     except InvalidFile as error:
         assert error.mistakes
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "interval: [35 us, 38.5 us]",
+        "interval: 35 us\n  modulation: {kind: triangular}",
+        "interval: 35 us\n  modulation: {kind: frequency-shift-keying, step: -20 MHz}",
+        "interval: 35 us\n  modulation: {kind: staggered, pauses: [0 s, 2.5 us]}",
+    ],
+)
+def test_intervals_in_turn_and_modulations_are_written_as_they_are_read(written):
+    radar = parse(RADAR.replace("interval: 35 us", written), Radar)
+    assert radar.frame.n_intervals + radar.frame.n_slots == 3
+    assert parse(dump(radar), Radar) == radar
+
+
+def test_a_wrong_interval_of_a_list_is_told_by_its_place():
+    assert mistake(RADAR.replace("interval: 35 us", "interval: [35 us, 5 us]"), Radar).setting == (
+        "frame.interval.1"
+    )
+    for wrong in ("[35 us]", "[35 us, 38 apples]", "35 apples"):
+        told = mistake(RADAR.replace("interval: 35 us", f"interval: {wrong}"), Radar)
+        assert told.setting.startswith("frame.interval")

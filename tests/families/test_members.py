@@ -13,7 +13,10 @@ import pytest
 import dechirp as dc
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.formats.base import Fit, Format
+from dechirp.process.angle.aperture import Aperture
+from dechirp.process.angle.base import DirectionEstimator
 from dechirp.process.cfar.base import NoiseEstimator
+from dechirp.radar.modulations.base import Modulation
 from dechirp.radar.multiplexing.base import Multiplexing
 from dechirp.radar.patterns.base import Pattern
 from dechirp.scene.bodies.base import Body
@@ -21,7 +24,16 @@ from dechirp.scene.bodies.points import Scatterer
 from dechirp.scene.rcs import cross_sections_m2
 from noise import noise_cube
 
-FAMILIES = [NoiseEstimator, Impairment, Format, Multiplexing, Pattern, Body]
+FAMILIES = [
+    NoiseEstimator,
+    DirectionEstimator,
+    Impairment,
+    Format,
+    Modulation,
+    Multiplexing,
+    Pattern,
+    Body,
+]
 # Of three transmitters; the phases turn the second and the third by thirds of a circle.
 GIVEN = {
     "rate_m_per_s": 7e-6,
@@ -45,6 +57,8 @@ GIVEN = {
     ],
     "order": (2, 0, 1),
     "n_sub_bands": 4,
+    "step_hz": 2e8,
+    "pauses_s": (0.0, 7e-6, 3e-6),
     "azimuth_rad": (-1, 0, 1),
     "gain": ((1, 10, 2),),
     "n_patches": 5,
@@ -96,10 +110,8 @@ def test_another_package_adds_a_member_by_an_entry_point(tmp_path):
         "from dechirp.process.cfar.base import NoiseEstimator\n\n\n"
         "@value\n"
         "class AlwaysThree(NoiseEstimator):\n"
-        "    def threshold(self, power, ring, factors):\n"
-        "        return np.full_like(power, 3.0)\n\n"
-        "    def factor(self, false_alarm_probability, box, *, n_channels):\n"
-        "        return 1.0\n"
+        "    def statistic(self, cells, offsets):\n"
+        "        return np.full(cells.shape[:-1], 3.0)\n"
     )
     folder = tmp_path / "guest-1.0.dist-info"
     folder.mkdir()
@@ -145,6 +157,94 @@ def test_each_cfar_alarms_as_asked_in_white_noise(radar, kind, where):
     # less than 1.5: 537 alarms or more, five standard errors.
     spread = 1.5 * np.sqrt(1e-2 / trials)
     assert hits / trials == pytest.approx(1e-2, abs=5 * spread)
+
+
+def on_line(n):
+    """Elements half a wavelength apart, to the left of each other."""
+    return Aperture(np.stack([np.zeros(n), np.arange(n) / 2, np.zeros(n)], axis=1))
+
+
+def snapshots_of(azimuth, seen, rng):
+    """One look each at a source of 20 dB in an element, with noise of unit power."""
+    shape = (len(azimuth), 1, seen.n_elements)
+    phase = np.exp(2j * np.pi * rng.uniform(size=(len(azimuth), 1)))
+    noise = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+    return (10 * phase * seen.steering(azimuth))[:, None] + noise / np.sqrt(2)
+
+
+@pytest.mark.parametrize("n_elements", [4, 8])
+@pytest.mark.parametrize("kind", DirectionEstimator.members())
+def test_each_direction_estimator_finds_one_source_with_the_errors_it_states(kind, n_elements):
+    estimator, seen, n = example(DirectionEstimator.members()[kind]), on_line(n_elements), 2000
+    rng = np.random.default_rng(63)
+    azimuth = rng.uniform(-0.8, 0.8, n)
+    snapshots = snapshots_of(azimuth, seen, rng).astype(np.complex64)
+    found = estimator.directions(snapshots, seen, np.ones(n))
+
+    error = (found.azimuth_rad[:, 0] - azimuth) / found.azimuth_std_rad[:, 0]
+    # Of 2,000 squared normal errors the mean has a standard error of 0.032.
+    assert np.mean(error**2) == pytest.approx(1, abs=0.16)
+    assert np.isnan(found.elevation_rad).all() and np.isnan(found.elevation_std_rad).all()
+    # 20 dB, of which noise moves the mean by 0.01 dB.
+    assert 10 * np.log10(np.mean(found.power[:, 0])) == pytest.approx(20, abs=0.1)
+
+
+@pytest.mark.parametrize("kind", DirectionEstimator.members())
+def test_each_direction_estimator_takes_a_snapshot_for_what_it_is(kind):
+    """Whatever stands beside it, in whatever unit, and whenever the phase began."""
+    estimator, seen = example(DirectionEstimator.members()[kind]), on_line(6)
+    rng = np.random.default_rng(64)
+    snapshots = snapshots_of(rng.uniform(-0.8, 0.8, 8), seen, rng)
+    found = estimator.directions(snapshots, seen, np.ones(8))
+
+    one = estimator.directions(snapshots[3:4], seen, np.ones(1))
+    scaled = estimator.directions(snapshots * 1e-6j, seen, np.full(8, 1e-12))
+    lost = snapshots.copy()
+    lost[[1, 5]] = np.array([np.nan, 0])[:, None, None]
+    holed = estimator.directions(lost, seen, np.ones(8))
+    # A hundredth of a standard error.
+    close = 0.01 * np.nanmin(found.azimuth_std_rad)
+    assert one.azimuth_rad[0, 0] == pytest.approx(found.azimuth_rad[3, 0], abs=close)
+    assert scaled.azimuth_rad == pytest.approx(found.azimuth_rad, abs=close)
+    assert scaled.azimuth_std_rad == pytest.approx(found.azimuth_std_rad, rel=0.02)
+    assert scaled.power == pytest.approx(1e-12 * found.power, rel=1e-3, abs=0)
+    assert all(np.isnan(part[[1, 5]]).all() for part in holed)
+    assert holed.azimuth_rad[[0, 7]] == pytest.approx(found.azimuth_rad[[0, 7]], abs=close)
+    assert len(estimator.directions(snapshots[:0], seen, np.ones(0)).power) == 0
+
+
+@pytest.mark.parametrize("kind", DirectionEstimator.members())
+def test_each_direction_estimator_gives_two_sources_strongest_first_or_refuses_two(kind):
+    member, seen = DirectionEstimator.members()[kind], on_line(12)
+    try:
+        estimator = member(n_sources=2)
+    except dc.InvalidSetting as error:
+        assert "n_sources" in str(error)
+        return
+    at, rng = np.array([-0.4, 0.5]), np.random.default_rng(65)
+    amplitudes = np.array([10, 30]) * np.exp(2j * np.pi * rng.uniform(size=(50, 1, 2)))
+    snapshots = amplitudes @ seen.steering(at)
+    noise = rng.normal(size=snapshots.shape) + 1j * rng.normal(size=snapshots.shape)
+    found = estimator.directions(snapshots + noise / np.sqrt(2), seen, np.ones(50))
+    assert np.all(found.power[:, 0] > found.power[:, 1])
+    # Those that smooth the array see beams wider, and sidelobes of the stronger source.
+    assert np.all(abs(np.sin(found.azimuth_rad) - np.sin(at[::-1])) < 0.1 / 6)
+
+
+@pytest.mark.parametrize("kind", DirectionEstimator.members())
+def test_each_direction_estimator_refuses_what_it_cannot_answer(kind):
+    member, seen = DirectionEstimator.members()[kind], on_line(3)
+    with pytest.raises(dc.InvalidSetting, match="n_sources"):
+        member(n_sources=3).directions(np.ones((1, 1, 3)), seen, np.ones(1))
+    for wrong in (0, 1.5, "many"):
+        with pytest.raises(dc.InvalidSetting, match="n_sources"):
+            member(n_sources=wrong)
+    estimator = example(member)
+    with pytest.raises(dc.InvalidSetting, match="snapshots"):
+        estimator.directions(np.ones((1, 1, 4)), seen, np.ones(1))
+    for noise in (np.ones(2), np.array([np.nan]), np.array([-1.0])):
+        with pytest.raises(dc.InvalidSetting, match="noise_power"):
+            estimator.directions(np.ones((1, 1, 3)), seen, noise)
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -195,6 +295,27 @@ def test_under_each_multiplexing_a_target_is_found_by_all_transmitters_together(
         assert abs(found[name].item() - truth[name].item()) < 5 * found[f"{name}_std"].item()
     # The noise level comes from 320 cells that a Hann window correlates: 0.3 dB.
     assert 10 * np.log10(found.snr.item() / truth.snr.item()) == pytest.approx(0, abs=1.5)
+
+
+@pytest.mark.parametrize("velocity", [-5.0, 20.0])
+@pytest.mark.parametrize("kind", Modulation.members())
+def test_under_each_modulation_a_target_is_found_where_it_is(radar, kind, velocity):
+    frame = replace(radar.frame, modulation=example(Modulation.members()[kind]))
+    radar = replace(radar, frame=frame)
+    assert len(frame.ramps) == frame.n_slots > 1
+    # Beyond what rounds alone tell without a fold.
+    assert radar.frame.max_velocity_m_per_s < 20
+    target = dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(velocity, 0, 0))
+    scene = dc.Scene(targets=[target])
+    truth = dc.truth(scene, radar).isel(target=0, frame=0)
+
+    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+    assert found.sizes["detection"] == 1
+    for name in ("range", "velocity"):
+        assert abs(found[name].item() - truth[name].item()) < 5 * found[f"{name}_std"].item()
+    assert found.fold_confidence.item() > 0.99
+    # As for multiplexing; at 20 m/s it walks through a third of a range cell.
+    assert 10 * np.log10(found.snr.item() / truth.snr.item()) == pytest.approx(0, abs=2)
 
 
 @pytest.mark.parametrize("kind", Pattern.members())

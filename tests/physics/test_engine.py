@@ -261,3 +261,18 @@ def test_the_model_of_costs_takes_the_cheapest_kernel_and_is_overruled(radar):
     assert told.kernel == "direct"
     (double,) = dc.plan(many, radar, dtype=np.complex128)
     assert double.kernel == "direct"
+
+
+@pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+def test_the_model_of_costs_knows_what_the_product_leaves_to_the_direct_kernel(radar):
+    few = crowd(60, seed=11)
+    (quick,) = dc.plan(few, radar)
+    assert quick.kernel == "product"
+    # Chirps of 6.4 ms, in which some pass by a fifth of their range.
+    chirp = replace(
+        radar.frame.chirp, slope_hz_per_s=20e9, ramp_duration_s=8e-3, sample_rate_hz=40e3
+    )
+    frame = replace(radar.frame, chirp=chirp, interval_s=9e-3, n_chirps=8)
+    slow = dc.plan(few, replace(radar, frame=frame))
+    assert {one.kernel for one in slow} == {"nonuniform"}
+    assert all(one.costs_s.product > one.costs_s.direct / 2 for one in slow)

@@ -31,20 +31,28 @@ def test_each_frame_is_that_of_its_own_slope(radar):
 def test_the_range_drifts_by_the_range_times_the_drift(radar):
     radar = replace(radar, frame=replace(radar.frame, n_chirps=8, period_s=1.0))
     cube = dc.simulate(
-        STILL, radar, impairments=[SlopeDrift(relative_drift=2e-3)], n_frames=4, dtype=np.complex128
+        STILL, radar, impairments=[SlopeDrift(relative_drift=8e-4)], n_frames=4, dtype=np.complex128
     )
 
     turns = np.unwrap(np.angle(cube.values[:, 0, 0]), axis=-1)
     beat_hz = np.polyfit(np.arange(256) / 10e6, turns.T, 1)[0] / (2 * np.pi)
     range_m = [radar.frame.chirp.range_m(float(f)) for f in beat_hz]
 
-    np.testing.assert_allclose(np.diff(range_m), 40 * 2e-3, rtol=1e-3)
+    np.testing.assert_allclose(np.diff(range_m), 40 * 8e-4, rtol=1e-3)
 
 
 def test_a_drift_beyond_the_band_of_the_samples_warns(radar):
     slow = replace(radar, frame=replace(radar.frame, interval_s=1.0))
     with pytest.warns(dc.PhysicsWarning, match="impairments.slope-drift: frequency errors"):
         SlopeDrift(relative_drift=0.1).check(STILL, slow)
+
+
+def test_a_drift_that_is_too_large_only_later_warns_once_in_that_frame(radar):
+    # 0.6 GHz times 0.01 a second, an eighth of 512 MHz or 2.5 MHz: too large after 0.42 s.
+    late = replace(radar, frame=replace(radar.frame, n_chirps=2, period_s=0.1))
+    with pytest.warns(dc.PhysicsWarning, match="slope-drift: frequency errors up to 3 MHz") as told:
+        dc.simulate(STILL, late, impairments=[SlopeDrift(relative_drift=0.01)], n_frames=8)
+    assert len(told) == 1
 
 
 @pytest.mark.parametrize("wrong", [np.nan, 2.0, "fast"])

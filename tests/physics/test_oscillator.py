@@ -273,6 +273,7 @@ def test_what_is_summed_besides_is_at_most_a_quarter_of_the_window():
 
 
 @pytest.mark.parametrize("n_samples", [2, 3, 9, 40])
+@pytest.mark.filterwarnings("ignore:impairments. an oscillator")
 @pytest.mark.parametrize("slope", [15e12, 300e12])
 def test_few_samples_hardly_tell_delays_apart_and_are_turned_all_the_same(n_samples, slope):
     radar, error_hz = radar_of(n_samples=n_samples, slope=slope), 3e4
@@ -285,3 +286,12 @@ def test_few_samples_hardly_tell_delays_apart_and_are_turned_all_the_same(n_samp
     # The wrong one of the two delays for both echoes, and as much again.
     wrong = 4 * abs(last - first) * float(abs(alone[0]).max())
     assert float(abs(cube - alone[0] * first - alone[1] * last).max()) < wrong
+
+
+def test_a_ramp_too_slow_to_tell_of_all_of_the_error_says_so(radar):
+    chirp = replace(radar.frame.chirp, slope_hz_per_s=1e12)
+    slow = replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=2))
+    noise = dc.PhaseNoise(offset_hz=[1e5], level_per_hz=[1e-9])
+    with pytest.warns(dc.PhysicsWarning, match=r"fs\^2 / S is 100 samples") as told:
+        dc.simulate(dc.Scene(), slow, impairments=[noise])
+    assert len(told) == 1

@@ -56,3 +56,10 @@ def test_a_target_is_where_and_as_strong_as_it_should_be(radar, sampling):
         assert abs(nearest[name] - truth[name]).item() < 5 * nearest[f"{name}_std"].item()
     # Its phase noise and rounding are far below the noise of the receiver; CFAR is good to 1 dB.
     assert 10 * np.log10(nearest.snr.item() / truth.snr.item()) == pytest.approx(0, abs=1.5)
+
+
+def test_on_another_band_it_says_so(radar):
+    chirp = replace(radar.frame.chirp, start_frequency_hz=60e9)
+    other = replace(radar, frame=replace(radar.frame, chirp=chirp))
+    with pytest.warns(dc.PhysicsWarning, match=r"typical-77ghz: a radar at 60\.3 GHz"):
+        dc.simulate(dc.Scene(), other, impairments=[Typical77Ghz()])

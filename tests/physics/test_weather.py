@@ -259,11 +259,13 @@ def test_a_dry_radome_takes_its_loss_and_a_clear_one_none(radar):
     assert level_db(dry, clear) == pytest.approx(-3.0103, abs=1e-3)
 
 
-def test_a_radome_weakens_rain_beyond_it_only_where_it_comes_later(radar):
+def test_a_radome_weakens_rain_beyond_it_wherever_it_is_listed(radar):
     drops, radome = RainBackscatter(rate_m_per_s=HEAVY), Radome(loss=4.0)
     alone = dc.simulate(dc.Scene(), short(radar), impairments=[drops], seed=4)
     behind = dc.simulate(dc.Scene(), short(radar), impairments=[drops, radome], seed=4)
     assert level_db(behind, alone) == pytest.approx(-6.0206, abs=1e-3)
+    before = dc.simulate(dc.Scene(), short(radar), impairments=[radome, drops], seed=4)
+    np.testing.assert_allclose(before, behind, rtol=0, atol=1e-6 * float(abs(behind).max()))
 
 
 @pytest.mark.parametrize(
@@ -317,3 +319,10 @@ def test_rain_in_no_ranges_or_directions_is_refused(radar):
     blind = replace(radar, hardware=replace(radar.hardware, tx_pattern=BEAM, rx_pattern=back))
     with pytest.raises(dc.InvalidSetting, match="antennas that see no direction together"):
         RainBackscatter(rate_m_per_s=HEAVY).check(FAR, blind)
+
+
+def test_settings_that_functions_of_one_ratio_return_are_kept_as_numbers():
+    rate, power = np.array(7e-6), np.array(1e-3)
+    assert hash(Rain(rate_m_per_s=rate)) == hash(Rain(rate_m_per_s=7e-6))
+    assert type(Rain(rate_m_per_s=rate).rate_m_per_s) is float
+    assert hash(dc.Compression(p1db_w=power)) == hash(dc.Compression(p1db_w=1e-3))

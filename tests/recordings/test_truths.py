@@ -1,7 +1,7 @@
 """Every recording of the collection opens, and what is known to be in it is found in it.
 
-What is known stands in the `meta.json` of each recording. Truths that need directions or the
-phase over slow time wait for the issues that bring those; `OWED` lists them, and a test holds
+What is known stands in the `meta.json` of each recording. Truths that need the phase over slow
+time wait for the issue that brings it; `OWED` lists them, and a test holds
 both lists against the files, so that none is forgotten.
 """
 
@@ -19,9 +19,12 @@ from dechirp.core.errors import RecordingError
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.settings.read import read_radar
+from dechirp.process.angle.fft import Fft
+from dechirp.process.angle.music import Music
 from dechirp.process.cfar.base import Cells, Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
 from dechirp.process.chain import Chain, detect, power_map
+from recordings.directions import of_reflectors, on_the_turntable
 from recordings.opened import KTH, RECORDINGS, opened
 
 Check = Callable[[Path], None]
@@ -276,6 +279,32 @@ def the_reflector_is_two_metres_away(folder: Path) -> None:
         assert at_m == pytest.approx(2.04, abs=0.05), name
 
 
+def one_reflector(name: str, azimuth_deg: float) -> Check:
+    def check(folder: Path) -> None:
+        found = of_reflectors(folder, name, Fft())
+
+        assert np.degrees(found.azimuth.values) == pytest.approx([azimuth_deg], abs=1.5)
+
+    return check
+
+
+def two_reflectors(name: str, azimuth_deg: tuple[float, float]) -> Check:
+    def check(folder: Path) -> None:
+        found = of_reflectors(folder, name, Music(n_sources=2))
+
+        assert sorted(np.degrees(found.azimuth.values)) == pytest.approx(azimuth_deg, abs=3)
+
+    return check
+
+
+def a_turntable_turns_by_twenty_degrees(folder: Path) -> None:
+    for collection, azimuth_deg, within in (("A", 0, 1.5), ("D", 20, 1.5), ("C", 40, 1.5),
+                                            ("B", 60, 2.0)):  # fmt: skip
+        found = on_the_turntable(folder, collection)
+
+        assert np.degrees(found.azimuth.values) == pytest.approx([azimuth_deg], abs=within)
+
+
 TRUTHS: dict[str, dict[str, Check]] = {
     "awr1243_interference": {
         "20180613-190347": one_moving_car,
@@ -306,17 +335,27 @@ TRUTHS: dict[str, dict[str, Check]] = {
         "complete frames": a_hundred_and_one_packets,
         "static indoor": nothing_moves,
     },
-    "xwr1443_known_angles": {"reflector range": the_reflector_is_two_metres_away},
+    "mimo12_known_angles_mat": {"CollectionA..D": a_turntable_turns_by_twenty_degrees},
+    "xwr1443_known_angles": {
+        "reflector range": the_reflector_is_two_metres_away,
+        **{f"az_{angle}.raw": one_reflector(f"az_{angle}.raw", angle) for angle in (-10, 30, 50)},
+        **{
+            f"az_{angle}_1GHz.raw": one_reflector(f"az_{angle}_1GHz.raw", angle)
+            for angle in (10, 50)
+        },
+        "az_-1010.raw": two_reflectors("az_-1010.raw", (-10, 10)),
+        "az_3050.raw": two_reflectors("az_3050.raw", (30, 50)),
+        "az_1030_1GHz.raw": two_reflectors("az_1030_1GHz.raw", (10, 30)),
+        "az_3050_1GHz.raw": two_reflectors("az_3050_1GHz.raw", (30, 50)),
+    },
 }
 """What each truth begins with, and how it is checked."""
 
-ANGLE, PHASE = "6: needs directions", "7: needs the phase over slow time"
+PHASE = "7: needs the phase over slow time"
 OWED: dict[str, dict[str, str]] = {
     "awr1642_vibrating_pipe": {"vibration_2": PHASE},
     "bgt60_breathing": {"recording name": PHASE, "all three RX": PHASE},
-    "mimo12_known_angles_mat": {"CollectionA..D": ANGLE},
     "sirad122_walk": {"range-track displacement": PHASE},
-    "xwr1443_known_angles": {"az_": ANGLE},
 }
 """Truths that wait, each with the issue that brings what it needs."""
 

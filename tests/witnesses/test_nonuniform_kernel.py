@@ -366,7 +366,7 @@ def test_the_transform_of_the_weights_is_their_integral(spacing):
 @pytest.mark.parametrize("n_samples", [400, 401])
 def test_samples_between_known_ones_are_those_of_the_tones(n_samples):
     low, high = -0.02, 0.07
-    between = fewest_times(low, high, tolerance=2.5e-6)
+    between = fewest_times(low, high, n_samples=n_samples, tolerance=2.5e-6)
     assert between.every > 1
     frequencies = np.linspace(low, high, 7)
     first, stop = between.needed(-(n_samples // 2), n_samples - n_samples // 2)
@@ -380,7 +380,7 @@ def test_samples_between_known_ones_are_those_of_the_tones(n_samples):
     off = np.sqrt(np.mean(abs(out[1:8] - exact) ** 2))
     assert off < 2.5e-6
     assert not out[[0, 8]].any()
-    assert fewest_times(0, 0.4, tolerance=2.5e-6) is None
+    assert fewest_times(0, 0.4, n_samples=n_samples, tolerance=2.5e-6) is None
 
 
 @pytest.mark.parametrize("tolerance", [1e-5, 2e-6])
@@ -424,3 +424,45 @@ def test_delays_of_very_many_chirps_are_within_the_tolerance():
     scatterers = scatter(sent, rng, n=1500, ranges_m=(3e3, 20e3), speed_m_per_s=90)
     out = summed(scatterers, sent, 3, dtype=complex)
     assert error(out, scatterers, sent, 3) < PROMISED
+
+
+def test_motion_that_bends_within_a_chirp_is_summed_right_where_the_band_is_narrow(plan):
+    plan("chirps")
+    sent, n_samples = send("slow", 1)
+    rng = np.random.default_rng(7)
+    # A body of 10 cm whose parts turn back within the chirp: known samples lie far apart.
+    scatterers = scatter(sent, rng, n=20, ranges_m=(20, 20), speed_m_per_s=0.3, n_terms=3)
+    scatterers.path_m[0] = np.array([20, 0, 0]) + rng.uniform(-0.05, 0.05, (20, 3))
+    scatterers.path_m[2] = rng.uniform(-300, 300, (20, 3))
+    out = summed(scatterers, sent, n_samples, dtype=complex)
+    assert error(out, scatterers, sent, n_samples) < PROMISED
+
+
+def test_what_comes_straight_to_one_antenna_and_crosses_another_is_summed_right(plan):
+    plan("chirps")
+    sent, n_samples = send("slow", 8, weights=np.ones((8, 2), complex))
+    sent = sent._replace(
+        tx_m=np.array([[0.0, 0, 0], [0, 2, 0]]), start_frequency_hz=77e9, slope_hz_per_s=2.5e9
+    )
+    rng = np.random.default_rng(8)
+    scatterers = scatter(sent, rng, n=10, ranges_m=(5, 6), speed_m_per_s=0)
+    # On the line through the first transmitter and the receiver, on which it all moves.
+    scatterers.path_m[0] = np.outer(rng.uniform(5, 6, 10), [1, 0, 0])
+    scatterers.path_m[1] = [200, 0, 0]
+    out = summed(scatterers, sent, n_samples, dtype=complex)
+    assert error(out, scatterers, sent, n_samples) < PROMISED
+
+
+def test_a_scatterer_that_passes_one_end_of_a_wide_array_between_two_looks_is_summed_right(plan):
+    plan("chirps")
+    sent, n_samples = send("middle", 64)
+    sent = sent._replace(tx_m=np.array([[0.0, -1, 0]]), rx_m=np.array([[0.0, 1, 0]]))
+    scatterers = scatter(sent, np.random.default_rng(5), n=3, ranges_m=(3, 30), speed_m_per_s=9)
+    # Nearest, 2 cm from the receiver, at an eighth of the frame.
+    nearest_s = sent.starts_s[0] * 0.75
+    speed = 0.2 / abs(sent.starts_s[0])
+    scatterers.path_m[:, 0] = 0
+    scatterers.path_m[0, 0] = [0.02, 1 - speed * nearest_s, 0]
+    scatterers.path_m[1, 0] = [0, speed, 0]
+    out = summed(scatterers, sent, n_samples, dtype=complex)
+    assert error(out, scatterers, sent, n_samples, n_chirps=64) < PROMISED

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
+from rich.cells import cell_len
 from rich.table import Table
 
 from dechirp.cli.show import table
@@ -11,40 +12,86 @@ from dechirp.experiment.run import Result
 from dechirp.report import compare
 from dechirp.report.words import NONE, decimals_of, fixed, ratio_db
 
+# What is left out first where the terminal is narrow.
+_LEAST = (
+    *("true elevation", "elevation", "SNR", "true azimuth"),
+    *("true velocity", "true range", "azimuth", "frame"),
+)
 
-def detected(result: Result, *, at_most: int) -> Table:
-    """The strongest detections, so many at most."""
+
+def detected(result: Result, *, at_most: int, width: int) -> Table:
+    """The strongest detections, so many at most, in so many characters: with fewer columns."""
     order = np.argsort(-result.detections.snr.values, kind="stable")
-    strongest = result.detections.isel(detection=order)
     n_all = order.size
+    strongest = result.detections.isel(detection=order[:at_most])
     found, shown = f"{n_all} detection{'' if n_all == 1 else 's'}", min(n_all, at_most)
     if shown < n_all:
         found += f", the {shown} strongest (all of them: detections.csv)"
-    first = [] if result.n_frames == 1 else ["frame"]
-    truth = result.truth
-    if truth is None:
-        made = table(found, right=[*first, "range, m", "velocity, m/s", "SNR, dB"])
-    else:
-        columns = ["range, m", "true", "velocity, m/s", "true", "SNR, dB", "target"]
-        made = table(found, right=[*first, *columns])
-        target = _targets(result, strongest)
-    for index in range(shown):
-        one = strongest.isel(detection=index)
-        row = [] if result.n_frames == 1 else [str(int(one.frame))]
-        true = None
-        if truth is not None and target[index] >= 0:
-            true = truth.isel(target=target[index]).sel(frame=int(one.frame))
-        for name in ("range", "velocity"):
-            decimals = decimals_of(float(one[f"{name}_std"]))
-            std = fixed(float(one[f"{name}_std"]), decimals)
-            row.append(f"{fixed(float(one[name]), decimals)} ± {std}")
-            if truth is not None:
-                row.append(NONE if true is None else fixed(float(true[name]), decimals))
-        row.append(fixed(ratio_db(float(one.snr)), 1))
-        if truth is not None:
-            row.append(NONE if true is None else str(true.target.values))
-        made.add_row(*row)
+    columns = _columns(result, strongest)
+    for name in _LEAST:
+        if _width(columns) > width:
+            columns.pop(name, None)
+    made = table(found, right=[_heading(name) for name in columns])
+    for cells in zip(*columns.values(), strict=True):
+        made.add_row(*cells)
     return made
+
+
+_UNITS = {"range": "m", "velocity": "m/s", "azimuth": "°", "elevation": "°", "SNR": "dB"}
+
+
+def _heading(name: str) -> str:
+    return (
+        "true"
+        if name.startswith("true ")
+        else f"{name}, {_UNITS[name]}"
+        if name in _UNITS
+        else name
+    )
+
+
+def _width(columns: dict[str, list[str]]) -> int:
+    cells = ([_heading(name), *column] for name, column in columns.items())
+    return sum(2 + max(map(cell_len, of_one)) for of_one in cells)  # and what parts them
+
+
+def _columns(result: Result, detections: xr.Dataset) -> dict[str, list[str]]:
+    """Cells of each column, from the left; angles only where any was estimated."""
+    columns: dict[str, list[str]] = {}
+    if result.n_frames > 1:
+        columns["frame"] = [str(frame) for frame in detections.frame.values.tolist()]
+    target = None if result.truth is None else _targets(result, detections)
+    for name in ("range", "velocity", "azimuth", "elevation"):
+        is_angle = _UNITS[name] == "°"
+        if is_angle and not np.isfinite(detections[name]).any():
+            continue
+        # Millimetres and hundredths of a degree: more digits are in detections.csv.
+        scale, most = (180 / np.pi, 2) if is_angle else (1.0, 3)
+        values, stds = detections[name].values * scale, detections[f"{name}_std"].values * scale
+        decimals = [min(decimals_of(std), most) for std in stds.tolist()]
+        columns[name] = [
+            f"{fixed(value, n)} ± {fixed(std, n)}" if np.isfinite(value) else NONE
+            for value, std, n in zip(values.tolist(), stds.tolist(), decimals, strict=True)
+        ]
+        if result.truth is not None and target is not None:
+            true = _of_targets(result.truth[name], target, detections.frame.values) * scale
+            columns[f"true {name}"] = [
+                fixed(one, n) for one, n in zip(true.tolist(), decimals, strict=True)
+            ]
+    columns["SNR"] = [fixed(ratio_db(snr), 1) for snr in detections.snr.values.tolist()]
+    if result.truth is not None and target is not None:
+        names = result.truth.target.values
+        columns["target"] = [str(names[one]) if one >= 0 else NONE for one in target.tolist()]
+    return columns
+
+
+def _of_targets(of_all: xr.DataArray, target: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """Truth of each detection's target in its frame, NaN for those without one."""
+    out = np.full(len(target), np.nan)
+    has = target >= 0
+    places = of_all.indexes["frame"].get_indexer(frame[has])
+    out[has] = of_all.transpose("target", "frame").values[target[has], places]
+    return out
 
 
 def missed(result: Result) -> Iterator[str]:

@@ -32,7 +32,7 @@ def document(
 
 def radar_document(radar: Radar) -> dict[str, Any]:
     """Settings of a radar, and what follows from them; None for what one chirp cannot tell."""
-    frame, chirp = radar.frame, radar.frame.chirp
+    frame, chirp = radar.frame.at(0), radar.frame.chirp
     has_velocity = frame.n_chirps > 1
     derived = {
         "sampled_bandwidth_hz": chirp.sampled_bandwidth_hz,

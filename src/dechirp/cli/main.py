@@ -133,6 +133,11 @@ def _app() -> App:
         help="Say what a recording is, what its radar can see, and what is wrong with it.",
     )
     app.command(
+        "dechirp.cli.calibrate:calibrate",
+        name="calibrate",
+        help="Measure gains and places of an array's elements with a reflector at known angles.",
+    )
+    app.command(
         "dechirp.cli.list:list_members",
         name="list",
         help="List what settings choose by kind: detectors, impairments, formats.",

@@ -1,6 +1,7 @@
 """Options that several commands take."""
 
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Parameter
@@ -36,6 +37,9 @@ class Told:
     ] = None
     iq: Annotated[
         Literal["iq", "qi"] | None, Parameter(help="Part of a complex sample that comes first.")
+    ] = None
+    calibration: Annotated[
+        Path | None, Parameter(help="Calibration of the array, a file of dechirp calibrate.")
     ] = None
 
     def given(self) -> dict[str, Any]:

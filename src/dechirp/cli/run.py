@@ -98,7 +98,7 @@ def _show(result: "Result", out: Path) -> None:
     from dechirp.cli.show import console, findings
 
     screen = console()
-    screen.print(detected(result, at_most=20))
+    screen.print(detected(result, at_most=20, width=screen.width))
     for line in missed(result):
         screen.print(line)
     for paragraph in findings(result.findings):

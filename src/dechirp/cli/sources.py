@@ -2,18 +2,20 @@
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from dechirp.cli.wrong import under_option
 from dechirp.config import files
+from dechirp.config.models import Readers
 from dechirp.config.shown import shown
 from dechirp.config.texts import dump
 from dechirp.core.errors import DechirpError, InvalidFile, Mistake
-from dechirp.experiment.scenario import Scenario, Source, load, reference
+from dechirp.experiment.scenario import READERS, Scenario, Source, load, reference
 from dechirp.formats.recording import open as open_recording
+from dechirp.formats.settings.calibration import read_calibration
 from dechirp.formats.settings.read import read_radar
 from dechirp.radar.devices.known import device as known_device
 from dechirp.radar.radar import Radar
@@ -44,7 +46,7 @@ def scenario_of(
     radar, frames, seed
         As after the options of these names.
     told : mapping
-        What was said of a recording: `device`, `format`, `axes`, `encoding`, `iq`.
+        What was said of a recording: `device`, `format`, `axes`, `encoding`, `iq`, `calibration`.
 
     Raises
     ------
@@ -61,6 +63,8 @@ def scenario_of(
             return _simulated(made, frames, told)
         if frames is not None:
             told = {**told, "frames": frames_of(frames)}
+        if "calibration" in told:
+            told = {**told, "calibration": read_calibration(told["calibration"])}
         if radar is not None and not _of_radar(changes):
             # A vendor's file also says how the samples lie, which the radar alone does not.
             made, told = replace(made, radar=None), {**told, "settings_path": str(radar.absolute())}
@@ -94,17 +98,17 @@ def _made(
         return own if own is not None and file == path else read_radar(file, chip)
 
     made = Scenario(name=source.stem, recording=Source(path=str(path), iq=iq, settings_path=layout))
-    return _changed(made, changes, radar_of) if changes else made
+    return _changed(made, changes, {**READERS, Radar: radar_of}) if changes else made
 
 
 def _quoted(path: Path) -> str:
     return json.dumps(str(path.absolute()), ensure_ascii=False)
 
 
-def _changed(made: Scenario, changes: Sequence[str], radar_of: Callable[[Path], Radar]) -> Scenario:
+def _changed(made: Scenario, changes: Sequence[str], readers: Readers) -> Scenario:
     text = dump(made)
     try:
-        return files.parse(text, Scenario, file="", overrides=changes, readers={Radar: radar_of})
+        return files.parse(text, Scenario, file="", overrides=changes, readers=readers)
     except InvalidFile as error:
         # Nobody can look into a file that is not there.
         raise InvalidFile(

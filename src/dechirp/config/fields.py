@@ -95,7 +95,9 @@ def key_of(cls: type, field: str) -> str:
 
 def is_family(hint: Any) -> bool:
     """Whether a type is chosen by `kind`."""
-    return inspect.isclass(hint) and issubclass(hint, Family) and not is_dataclass(hint)
+    if not (inspect.isclass(hint) and issubclass(hint, Family)):
+        return False
+    return not is_dataclass(hint) or inspect.isabstract(hint)  # a base may have settings, too
 
 
 def words(slot: Slot, *, read_from_path: Collection[type] = ()) -> str:

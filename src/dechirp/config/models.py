@@ -12,9 +12,11 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
+    Discriminator,
     Field,
     PlainValidator,
     Strict,
+    Tag,
     TypeAdapter,
     ValidationInfo,
     WrapValidator,
@@ -76,6 +78,14 @@ def _checked(hint: Any, field: str, unit: str | None) -> Any:
         made = Annotated[str, AfterValidator(_beside_the_file)]
     elif hint in (str, type(None)) or get_origin(hint) is Literal:
         made = hint
+    elif {get_origin(one) or one for one in get_args(hint)} == {float, tuple}:
+        # One number or a list: what is wrong in a list is not told of one number as well.
+        tagged = tuple(
+            Annotated[_checked(one, field, unit), Tag(str(get_origin(one) is tuple))]
+            for one in get_args(hint)
+        )
+        is_list = Discriminator(lambda raw: str(isinstance(raw, list | tuple)))
+        made = Annotated[Union[tagged], is_list]  # noqa: UP007
     elif get_origin(hint) in (Union, UnionType, tuple):
         members = tuple(m if m is Ellipsis else _checked(m, field, unit) for m in get_args(hint))
         whole = get_origin(hint) is tuple

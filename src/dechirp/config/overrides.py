@@ -16,7 +16,8 @@ def override(spot: Spot, text: str, context: Context) -> Node:
     """Change one setting of a tree; `text` is PATH=VALUE, VALUE as in a file.
 
     A mapping on the way that is not written starts as its default; a value that is given
-    as the path of a file is read, to be changed.
+    as the path of a file is read, to be changed. Another kind starts from its own defaults:
+    settings of the one before go with it.
 
     Raises
     ------
@@ -71,6 +72,9 @@ def _placed(spot: Spot, names: list[str], made: Node, context: Context) -> Node:
             start = _from_default(known.default)
         inner = Spot(dotted(spot.path, name), start, known.slot)
         made = _placed(inner, rest, made, context)
+    before = node.content.get(name)
+    if name == "kind" and before is not None and before.content != made.content:
+        return replace(node, content={name: made})
     # A name that is not known is kept as it is, and refused with those of the file.
     return replace(node, content={**node.content, name: made})
 

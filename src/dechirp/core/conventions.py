@@ -3,7 +3,8 @@
 Fast time runs along `sample`, slow time along `chirp`. A transform renames the axis it
 consumes: sample -> range, chirp -> velocity. Where several transmitters take turns, `chirp`
 holds all chirps in the order sent, and the coordinate `transmitter` along it says whose each is;
-where several send together it is not there.
+where several send together it is not there. Where intervals differ from frame to frame, `chirp`
+counts chirps, and the coordinate `chirp_time` over `frame` and `chirp` says when each starts.
 
 Range and velocity grow away from the radar: a receding target has positive velocity. The
 beat signal is Tx x conj(Rx), so an up-chirp gives positive beat frequencies. x points
@@ -22,6 +23,8 @@ AXES = {
     "sample": ("s", "fast time since the start of the ramp"),
     "range": ("m", "distance from the radar"),
     "velocity": ("m/s", "rate of change of range, receding positive"),
+    "azimuth": ("rad", "angle to the left of boresight"),
+    "elevation": ("rad", "angle above the horizontal"),
 }
 
 CUBE_AXES = ("frame", "chirp", "rx", "sample")
@@ -34,6 +37,12 @@ def transmitters(turns: Sequence[int], n_chirps: int) -> xr.Variable:
     """
     numbers = np.resize(np.array(turns), n_chirps)
     return xr.Variable("chirp", numbers, {"units": "1", "long_name": "transmitter of the chirp"})
+
+
+def chirp_times(times_s: np.ndarray) -> xr.Variable:
+    """Coordinate over `frame` and `chirp`, where one axis cannot hold the times of all frames."""
+    units, long_name = AXES["chirp"]
+    return xr.Variable(("frame", "chirp"), times_s, {"units": units, "long_name": long_name})
 
 
 def axis(name: str, values: np.ndarray) -> xr.Variable:

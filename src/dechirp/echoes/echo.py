@@ -1,5 +1,6 @@
 """From a scene to what the converter samples."""
 
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -18,7 +19,7 @@ from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.echoes.kernels import choice
 from dechirp.echoes.kernels.direct import Before
 from dechirp.echoes.parts import Part, Window, direct_parts, window
-from dechirp.echoes.stages import Stages, by_stage, naming
+from dechirp.echoes.stages import Stages, by_stage, must_suit, naming, shortest
 from dechirp.radar.cube import labelled_cube
 from dechirp.radar.radar import Radar
 from dechirp.scene.possible import must_be_possible
@@ -90,7 +91,8 @@ def simulate(
     PhysicsWarning
         Whatever `surprises` finds: targets that fold in range or velocity, lie behind the
         radar, where a pattern has no gain or between its antennas, or whose echo comes late;
-        antennas at one place; codes that are not orthogonal.
+        antennas at one place; codes that are not orthogonal. And what impairments find: a
+        preset for another band, an oscillator's error on a ramp that is too slow to tell it.
 
     Notes
     -----
@@ -106,8 +108,12 @@ def simulate(
         warnings.warn(PhysicsWarning(finding), stacklevel=2)
     stages = by_stage((ThermalNoise(),) if impairments is None else impairments, radar)
     for impairment in stages.all:
+        must_suit(impairment, radar.frame)
         with naming(impairment):
-            impairment.check(scene, radar)
+            impairment.check(scene, shortest(radar))
+    slow = oscillator.surprise(radar) if stages.oscillators else None
+    if slow is not None:
+        warnings.warn(PhysicsWarning(slow), stacklevel=2)
     return _simulated(scene, radar, stages, n_frames, kind, rng, engine, progress)
 
 
@@ -150,7 +156,7 @@ def _simulated(
             progress(index + 1, n_frames)
     said: dict[str, object] = {}
     for impairment in stages.receivers:
-        impairment.apply(samples, scene, radar, rng)
+        impairment.apply(samples, scene, shortest(radar), rng)
         said = impairment.attributes(radar)
     if before or after:
         samples = samples[..., before : before + radar.frame.chirp.n_samples].copy()
@@ -236,8 +242,13 @@ def _add_frame(
     found: list[Part] = []
     if scene.targets:
         found += direct_parts(scene, radar, kept.frame, rng, unseen=bool(stages.paths))
+    tail = _before(radar, kept.frame) if engine.late == "tail" else None
+    radar = radar.at(kept.frame)
     for path in stages.paths:
         found = path.parts(found, kept, scene, radar, rng)
+    lit = math.prod(path.way_out(radar) for path in stages.paths)
+    if lit != 1:
+        found = [part.weaker(lit) for part in found]
     wide, reach, phase_rad = kept, None, np.zeros(0)
     if stages.oscillators:
         added_s = [path.added_delays_s(radar) for path in stages.paths]
@@ -246,7 +257,6 @@ def _add_frame(
         seen = reach.phase_window(wide)
         phase_rad = np.sum([one.phase_rad(seen, radar, rng) for one in stages.oscillators], axis=0)
     seeds = rng.integers(2**63, size=len(stages.paths))
-    tail = _before(radar, kept.frame) if engine.late == "tail" else None
     own = reach is None and np.iscomplexobj(samples)
     kernels: set[str] = set()
     for rows in _some_rows(samples, own):
@@ -285,29 +295,45 @@ def _sum(
     """Sum the echoes in some chirps of a frame, and name the kernels."""
     kernels: set[str] = set()
     for part in parts:
-        first, stop = max(part.chirps.start, rows.start), min(part.chirps.stop, rows.stop)
-        if first >= stop:
+        chirps = range(part.chirps.stop)[part.chirps]
+        places = [place for place, chirp in enumerate(chirps) if rows.start <= chirp < rows.stop]
+        if not places:
             continue
-        both = slice(first, stop)
-        of_part = slice(first - part.chirps.start, stop - part.chirps.start)
+        of_part = slice(places[0], places[-1] + 1)
+        both = slice(chirps[places[0]], chirps[places[-1]] + 1, chirps.step)
+        own = echo[both.start - rows.start : both.stop - rows.start : both.step]
         scatterers, run = choice.rows_of(part.scatterers, part.sent, of_part)
+        # Kernels sum into chirps that lie side by side.
+        summed = own if chirps.step == 1 else np.zeros(own.shape, own.dtype)
         kernels |= choice.add(
-            echo[first - rows.start : stop - rows.start],
+            summed,
             scatterers,
             run._replace(adc_start_s=wide.first_s),
             engine=engine,
             before=None if tail is None else tail.of(both),
         )
+        if summed is not own:
+            own += summed
     return kernels
 
 
 def _before(radar: Radar, index: int) -> Before:
     """What was sent before each chirp of a frame: nothing before the first of all."""
     frame = radar.frame
-    gaps_s = np.full(frame.n_sent, frame.interval_s)
-    last_s = (frame.n_sent - 1) * frame.interval_s
-    gaps_s[0] = np.nan if index == 0 else frame.start_s(index) - frame.start_s(index - 1) - last_s
+    if not frame.ramps_are_alike:
+        raise InvalidSetting(
+            "Engine.late",
+            got="tail, with ramps that differ",
+            need="held or onset: what is left of another ramp lies elsewhere in frequency",
+            fix="Take onset.",
+        )
+    starts_s = frame.at(index).chirps_s
+    since_s = np.nan  # nothing was sent before the first chirp of all
+    if index > 0:
+        last_s = frame.start_s(index - 1) + frame.at(index - 1).chirps_s[-1]
+        since_s = frame.start_s(index) - last_s
     weights = np.roll(frame.sent_weights(), 1, axis=0)
+    gaps_s = np.diff(starts_s, prepend=starts_s[0] - since_s)
     return Before(gaps_s, weights, frame.chirp.ramp_duration_s)
 
 

@@ -36,6 +36,7 @@ import numba
 import numpy as np
 from scipy.fft import fft, ifft, next_fast_len
 
+from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels.threads import in_threads
 from dechirp.echoes.parts import Part, Window
@@ -45,6 +46,23 @@ from dechirp.radar.radar import Radar
 _AT_ONCE = 2**17
 # Samples beyond those that the fastest error needs, in which echoes pass over to a copy.
 _RINGING = 10
+
+
+def surprise(radar: Radar) -> Finding | None:
+    """What to know of a ramp so slow that echoes do not tell of all of the error, if it is."""
+    chirp = radar.frame.chirp
+    farthest = chirp.sample_rate_hz**2 / abs(chirp.slope_hz_per_s)
+    if farthest <= chirp.n_samples / 4:
+        return None
+    right_hz = abs(chirp.slope_hz_per_s) * (chirp.n_samples // 8) / chirp.sample_rate_hz
+    return Finding(
+        level="warning",
+        setting="impairments",
+        got=f"an oscillator's error on a ramp on which fs^2 / S is {farthest:.4g} samples",
+        need=f"at most a quarter of the {chirp.n_samples} of a chirp: errors faster than"
+        f" {right_hz / 1e6:.4g} MHz do not cancel towards the ends of the window",
+        fix="Sample slower, or sweep faster.",
+    )
 
 
 class Reach(NamedTuple):
@@ -116,7 +134,7 @@ def reach(
     rate_hz, slope = kept.rate_hz, abs(radar.frame.chirp.slope_hz_per_s)
     seen = [part for part in parts if part.scatterers.amplitudes.any()]
     bounds_s = [*(_delays_s(part, kept) for part in seen), *added_s] or [(0.0, 0.0)]
-    latest_s = min(max(late for _, late in bounds_s), radar.frame.interval_s)
+    latest_s = min(max(late for _, late in bounds_s), radar.frame.only_interval_s)
     earliest_s = min(latest_s, *(early for early, _ in bounds_s))
     latest_s = min(latest_s, earliest_s + rate_hz / slope)
     earliest, half = earliest_s * rate_hz, (latest_s - earliest_s) / 2 * rate_hz

@@ -46,7 +46,7 @@ class Window(NamedTuple):
 def window(radar: Radar, index: int) -> Window:
     """The samples of a frame that are kept."""
     frame, chirp = radar.frame, radar.frame.chirp
-    starts_s = frame.interval_s * np.arange(frame.n_sent)
+    starts_s = frame.at(index).chirps_s
     return Window(
         index, frame.start_s(index), starts_s, chirp.adc_start_s, chirp.n_samples,
         chirp.sample_rate_hz,
@@ -54,11 +54,17 @@ def window(radar: Radar, index: int) -> Window:
 
 
 class Part(NamedTuple):
-    """Scatterers whose paths are polynomials during a run of chirps."""
+    """Scatterers whose paths are polynomials during a run of chirps, all with one ramp."""
 
     chirps: slice
+    """Of the frame, in the order sent; a step where ramps of other kinds lie between."""
     scatterers: Scatterers
     sent: Sent
+
+    def weaker(self, factor: float | np.ndarray) -> "Part":
+        """The same with amplitudes times a factor, (n_scatterers,) or one."""
+        amplitudes = factor * self.scatterers.amplitudes
+        return self._replace(scatterers=self.scatterers._replace(amplitudes=amplitudes))
 
 
 def direct_parts(
@@ -68,8 +74,8 @@ def direct_parts(
 
     `unseen`: with what antennas do not see straight; by another way they may.
     """
+    start_s, radar = radar.frame.start_s(index), radar.at(index)
     frame = radar.frame
-    start_s = frame.start_s(index)
     mid_s = start_s + frame.mid_frame_s
     per_frame, per_chirp = power_factors(scene, frame.n_sent, rng)
     positions_m = scene.positions_m([mid_s])
@@ -82,8 +88,6 @@ def direct_parts(
     seen = every.amplitudes > 0
     if not unseen:
         seen &= every.tx_gains.max(axis=0) * every.rx_gains.max(axis=0) > 0
-    starts_s = frame.interval_s * np.arange(frame.n_sent)
-    weights = frame.sent_weights()
     for path in paths(scene, frame, start_s, seen):
         kept = seen[path.scatterers]
         own, chirps = path.scatterers[kept], path.chirps
@@ -92,23 +96,31 @@ def direct_parts(
             path_m=path.path_m[:, kept], chirp_factors=factors
         )
         if own.size:
-            run = sent(radar, starts_s[chirps] - path.mid_s, weights[chirps])
-            yield Part(chirps, scatterers, run)
+            yield from run_parts(chirps, scatterers, path.mid_s, radar)
 
 
-def sent(radar: Radar, starts_s: np.ndarray, weights: np.ndarray) -> Sent:
-    """What is sent in some chirps, times from the middle of the run."""
-    chirp = radar.frame.chirp
-    return Sent(
-        starts_s,
-        weights,
-        np.array(radar.array.tx_m),
-        np.array(radar.array.rx_m),
-        chirp.start_frequency_hz,
-        chirp.slope_hz_per_s,
-        chirp.adc_start_s,
-        chirp.sample_rate_hz,
-    )
+def run_parts(chirps: slice, scatterers: Scatterers, mid_s: float, radar: Radar) -> Iterator[Part]:
+    """A run of chirps, one part for each kind of ramp; `mid_s`: its middle, in the frame."""
+    frame, chirp = radar.frame, radar.frame.chirp
+    starts_s, weights = frame.chirps_s - mid_s, frame.sent_weights()
+    n_kinds = 1 if frame.ramps_are_alike else frame.n_slots
+    for first in range(chirps.start, min(chirps.start + n_kinds, chirps.stop)):
+        own = slice(first, chirps.stop, n_kinds if n_kinds > 1 else None)
+        ramp = frame.ramps[first % n_kinds]
+        factors = scatterers.chirp_factors
+        if factors is not None:
+            factors = factors[first - chirps.start :: n_kinds]
+        sent = Sent(
+            starts_s[own],
+            weights[own],
+            np.array(radar.array.tx_m),
+            np.array(radar.array.rx_m),
+            chirp.start_frequency_hz + ramp.shift_hz,
+            chirp.slope_hz_per_s * ramp.sign,
+            chirp.adc_start_s,
+            chirp.sample_rate_hz,
+        )
+        yield Part(own, scatterers._replace(chirp_factors=factors), sent)
 
 
 def gains(positions_m: np.ndarray, radar: Radar) -> tuple[np.ndarray, np.ndarray]:

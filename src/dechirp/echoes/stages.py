@@ -8,6 +8,7 @@ from typing import NamedTuple
 from dechirp.core.checks import listed
 from dechirp.core.errors import InvalidSetting
 from dechirp.echoes.impairments.base import Impairment, Oscillator, Preset, Propagation, Receiver
+from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
 
@@ -17,11 +18,13 @@ class Stages(NamedTuple):
     oscillators: tuple[Oscillator, ...]
     paths: tuple[Propagation, ...]
     receivers: tuple[Receiver, ...]
+    presets: tuple[Preset, ...] = ()
+    """Those that some of the others come from."""
 
     @property
     def all(self) -> tuple[Impairment, ...]:
-        """In the order in which they act."""
-        return (*self.oscillators, *self.paths, *self.receivers)
+        """In the order in which they act, presets first."""
+        return (*self.presets, *self.oscillators, *self.paths, *self.receivers)
 
     def margins(self, radar: Radar) -> tuple[int, int]:
         """Samples that receivers need before and after those that are kept."""
@@ -50,6 +53,7 @@ def by_stage(impairments: Iterable[Impairment], radar: Radar) -> Stages:
         tuple(one for one in every if isinstance(one, Oscillator)),
         tuple(one for one in every if isinstance(one, Propagation)),
         tuple(one for one in every if isinstance(one, Receiver)),
+        tuple(one for one in every if isinstance(one, Preset)),
     )
 
 
@@ -68,9 +72,33 @@ def naming(impairment: Impairment) -> Iterator[None]:
         ) from None  # fmt: skip
 
 
+def must_suit(impairment: Impairment, frame: Frame) -> None:
+    """Raise `InvalidSetting` where a frame has ramps of which an impairment does not know."""
+    suits = {
+        "any": True,
+        "rising": all(ramp.sign > 0 for ramp in frame.ramps),
+        "alike": frame.ramps_are_alike,
+        "even": frame.modulation is None,
+    }
+    if frame.modulation is not None and not suits[impairment.ramps]:
+        raise InvalidSetting(
+            "Radar.frame.modulation",
+            got=f"{frame.modulation.kind()}, with an impairment of kind {impairment.kind()}",
+            need=f"ramps that are {impairment.ramps}: of others it does not know",
+            fix="Leave one of the two out.",
+        )
+
+
+def shortest(radar: Radar) -> Radar:
+    """The radar as it is in the frame of the shortest interval."""
+    each = [radar.at(index) for index in range(radar.frame.n_intervals)]
+    return min(each, key=lambda one: one.frame.only_interval_s)
+
+
 def _single(impairments: Iterable[Impairment], radar: Radar) -> Iterator[Impairment]:
     for impairment in impairments:
         if isinstance(impairment, Preset):
+            yield impairment
             yield from _single(impairment.impairments(radar), radar)
         elif isinstance(impairment, Oscillator | Propagation | Receiver):
             yield impairment

@@ -38,5 +38,4 @@ def _weakened(part: Part, loss_db_per_km: float) -> Part:
         for antennas_m in (part.sent.tx_m, part.sent.rx_m)
     )
     factors = np.sqrt(from_decibels(-loss_db_per_km * ways_m / 1000))
-    scatterers = part.scatterers._replace(amplitudes=part.scatterers.amplitudes * factors)
-    return part._replace(scatterers=scatterers)
+    return part.weaker(factors)

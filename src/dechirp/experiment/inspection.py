@@ -11,10 +11,12 @@ from dechirp.core.values import value
 from dechirp.formats.recognise import recognised
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
+from dechirp.formats.settings.calibration import read_calibration
 from dechirp.formats.settings.read import read_radar
 from dechirp.process.chain import Chain, power_map
 from dechirp.process.health.findings import findings as judged
 from dechirp.process.health.measures import measure
+from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.known import device as known_device
 from dechirp.radar.radar import Radar
@@ -45,6 +47,7 @@ def inspect(
     axes: Sequence[str] | str | None = None,
     encoding: str | None = None,
     iq: str | None = None,
+    calibration: Calibration | str | Path | None = None,
     frames: tuple[int, int] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Inspection:
@@ -52,7 +55,7 @@ def inspect(
 
     Parameters
     ----------
-    path, radar, device, format, axes, encoding, iq, frames
+    path, radar, device, format, axes, encoding, iq, calibration, frames
         As `open` takes them. With a device, its rules are checked as well; those of whole
         frames only where the period of the frames is known.
     progress : callable, optional
@@ -75,9 +78,18 @@ def inspect(
     chip = None if device is None else known_device(device)
     if isinstance(radar, str | Path):
         read_radar(radar, chip)
+    if isinstance(calibration, str | Path):
+        calibration = read_calibration(calibration)
     try:
         recording = open_recording(
-            path, radar=radar, device=device, format=format, axes=axes, encoding=encoding, iq=iq
+            path,
+            radar=radar,
+            device=device,
+            format=format,
+            axes=axes,
+            encoding=encoding,
+            iq=iq,
+            calibration=calibration,
         )
     except DechirpError as error:
         return _unread(path, kinds, error)

@@ -73,7 +73,7 @@ def _processing(
     scenario: Scenario, radar: Radar, snr: float, range_m: float, velocity_m_per_s: float
 ) -> tuple[BudgetLine, ...]:
     """Gains and losses from one sample to the decision."""
-    chirp, frame, chain = radar.frame.chirp, radar.frame, scenario.chain
+    chirp, frame, chain = radar.frame.chirp, radar.frame.at(0), scenario.chain
     over_range, over_velocity = chain.over_range(chirp), chain.over_velocity(frame)
     windows = over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
     beat_range_m = range_m + chirp.range_doppler_coupling_m(velocity_m_per_s)

@@ -14,8 +14,10 @@ from dechirp.experiment.link import added_noise_w, link_budget
 from dechirp.experiment.scenario import Scenario, check_chain
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
+from dechirp.process import near_field
 from dechirp.process.cfar.base import Cfar
 from dechirp.process.chain import detect, power_map, threshold_map
+from dechirp.process.intervals import unfolded
 from dechirp.process.peaks import MOST_PEAKS
 from dechirp.process.remarks import remarks
 from dechirp.radar.budget import BudgetLine
@@ -104,14 +106,18 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     with warnings.catch_warnings(record=True) as crowded:
         warnings.simplefilter("always", PhysicsWarning)
         for number, cube in zip(numbers, _one_by_one(source), strict=True):
-            columns = detect(cube, radar, chain)
+            columns = detect(cube, radar.at(number), chain)
             found.append(columns.assign(frame=columns.frame + number))
             if progress is not None:
                 progress(n_simulated + len(found), n_simulated + len(numbers))
     # Only now: held through the detection, these two maps would be a fourth cube in memory.
     first = next(_one_by_one(source)).isel(frame=0)
-    power = power_map(first, radar, chain)
-    threshold = threshold_map(power, radar, chain)
+    of_first = radar.at(numbers.start)
+    power = power_map(first, of_first, chain)
+    threshold = threshold_map(power, of_first, chain)
+    detections = xr.concat(found, "detection")
+    if radar.frame.n_intervals > 1:
+        detections = unfolded(detections, radar)
     finished = perf_counter()
     return Result(
         scenario=replace(scenario, chain=chain),
@@ -119,13 +125,14 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
         source=source,
         power=power,
         threshold=threshold,
-        detections=xr.concat(found, "detection"),
+        detections=detections,
         truth=None if scenario.scene is None else _truth(scenario, radar),
         budget=None if scenario.scene is None else link_budget(scenario, radar),
         findings=(
             *findings,
             *_fewer_cells(scenario.chain.cfar, chain.cfar),
             *remarks(radar, chain),
+            *near_field.remark(radar, detections),
             *_crowded(len(crowded)),
         ),
         timing_s={
@@ -200,6 +207,7 @@ def _source(
         axes=told.axes,
         encoding=told.encoding,
         iq=told.iq,
+        calibration=told.calibration,
         frames=told.frames,
     )
     recording.must_hold_samples()

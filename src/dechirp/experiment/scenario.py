@@ -7,7 +7,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from dechirp.config import files
+from dechirp.config.models import Readers
 from dechirp.core.checks import count, instances
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
@@ -16,12 +19,19 @@ from dechirp.echoes.engine import Engine
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.echoes.stages import by_stage
+from dechirp.formats.settings.calibration import read_calibration
 from dechirp.formats.settings.read import read_radar
+from dechirp.process.angle.fft import Fft
 from dechirp.process.chain import Chain, searched_rows
+from dechirp.process.sources import aperture_of
+from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
 from dechirp.scene.possible import must_be_possible
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
+
+READERS: Readers = {Radar: read_radar, Calibration: read_calibration}
+"""How to read what a scenario may name the file of, instead of holding it."""
 
 
 @value
@@ -42,6 +52,9 @@ class Source:
     settings_path: str | None = None
     """File that says what the radar sent and how samples lie: YAML, or the vendor's own; none:
     the recording itself, or a file beside it. With a radar in the scenario, the latter alone."""
+    calibration: Calibration | None = None
+    """Of its array, in place of the radar's; in files also the name of one that `dechirp
+    calibrate` wrote."""
     frames: tuple[int, int] | None = None
     """First frame, and the one after the last; none: all."""
 
@@ -121,7 +134,8 @@ class Scenario:
 def check_chain(chain: Chain, radar: Radar) -> None:
     """Raise `InvalidSetting`, with the path of the setting, unless the maps of a radar can be made.
 
-    There must be a bin for each sample and chirp, and room for training cells that were set.
+    There must be a bin for each sample and chirp, room for training cells that were set, and
+    directions to tell if an estimator was, by elements that will do for it.
     """
     with _called("chain.n_range_bins", instead_of="Transform.n_bins"):
         over_range = chain.over_range(radar.frame.chirp)
@@ -130,6 +144,16 @@ def check_chain(chain: Chain, radar: Radar) -> None:
     n_rows = searched_rows(radar.frame.chirp, over_range)
     with _called("chain.cfar", instead_of="Cfar"):
         chain.cfar.fitted(over_velocity.n_bins, n_rows).ring.fits(over_velocity.n_bins, n_rows)
+    angle = chain.fitted(radar).angle
+    if angle is not None:
+        seen = aperture_of(radar, chain.field_of_view)
+        if angle != Fft():  # which takes any array; another is asked about a snapshot of zeros
+            heard = np.zeros((1, 1, seen.n_elements), complex)
+            with (
+                _called("chain", instead_of="Chain"),
+                _called("chain.angle", instead_of=type(angle).__name__),
+            ):
+                angle.directions(heard, seen, np.zeros(1))
 
 
 @contextmanager
@@ -153,7 +177,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     InvalidFile
         With every mistake of the file at once, each with its line and column.
     """
-    return files.read(Path(path), Scenario, overrides=overrides, readers={Radar: read_radar})
+    return files.read(Path(path), Scenario, overrides=overrides, readers=READERS)
 
 
 def reference(overrides: Sequence[str] = ()) -> Scenario:

@@ -18,7 +18,9 @@ from dechirp.core.values import value
 from dechirp.formats.base import IQ_ORDERS, Contents, Told
 from dechirp.formats.recognise import contents_of, inside_of, must_be_one_of, unreadable
 from dechirp.formats.settings.base import Iq, Settings
+from dechirp.formats.settings.calibration import read_calibration
 from dechirp.formats.settings.read import read_settings
+from dechirp.radar.calibration import Calibration
 from dechirp.radar.cube import labelled_cube
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.known import device as known_device
@@ -186,6 +188,7 @@ def open(
     axes: Sequence[str] | str | None = None,
     encoding: str | None = None,
     iq: str | None = None,
+    calibration: Calibration | str | Path | None = None,
     frames: tuple[int, int] | None = None,
 ) -> Recording:
     """Open a recording; its samples are decoded when they are asked for.
@@ -214,6 +217,9 @@ def open(
         or full-scale. Of a WAV radar: inverted or upright.
     iq : {"iq", "qi"}, optional
         Which part of a complex sample comes first, where no settings say.
+    calibration : Calibration or path, optional
+        Of the array, in place of one that the radar has: a value, or the file that
+        `dechirp calibrate` wrote.
     frames : (int, int), optional
         First frame to read, counted from 0, and the one after the last; all without it. The
         others are never decoded.
@@ -223,9 +229,13 @@ def open(
     RecordingError
         If the recording is not what it is said to be.
     InvalidFile
-        If its YAML settings have mistakes.
+        If its YAML settings or the file of the calibration have mistakes.
+    InvalidSetting
+        If the calibration is of another array, or no device of that name is known.
     """
     path = Path(path)
+    if isinstance(calibration, str | Path):
+        calibration = read_calibration(calibration)
     if isinstance(axes, str):
         axes = axes.replace(",", " ").split()
     must_be_one_of(path, "iq", iq, IQ_ORDERS)
@@ -247,6 +257,9 @@ def open(
     whole = Recording(
         path=path, format=kind, contents=contents, frame_numbers=range(contents.n_frames)
     )
+    if calibration is not None:
+        calibrated = replace(whole.radar, calibration=calibration)
+        whole = replace(whole, contents=replace(contents, radar=calibrated))
     return whole if frames is None else whole.part(*frames)
 
 

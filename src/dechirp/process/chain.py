@@ -11,17 +11,26 @@ from dechirp.core.conventions import CUBE_AXES, axis
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import must_fit
 from dechirp.core.values import value
+from dechirp.process import ramps
+from dechirp.process.ambiguity import folds, responses, unknown
+from dechirp.process.angle.aperture import FieldOfView
+from dechirp.process.angle.base import DirectionEstimator
+from dechirp.process.angle.fft import Fft
 from dechirp.process.cfar.base import Cfar, Noise
 from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.estimates import between_bins, estimates, noise_about
-from dechirp.process.peaks import peaks
+from dechirp.process.estimates import estimates, noise_about, principal_hz
+from dechirp.process.interpolation import between_bins
+from dechirp.process.intervals import unfolded
+from dechirp.process.pairing import Peaks, Unfolded, paired
+from dechirp.process.peaks import clear_of_sidelobes, highest
+from dechirp.process.range_walk import RangeWalk, growth, undone_by
 from dechirp.process.refine import refine
+from dechirp.process.sources import aperture_of, sources, tells_directions, undirected
 from dechirp.process.spectrum import (
     Transform,
     independent_rows,
     mean_power,
     noise_gain,
-    range_doppler,
 )
 from dechirp.process.virtual import channels
 from dechirp.radar.chirp import Chirp
@@ -41,9 +50,15 @@ class Chain:
     doppler_window: Window = "hann"
     n_velocity_bins: int | None = None
     """Points of the Doppler transform, zero-padded above n_chirps; none: n_chirps."""
+    range_walk: RangeWalk | None = None
+    """How targets that cross range cells within a frame are kept in one, where v M T of the
+    largest velocity exceeds half a cell; none: not at all."""
     cfar: Cfar = Cfar(estimator=CellAveraging(), false_alarm_probability=1e-6)
-    angle: None = None
-    """Direction estimator: none is available yet."""
+    angle: DirectionEstimator | None = Fft()
+    """How directions are estimated; none: not at all. The default is left out where the array
+    tells none."""
+    field_of_view: FieldOfView = FieldOfView()
+    """Directions that are looked in; without an estimator, for the folds of velocities alone."""
     cluster: None = None
     """Clustering: none is available yet."""
 
@@ -51,14 +66,25 @@ class Chain:
         for name in ("n_range_bins", "n_velocity_bins"):
             if getattr(self, name) is not None:
                 count(self, name, at_least=2)
-        for name in ("range_window", "doppler_window"):
-            if getattr(self, name) not in get_args(Window):
+        for name, choices in (
+            ("range_window", get_args(Window)),
+            ("doppler_window", get_args(Window)),
+            ("range_walk", (*get_args(RangeWalk), None)),
+        ):
+            if getattr(self, name) not in choices:
                 raise InvalidSetting(
                     f"Chain.{name}",
                     got=getattr(self, name),
-                    need=" or ".join(get_args(Window)),
+                    need=" or ".join("none" if one is None else one for one in choices),
                     fix="Choose one of them.",
                 )
+        if not isinstance(self.angle, DirectionEstimator | None):
+            raise InvalidSetting(
+                "Chain.angle",
+                got=self.angle,
+                need="a member of the family, or none",
+                fix="Give Fft(), or leave it out for the default.",
+            )
         if not isinstance(self.cfar, Cfar):
             raise InvalidSetting(
                 "Chain.cfar", got=self.cfar, need="a Cfar", fix="Leave it out for the default."
@@ -75,9 +101,16 @@ class Chain:
         return Transform(window=self.doppler_window, n_points=frame.n_chirps, n_bins=n_bins)
 
     def fitted(self, radar: Radar) -> "Chain":
-        """The same, with fewer training cells where the default ones have no room in the map."""
+        """The same, without defaults that a radar has no room for.
+
+        Fewer training cells where the default ones do not fit into the map, and no direction
+        estimator instead of the default one where the array tells no direction.
+        """
         n_rows = searched_rows(radar.frame.chirp, self.over_range(radar.frame.chirp))
-        return replace(self, cfar=self.cfar.fitted(self.over_velocity(radar.frame).n_bins, n_rows))
+        angle = None if self.angle == Fft() and not tells_directions(radar) else self.angle
+        return replace(
+            self, angle=angle, cfar=self.cfar.fitted(self.over_velocity(radar.frame).n_bins, n_rows)
+        )
 
     def noise(self, radar: Radar) -> Noise:
         """What white noise looks like in the map of a radar."""
@@ -97,7 +130,7 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
     samples = cube.transpose("chirp", "rx", "sample").values
     units = "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
     return xr.DataArray(
-        _power(channels(samples, radar.frame), radar, noise),
+        _power(channels(samples, radar.frame), radar, chain),
         dims=("velocity", "range"),
         coords={
             "velocity": axis(
@@ -142,7 +175,8 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         time : s
             Mid-frame, mid-window: the instant to which the estimates refer.
         range : m, velocity : m/s
-            Receding positive; refined on unwindowed samples, range-Doppler coupling removed.
+            Receding positive; refined on unwindowed samples, range-Doppler coupling removed;
+            unfolded where `fold` is known, else of the fold about zero velocity.
             A frame of one chirp tells no velocity: NaN, and the range of a target at rest.
         snr : ratio
             After integration over all samples, chirps and channels, without the window's
@@ -151,6 +185,18 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
             on each side) makes it half a dB too high in the mean.
         range_std : m, velocity_std : m/s
             Standard errors, from the Cramer-Rao bound at that ratio.
+        azimuth : rad, elevation : rad
+            Of each source that the estimator finds in a detection, left and up positive: one
+            row each, strongest first, the ratio shared out by power. NaN where not estimated.
+            They go with the velocity of their row: another fold would turn the transmitters
+            against each other, and with them the angle.
+        azimuth_std : rad, elevation_std : rad
+            Standard errors, from the Cramer-Rao bound.
+        fold, fold_confidence
+            How many spans of unambiguous velocity were added, told from how the transmitters
+            or the ramps turn against each other, from the beats of a triangle, or from frames
+            of other intervals; NaN where that is ambiguous, the probability of the likeliest
+            below 0.99. Both NaN for one transmitter with ramps and intervals that are alike.
 
     Raises
     ------
@@ -177,7 +223,7 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     columns = [
         _detect_frame(
             channels(np.ascontiguousarray(samples[i], kind), radar.frame),
-            radar,
+            radar.at(i),
             chain,
             i,
             float(start_s),
@@ -185,9 +231,10 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         for i, start_s in enumerate(starts_s)
     ]
     merged = {name: np.concatenate([c[name] for c in columns]) for name in _UNITS}
-    return xr.Dataset(
+    found = xr.Dataset(
         {name: ("detection", merged[name], {"units": units}) for name, units in _UNITS.items()}
     )
+    return found if radar.frame.n_intervals == 1 else unfolded(found, radar)
 
 
 _UNITS = {
@@ -195,9 +242,15 @@ _UNITS = {
     "time": "s",
     "range": "m",
     "velocity": "m/s",
+    "azimuth": "rad",
+    "elevation": "rad",
     "snr": "1",
     "range_std": "m",
     "velocity_std": "m/s",
+    "azimuth_std": "rad",
+    "elevation_std": "rad",
+    "fold": "1",
+    "fold_confidence": "1",
 }
 
 
@@ -205,33 +258,105 @@ def _detect_frame(
     samples: np.ndarray, radar: Radar, chain: Chain, index: int, start_s: float
 ) -> dict[str, np.ndarray]:
     """Columns of the detections in one frame, (chirp, channel, sample)."""
+    frame = radar.frame
+    if frame.falls:
+        n_rx, one_sided = radar.array.n_rx, radar.one_sided()
+        up, down = (
+            _peaks(np.ascontiguousarray(samples[:, half]), one_sided, chain)
+            for half in (slice(n_rx), slice(n_rx, None))
+        )
+        found, radar = paired(up, down, frame), one_sided
+    else:
+        found = _unfolded(_peaks(samples, radar, chain), radar, chain)
+    tones, doppler_hz, noise = found.peaks.tones, found.doppler_hz, found.peaks.amplitude_noise
+    if chain.angle is None:
+        seen = undirected(len(doppler_hz))
+    else:
+        view = aperture_of(radar, chain.field_of_view)
+        seen = sources(tones.amplitude, doppler_hz, noise, radar, chain.angle, view)
+    of = seen.detection
+    snr = found.peaks.snr[of] * seen.share
+    columns = {
+        "frame": np.full(len(of), index),
+        "time": np.full(len(of), start_s + frame.mid_frame_s),
+        **estimates(tones.fast[of], doppler_hz[of], snr, frame),
+        "azimuth": seen.azimuth_rad,
+        "elevation": seen.elevation_rad,
+        "azimuth_std": seen.azimuth_std_rad,
+        "elevation_std": seen.elevation_std_rad,
+        "fold": found.folds.certain[of],
+        "fold_confidence": found.folds.confidence[of],
+    }
+    if radar.calibration is not None:
+        columns["range"] = columns["range"] - radar.calibration.range_offset_m
+    return columns
+
+
+def _peaks(samples: np.ndarray, radar: Radar, chain: Chain) -> Peaks:
+    """Peaks of the map of one frame, (chirp, channel, sample), refined on its samples."""
     frame, noise = radar.frame, chain.noise(radar)
-    power = _power(samples, radar, noise)
+    power = _power(samples, radar, chain)
     _must_be_finite(power)
-    found = peaks(power, _threshold(power, radar, chain), noise)
+    found = _found(power, radar, chain)
     slow, fast = between_bins(power, found, noise)
     cell_noise = noise_about(power, found, chain.cfar.ring, noise.n_channels)
     sample_noise = cell_noise / noise_gain(noise.over_range, noise.over_velocity, frame.chirp)
     sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
-    tones = refine(samples, slow, fast, sample_noise)
-    snr = np.maximum(tones.energy / sample_noise - noise.n_channels, 1e-3)
-    return {
-        "frame": np.full(len(found), index),
-        "time": np.full(len(found), start_s + frame.mid_frame_s),
-        **estimates(tones, snr, frame),
-    }
+    tones = refine(samples, slow, fast, sample_noise, growth=growth(frame.chirp))
+    return Peaks(
+        tones=tones,
+        snr=np.maximum(tones.energy / sample_noise - noise.n_channels, 1e-3),
+        amplitude_noise=sample_noise / (frame.n_chirps * frame.chirp.n_samples),
+    )
 
 
-def _power(samples: np.ndarray, radar: Radar, noise: Noise) -> np.ndarray:
+def _unfolded(peaks: Peaks, radar: Radar, chain: Chain) -> Unfolded:
+    """Peaks with their Doppler frequencies, where slots tell their folds."""
+    frame, noise = radar.frame, peaks.amplitude_noise
+    doppler_hz = principal_hz(peaks.tones, frame)
+    if frame.n_slots == 1 or frame.n_chirps == 1:
+        return Unfolded(peaks, doppler_hz, unknown(len(doppler_hz)))
+    tones = peaks.tones
+    if frame.modulation is not None:
+        tones = replace(tones, amplitude=ramps.unshifted(tones.amplitude, tones.fast, frame))
+        told = ramps.folds(tones.amplitude, frame, doppler_hz, peaks.snr, noise)
+    elif tells_directions(radar):
+        answers = responses(radar, aperture_of(radar, chain.field_of_view))
+        told = folds(tones.amplitude, frame, doppler_hz, answers, noise)
+    else:
+        told = unknown(len(doppler_hz))
+    doppler_hz = doppler_hz + np.nan_to_num(told.certain) / frame.repetition_s
+    return Unfolded(peaks._replace(tones=tones), doppler_hz, told)
+
+
+def _power(samples: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     """Range-Doppler map of one frame, (chirp, channel, sample) to (velocity, range)."""
+    noise = chain.noise(radar)
     cells = noise.over_range.n_bins * noise.over_velocity.n_bins
     must_fit(
         "range-Doppler map",
-        needed_bytes=cells * (8.0 * noise.n_channels + 3 * 4.0),  # spectrum, power, threshold
+        needed_bytes=cells * (3 * 8.0 + 3 * 4.0),  # spectra of a channel, power, threshold
         fix="Take fewer range or velocity bins.",
     )
-    sampling = radar.frame.chirp.sampling
-    return mean_power(range_doppler(samples, sampling, noise.over_range, noise.over_velocity))
+    chirp = radar.frame.chirp
+    transform = undone_by(chain.range_walk, chirp)
+    return mean_power(samples, chirp.sampling, noise.over_range, noise.over_velocity, transform)
+
+
+def _found(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
+    """Peaks of a map, (n, 2), velocity and range, strongest first: as `peaks` of its threshold.
+
+    Which cells exceed it, and the threshold of a few, are known in a fraction of the time that
+    an ordered statistic takes for a whole map.
+    """
+    noise = chain.noise(radar)
+    rows = independent_rows(radar.frame.chirp, noise.over_range)
+    searched = np.ascontiguousarray(power[:, rows])
+    over = np.zeros(power.shape, bool)
+    over[:, rows] = chain.cfar.exceeds(searched, noise)
+    found = highest(power, over)
+    threshold = chain.cfar.threshold_at(searched, found - (0, rows.start), noise)
+    return clear_of_sidelobes(power, found, threshold, noise)
 
 
 def _threshold(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:

@@ -18,27 +18,41 @@ MOST_PEAKS = 2000
 def peaks(power: np.ndarray, threshold: np.ndarray, noise: Noise) -> np.ndarray:
     """Indices (velocity, range) of the peaks of a map, (n, 2), strongest first.
 
-    A peak exceeds its threshold and its eight neighbours (velocity wraps round). A weaker
-    one must also stand out from the window's sidelobes of each stronger one, by as much as
-    from the noise: its amplitude less theirs exceeds the threshold's.
+    A peak exceeds its threshold and its eight neighbours (velocity wraps round), and is no
+    sidelobe of a stronger one: `highest`, then `clear_of_sidelobes`.
     """
-    found = _local_maxima(power, threshold)
-    strength = power[found[:, 0], found[:, 1]]
-    order = np.argsort(-strength, kind="stable")[:MOST_PEAKS]
+    found = highest(power, power > threshold)
+    return clear_of_sidelobes(power, found, threshold[found[:, 0], found[:, 1]], noise)
+
+
+def highest(power: np.ndarray, over: np.ndarray) -> np.ndarray:
+    """Cells of a mask that no neighbour exceeds, (n, 2), strongest first, 2,000 at most."""
+    found = _local_maxima(power, over)
+    order = np.argsort(-power[found[:, 0], found[:, 1]], kind="stable")[:MOST_PEAKS]
     if len(found) > MOST_PEAKS:
         warnings.warn(
             f"{len(found)} peaks are over threshold; the strongest {MOST_PEAKS} are kept. Lower"
             " the false-alarm probability.",
             PhysicsWarning,
-            stacklevel=4,
+            stacklevel=6,
         )
-    found, strength = found[order], strength[order]
+    return np.asarray(found[order])
+
+
+def clear_of_sidelobes(
+    power: np.ndarray, found: np.ndarray, threshold: np.ndarray, noise: Noise
+) -> np.ndarray:
+    """Those of the cells found, strongest first, that no sidelobe explains, (n, 2).
+
+    A weaker one must stand out from the window's sidelobes of each stronger one by as much as
+    from the noise: its amplitude less theirs exceeds that of its threshold, (n,).
+    """
     if len(found) < 2:
         return found
     keep = _outside_sidelobes(
         found,
-        np.sqrt(strength),
-        np.sqrt(threshold[found[:, 0], found[:, 1]]),
+        np.sqrt(power[found[:, 0], found[:, 1]]),
+        np.sqrt(threshold),
         sidelobe_amplitude(noise.over_velocity),
         sidelobe_amplitude(noise.over_range),
         noise.over_velocity.n_bins,
@@ -66,20 +80,19 @@ def sidelobe_amplitude(transform: Transform) -> np.ndarray:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _local_maxima(power: np.ndarray, threshold: np.ndarray) -> np.ndarray:
+def _local_maxima(power: np.ndarray, over: np.ndarray) -> np.ndarray:
     n_v, n_r = power.shape
     found = [(v, 0) for v in range(0)]  # empty, typed for the compiler
     for v in range(n_v):
-        row, limits = power[v], threshold[v]
         for start in range(0, n_r, 64):
-            line, over = row[start : start + 64], limits[start : start + 64]
-            # Few cells are over threshold: most blocks are passed by eight cells at a time.
+            marks = over[v, start : start + 64]
+            # Few cells are over threshold: most blocks are passed many cells at a time.
             n_over = np.int32(0)
-            for i in range(line.size):
-                n_over += np.int32(line[i] > over[i])
+            for i in range(marks.size):
+                n_over += np.int32(marks[i])
             if n_over:
-                for i in range(line.size):
-                    if line[i] > over[i] and _is_highest(power, v, start + i):
+                for i in range(marks.size):
+                    if marks[i] and _is_highest(power, v, start + i):
                         found.append((v, start + i))
     indices = np.empty((len(found), 2), np.int64)
     for i, cell in enumerate(found):

@@ -28,10 +28,18 @@ class Tones:
     """Radians per sample."""
     energy: np.ndarray
     """Sum over channels of |amplitude|^2 times the number of samples of one channel."""
+    amplitude: np.ndarray
+    """(n, channel) complex: mean over the samples of one channel, demodulated; the phase is
+    that at the first chirp and sample."""
 
 
 def refine(
-    samples: np.ndarray, slow: np.ndarray, fast: np.ndarray, noise_power: np.ndarray
+    samples: np.ndarray,
+    slow: np.ndarray,
+    fast: np.ndarray,
+    noise_power: np.ndarray,
+    *,
+    growth: float = 0.0,
 ) -> Tones:
     """Maximum-likelihood frequencies of the tones near given ones.
 
@@ -43,6 +51,9 @@ def refine(
         Frequencies within half a bin of the truth, strongest tone first.
     noise_power : array (n,)
         Noise in one sample about each; sidelobes far below it are left where they are.
+    growth : float
+        By how much slow-time frequencies grow from sample to sample, relative to their mean:
+        the walk through range cells within the frame, see `process.range_walk`.
 
     Notes
     -----
@@ -56,6 +67,8 @@ def refine(
     sums = np.empty((len(slow), samples.shape[1], len(rows) - 1, len(columns) - 1), np.complex128)
     for i, (at_slow, at_fast) in enumerate(zip(slow, fast, strict=True)):
         sums[i] = _block_sums(numbers, n_samples, at_slow, at_fast, rows, columns)
+        # Within a block of eight cells' walk the phase is 0.8 rad off at most, and the sum 3 %.
+        sums[i] *= np.exp(-1j * at_slow * growth * np.outer(_centres(rows), _centres(columns)))
     n_samples_each = n_chirps * n_samples
     # A tenth of the standard deviation that noise gives an amplitude.
     negligible = 0.1 * np.sqrt(noise_power / n_samples_each)
@@ -64,6 +77,11 @@ def refine(
 
 def _edges(n: int) -> np.ndarray:
     return np.linspace(0, n, min(n, BLOCKS) + 1).round().astype(np.int64)
+
+
+def _centres(edges: np.ndarray) -> np.ndarray:
+    """Middle of each block, from the middle of all."""
+    return np.asarray((edges[1:] + edges[:-1] - edges[-1]) / 2)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
@@ -115,17 +133,17 @@ def _maxima(
     negligible: np.ndarray,
     rows: np.ndarray,
     columns: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frequencies and energies of all tones, each with the others subtracted."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies, energies and amplitudes of all tones, each with the others subtracted."""
     n_tones, n_rx = sums.shape[:2]
     n_samples = rows[-1] * columns[-1]
     # Offsets from the frequencies that the sums were demodulated with.
     d_slow, d_fast = np.zeros(n_tones), np.zeros(n_tones)
     amplitude = np.zeros((n_tones, n_rx), np.complex128)
-    largest = np.zeros(n_tones)
+    largest, was_alone = np.zeros(n_tones), np.zeros(n_tones, np.bool_)
     for turn in range(PASSES if n_tones > 1 else 1):
         for i in range(n_tones):
-            own = sums[i].copy()
+            own, is_alone = sums[i].copy(), True
             for k in range(n_tones):
                 # In the first pass, weaker tones are not known yet.
                 if k == i or (turn == 0 and k > i):
@@ -135,7 +153,11 @@ def _maxima(
                 lobe = _sidelobe(apart_slow, rows[-1]) * _sidelobe(apart_fast, columns[-1])
                 if lobe * largest[k] > negligible[i]:
                     _subtract(own, amplitude[k], apart_slow, apart_fast, rows, columns)
-            d_slow[i], d_fast[i] = _highest(own, rows, columns)
+                    is_alone = False
+            if turn and is_alone and was_alone[i]:
+                continue  # nothing is new
+            was_alone[i] = is_alone
+            d_slow[i], d_fast[i] = _highest(own, rows, columns, d_slow[i], d_fast[i])
             gain = _gain(d_slow[i], rows) * _gain(d_fast[i], columns)
             moments = _moments(own, rows, columns, d_slow[i], d_fast[i])
             amplitude[i] = moments[0] / gain
@@ -143,7 +165,7 @@ def _maxima(
     energy = np.empty(n_tones)
     for i in range(n_tones):
         energy[i] = np.sum(np.abs(amplitude[i]) ** 2) * n_samples
-    return slow + d_slow, fast + d_fast, energy
+    return slow + d_slow, fast + d_fast, energy, amplitude
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -205,36 +227,51 @@ def _moments(
     out = np.zeros((6, sums.shape[0]), np.complex128)
     for k in range(sums.shape[0]):
         for a in range(p.size):
+            along, along_q, along_qq = 0j, 0j, 0j
             for b in range(q.size):
-                z = sums[k, a, b] * turn_p[a] * turn_q[b]
-                out[0, k] += z
-                out[1, k] += p[a] * z
-                out[2, k] += q[b] * z
-                out[3, k] += p[a] * p[a] * z
-                out[4, k] += p[a] * q[b] * z
-                out[5, k] += q[b] * q[b] * z
+                z = sums[k, a, b] * turn_q[b]
+                along += z
+                along_q += q[b] * z
+                along_qq += q[b] * q[b] * z
+            along *= turn_p[a]
+            along_q *= turn_p[a]
+            out[0, k] += along
+            out[1, k] += p[a] * along
+            out[2, k] += along_q
+            out[3, k] += p[a] * p[a] * along
+            out[4, k] += p[a] * along_q
+            out[5, k] += along_qq * turn_p[a]
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _highest(sums: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
-    """Offset of the highest point of the summed periodogram, by Newton's method.
+def _highest(
+    sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
+) -> tuple[float, float]:
+    """Offset of the highest point of the summed periodogram near one, by Newton's method.
 
-    Kept within a bin of the start; where the curve is not a hill, in noise or beside a
-    tone too near to part, the start stands.
+    On its logarithm, which is concave over the whole main lobe: the periodogram itself only
+    within 0.44 bins, and noise may put the start of a tone on the wrong side of its cell. Kept
+    within a bin of 0; where the curve is not a hill, in noise or beside a tone too near
+    to part, it is 0.
     """
     bin_slow, bin_fast = 2 * np.pi / rows[-1], 2 * np.pi / columns[-1]
-    slow, fast = 0.0, 0.0
     for _ in range(12):
         m = _moments(sums, rows, columns, slow, fast)
-        up_slow, up_fast, ss, sf, ff = 0.0, 0.0, 0.0, 0.0, 0.0
+        power, up_slow, up_fast, ss, sf, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(m.shape[1]):
             conjugate = np.conj(m[0, k])
+            power += abs(m[0, k]) ** 2
             up_slow += (conjugate * m[1, k]).imag
             up_fast += (conjugate * m[2, k]).imag
             ss += abs(m[1, k]) ** 2 - (conjugate * m[3, k]).real
             sf += (np.conj(m[1, k]) * m[2, k] - conjugate * m[4, k]).real
             ff += abs(m[2, k]) ** 2 - (conjugate * m[5, k]).real
+        if power == 0:
+            return 0.0, 0.0
+        ss -= 2 * up_slow**2 / power
+        sf -= 2 * up_slow * up_fast / power
+        ff -= 2 * up_fast**2 / power
         if rows[-1] == 1:
             ss = -1.0  # one chirp has no frequency: any is as high, and the start stands
         determinant = ss * ff - sf * sf
@@ -246,6 +283,7 @@ def _highest(sums: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[f
         fast += step_fast
         if abs(slow) > bin_slow or abs(fast) > bin_fast:
             return 0.0, 0.0
-        if abs(step_slow) < 1e-7 * bin_slow and abs(step_fast) < 1e-7 * bin_fast:
+        # The error after a step is about its square: 1e-9 of a bin, 70 dB under noise at 110 dB.
+        if abs(step_slow) < 3e-5 * bin_slow and abs(step_fast) < 3e-5 * bin_fast:
             break
     return slow, fast

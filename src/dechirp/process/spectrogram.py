@@ -109,7 +109,7 @@ def spectrogram(
         firsts = np.arange(0, len(profiles) - n_window + 1, hop)
         powers += [_power(profiles[first : first + n_window], over_velocity) for first in firsts]
         middles = firsts + (n_window - 1) / 2
-        slots_s = (frame.n_slots - 1) / 2 * frame.interval_s  # from the first to the middle one
+        slots_s = float(frame.slots_s.mean())  # from the first to the middle one
         first_s = starts_s[run[0]] + slots_s + chirp.mid_window_s
         times_s.append(first_s + middles * frame.repetition_s)
     power = np.array(powers) / over_range.noise_bandwidth_bins
@@ -183,7 +183,7 @@ def _runs(starts_s: np.ndarray, radar: Radar) -> list[range]:
     """Frames between which there is no gap."""
     frame = radar.frame
     gaps_s = np.diff(starts_s) - frame.duration_s
-    cuts = np.flatnonzero(abs(gaps_s) > _NO_GAP * frame.interval_s) + 1
+    cuts = np.flatnonzero(abs(gaps_s) > _NO_GAP * frame.only_interval_s) + 1
     ends = [0, *cuts.tolist(), len(starts_s)]
     return [range(first, last) for first, last in pairwise(ends)]
 

@@ -1,5 +1,6 @@
 """From samples to range, from chirps to velocity: tapered Fourier transforms with axes."""
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numba
@@ -107,7 +108,7 @@ def range_profiles(cube: xr.DataArray, chirp: Chirp, transform: Transform) -> xr
 
     |.|^2 of a tone on a bin is its mean power, for complex and for real samples.
     """
-    weights = _amplitude_weights(transform, chirp.sampling)
+    weights = amplitude_weights(transform, chirp.sampling)
     array = cube.transpose(..., "sample")
     tapered = array.values * weights
     if chirp.sampling == "complex":
@@ -124,9 +125,10 @@ def range_profiles(cube: xr.DataArray, chirp: Chirp, transform: Transform) -> xr
 def range_doppler(
     samples: np.ndarray, sampling: Sampling, over_range: Transform, over_velocity: Transform
 ) -> np.ndarray:
-    """Transform one frame, (chirp, rx, sample), to (velocity, rx, range); a tone keeps its power.
+    """Transform one frame, (chirp, channel, sample), to (velocity, channel, range).
 
-    Velocities ascend, receding positive. Needs one more cube of memory.
+    A tone on a bin keeps its power. Velocities ascend, receding positive. Needs one more cube
+    of memory.
     """
     slow = over_velocity.weights / over_velocity.weights.sum()
     # Zero velocity moves to the middle bin as a phase ramp on the window: +1, -1, +1 ... for
@@ -134,15 +136,51 @@ def range_doppler(
     middle = over_velocity.n_bins // 2
     turns = (np.arange(slow.size) * middle) % over_velocity.n_bins / over_velocity.n_bins
     slow = (slow * np.exp(2j * np.pi * turns)).astype(np.complex64)
-    fast = _amplitude_weights(over_range, sampling)
-    if sampling == "complex":
-        # Velocity first: the zeros that pad the range are then never transformed over chirps.
-        spectrum = _tapered(samples, slow, fast)
-        spectrum = scipy.fft.fft(spectrum, over_velocity.n_bins, axis=0, overwrite_x=True)
-        return np.asarray(scipy.fft.fft(spectrum, over_range.n_bins, axis=-1, overwrite_x=True))
-    spectrum = scipy.fft.rfft(samples * fast, over_range.n_bins, axis=-1)
-    spectrum *= slow[:, None, None]
-    return np.asarray(scipy.fft.fft(spectrum, over_velocity.n_bins, axis=0, overwrite_x=True))
+    fast = amplitude_weights(over_range, sampling)
+    if sampling == "real":
+        spectrum = scipy.fft.rfft(samples * fast, over_range.n_bins, axis=-1)
+        spectrum *= slow[:, None, None]
+        return np.asarray(scipy.fft.fft(spectrum, over_velocity.n_bins, axis=0, overwrite_x=True))
+    if over_velocity.n_bins % 2 == 0:
+        # Numbers in a row, two to a sample, times real weights: a fifth of the time.
+        numbers = np.ascontiguousarray(samples, np.complex64).view(np.float32)
+        spectrum = _tapered(numbers, slow.real.copy(), np.repeat(fast, 2)).view(np.complex64)
+    else:
+        spectrum = samples * slow[:, None, None] * fast
+    # Zeros that pad the range are never transformed over chirps; without them range goes first,
+    # which takes a quarter less for 256 x 128 samples.
+    transforms = [(0, over_velocity.n_bins), (2, over_range.n_bins)]
+    if over_range.n_bins == over_range.n_points:
+        transforms.reverse()
+    for along, n_bins in transforms:
+        spectrum = scipy.fft.fft(spectrum, n_bins, axis=along, overwrite_x=True)
+    return np.asarray(spectrum)
+
+
+FrameTransform = Callable[[np.ndarray, Sampling, Transform, Transform], np.ndarray]
+"""As `range_doppler`: samples of a frame to a spectrum."""
+
+
+def mean_power(
+    samples: np.ndarray,
+    sampling: Sampling,
+    over_range: Transform,
+    over_velocity: Transform,
+    transform: FrameTransform = range_doppler,
+) -> np.ndarray:
+    """Power of each cell of one frame, (chirp, channel, sample) to (velocity, range) float32.
+
+    Mean over the channels; a tone on a bin keeps its power. Channels are transformed one by
+    one: one spectrum is held, of a size that stays in the cache, where that of all takes a
+    third longer (512 x 256 x 16).
+    """
+    n_channels = samples.shape[1]
+    n_rows = over_range.n_bins if sampling == "complex" else over_range.n_bins // 2 + 1
+    out = np.zeros((over_velocity.n_bins, n_rows), np.float32)
+    for k in range(n_channels):
+        spectrum = transform(samples[:, k : k + 1], sampling, over_range, over_velocity)
+        _add_power(out, spectrum[:, 0], np.float32(1 / n_channels))
+    return out
 
 
 def noise_gain(over_range: Transform, over_velocity: Transform, chirp: Chirp) -> float:
@@ -152,33 +190,29 @@ def noise_gain(over_range: Transform, over_velocity: Transform, chirp: Chirp) ->
     return gain if chirp.sampling == "complex" else 2 * gain
 
 
-def _amplitude_weights(transform: Transform, sampling: Sampling) -> np.ndarray:
+def amplitude_weights(transform: Transform, sampling: Sampling) -> np.ndarray:
+    """Window of the range transform, scaled so that a tone on a bin keeps its power."""
     # A real tone puts half its power at negative frequencies, which are not kept.
     gain = 1.0 if sampling == "complex" else np.sqrt(2.0)
     return (gain * transform.weights / transform.weights.sum()).astype(np.float32)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _tapered(samples: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> np.ndarray:
-    """Windowed copy, one pass: samples (chirp, rx, sample) x slow (chirp) x fast (sample)."""
-    out = np.empty(samples.shape, np.complex64)
-    n_chirps, n_rx, n_samples = samples.shape
+def _tapered(numbers: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> np.ndarray:
+    """Windowed copy, one pass: numbers (chirp, rx, number) x slow (chirp) x fast (number)."""
+    out = np.empty(numbers.shape, np.float32)
+    n_chirps, n_rx, n_numbers = numbers.shape
     for m in range(n_chirps):
         for k in range(n_rx):
-            for n in range(n_samples):
-                out[m, k, n] = samples[m, k, n] * (slow[m] * fast[n])
+            for n in range(n_numbers):
+                out[m, k, n] = numbers[m, k, n] * (slow[m] * fast[n])
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def mean_power(spectrum: np.ndarray) -> np.ndarray:
-    """Power of each cell, (velocity, rx, range) to (velocity, range), mean over receivers."""
-    n_velocity, n_rx, n_range = spectrum.shape
-    out = np.zeros((n_velocity, n_range), np.float32)
-    share = np.float32(1.0 / n_rx)
-    for i in range(n_velocity):
-        for k in range(n_rx):
-            for j in range(n_range):
-                z = spectrum[i, k, j]
-                out[i, j] += share * (z.real * z.real + z.imag * z.imag)
-    return out
+def _add_power(out: np.ndarray, spectrum: np.ndarray, share: np.float32) -> None:
+    """Add a share of the power of each cell, in place, both (velocity, range)."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            z = spectrum[i, j]
+            out[i, j] += share * (z.real * z.real + z.imag * z.imag)

@@ -23,7 +23,7 @@ def standard_errors(
     Notes
     -----
     One chirp alone tells no velocity: its error is NaN, and that of range holds for a target
-    at rest.
+    at rest. One triangle tells both from its beats, whose errors are shared out evenly.
     """
     chirp = frame.chirp
     known_velocity = range_std_m(
@@ -32,14 +32,20 @@ def standard_errors(
         sample_rate_hz=chirp.sample_rate_hz,
         slope_hz_per_s=chirp.slope_hz_per_s,
     )
-    if frame.n_chirps == 1:
+    wavelengths_m = np.asarray(chirp.wavelength_m if wavelength_m is None else wavelength_m)
+    if not frame.tells_velocity:
         return known_velocity, np.full_like(known_velocity, np.nan)
+    if frame.n_chirps == 1:
+        doppler_hz = chirp.beat_frequency_hz(1.0) * known_velocity
+        return known_velocity, np.asarray(doppler_hz * wavelengths_m / 2)
     velocity_std = velocity_std_m_per_s(
         snr=snr,
         n_chirps=frame.n_chirps,
         interval_s=frame.repetition_s,
-        wavelength_m=chirp.wavelength_m if wavelength_m is None else wavelength_m,
+        wavelength_m=wavelengths_m,
     )
+    if frame.falls:  # the coupling of both ramps cancels
+        return known_velocity, velocity_std
     range_std = uncoupled_range_std_m(
         range_std_m=known_velocity,
         velocity_std_m_per_s=velocity_std,

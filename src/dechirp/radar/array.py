@@ -3,6 +3,8 @@
 from math import dist
 from typing import Literal
 
+import numpy as np
+
 from dechirp.core.checks import Vector, vectors
 from dechirp.core.values import value
 
@@ -27,6 +29,16 @@ class Array:
     def n_rx(self) -> int:
         """Number of receivers."""
         return len(self.rx_m)
+
+    @property
+    def virtual_m(self) -> np.ndarray:
+        """Positions of the virtual array, (n_tx x n_rx, 3): transmitter plus receiver.
+
+        Element tx * n_rx + rx; a far target's echo over that pair has the phase of an antenna
+        there that hears what one at the origin sends.
+        """
+        tx, rx = np.array(self.tx_m), np.array(self.rx_m)
+        return np.asarray((tx[:, None] + rx).reshape(-1, 3))
 
     def coincident(self) -> tuple[tuple[Literal["tx", "rx"], int, int], ...]:
         """Pairs of elements at one place, within 1 um: of which kind, and their numbers.

@@ -131,6 +131,18 @@ class Chirp:
         n_kept = n_bins if self.sampling == "complex" else n_bins // 2 + 1
         return np.arange(n_kept) * self.range_m(self.sample_rate_hz) / n_bins
 
+    def echo_frequencies_hz(
+        self, range_m: np.ndarray, velocity_m_per_s: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Beat and Doppler frequencies at mid-window: S tau + f_D, f_D = 2 v (f - S tau) / c.
+
+        Before sampling folds them; any shape.
+        """
+        delay_hz = range_m / self.range_m(1.0)
+        sent_hz = self.mean_sampled_frequency_hz - delay_hz
+        doppler_hz = 2 * velocity_m_per_s * sent_hz / SPEED_OF_LIGHT
+        return delay_hz + doppler_hz, doppler_hz
+
     def range_doppler_coupling_m(self, velocity_m_per_s: float) -> float:
         """How much too far a receding target seems, v f / S, f at mid-window.
 

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from dechirp.core.conventions import CUBE_AXES, axis, transmitters
+from dechirp.core.conventions import CUBE_AXES, axis, chirp_times, transmitters
 from dechirp.radar.radar import Radar
 
 
@@ -20,18 +20,26 @@ def labelled_cube(
 
     Coordinates: start of each frame and chirp, and of each sample since the start of the
     ramp, all in s; `transmitter` along `chirp`, which one sent it, where they take turns;
-    `first_frame` is the number of the first frame.
+    `first_frame` is the number of the first frame. Where intervals differ from frame to frame
+    `chirp` counts chirps, and `chirp_time` has the start of each in each frame.
     """
     frame, chirp = radar.frame, radar.frame.chirp
     turns = frame.turns
     n_frames, n_chirps, n_rx, n_samples = samples.shape
-    starts_s = [frame.start_s(number) for number in range(first_frame, first_frame + n_frames)]
+    numbers = range(first_frame, first_frame + n_frames)
+    starts_s = [frame.start_s(number) for number in numbers]
+    slow: dict[str, xr.Variable] = {}
+    if frame.n_intervals == 1:
+        slow["chirp"] = axis("chirp", frame.chirps_s)
+    else:
+        slow["chirp"] = xr.Variable("chirp", np.arange(n_chirps), {"units": "1"})
+        slow["chirp_time"] = chirp_times(np.array([frame.at(one).chirps_s for one in numbers]))
     return xr.DataArray(
         samples,
         dims=CUBE_AXES,
         coords={
             "frame": axis("frame", np.array(starts_s)),
-            "chirp": axis("chirp", np.arange(n_chirps) * frame.interval_s),
+            **slow,
             **({} if turns is None else {"transmitter": transmitters(turns, n_chirps)}),
             "rx": axis("rx", np.arange(n_rx)),
             "sample": axis(

@@ -36,7 +36,7 @@ def data_rate_bits_per_s(radar: Radar) -> float:
 def mean_eirp_w(radar: Radar) -> float:
     """Radiated power times gain, mean over an interval."""
     frame = radar.frame
-    return radar.known_hardware().eirp_w * frame.chirp.ramp_duration_s / frame.interval_s
+    return radar.known_hardware().eirp_w * frame.chirp.ramp_duration_s / frame.only_interval_s
 
 
 def what_follows(
@@ -78,7 +78,7 @@ def what_follows(
         ),
         ("range_resolution", chirp.range_resolution_m * scale, "m", "c / 2 B", sampled),
         ("max_range", chirp.max_range_m * scale, "m", alias, f"{chirp.sampling} samples"),
-        ("interval", frame.interval_s, "s", "T", "start to start"),
+        ("interval", frame.only_interval_s, "s", "T", "start to start"),
         ("max_velocity", frame.max_velocity_m_per_s * scale, "m/s", "lambda / 4 T", middle),
         ("n_chirps", frame.n_chirps, "1", "M", "128, or lambda / (2 T dv) rounded up"),
         (

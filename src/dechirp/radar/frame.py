@@ -1,12 +1,19 @@
-"""A frame: equal chirps at equal intervals, processed together."""
+"""A frame: chirps in equal rounds at equal intervals, processed together."""
+
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import count, positive
+from dechirp.core.checks import count, listed, number, positive, series
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.radar.chirp import Chirp
+from dechirp.radar.modulations.base import Modulation, Ramp
 from dechirp.radar.multiplexing.base import Multiplexing
+
+_MOST_FOLDS = 64
+_ALIKE = 0.02  # of a cycle: 7 degrees, which noise turns at 20 dB
 
 
 @value
@@ -19,24 +26,21 @@ class Frame:
     chirp: Chirp
     n_chirps: int
     """Chirps of each transmitter; one alone tells no velocity. Under a code in which
-    transmitters send together: how often the code repeats, 1 where it is as long as the frame."""
-    interval_s: float
-    """From the start of a chirp to the start of the next, whichever transmitter sends it."""
+    transmitters send together: how often the code repeats, 1 where it is as long as the frame;
+    under a modulation: rounds of its ramps."""
+    interval_s: float | tuple[float, ...]
+    """From the start of a chirp to the start of the next, whichever transmitter sends it; a
+    list: one for each frame in turn, see `at`."""
     period_s: float | None = None
     """From the start of a frame to the start of the next; none: without a gap."""
     multiplexing: Multiplexing | None = None
     """How transmitters share the chirps; none: one transmitter sends them all."""
+    modulation: Modulation | None = None
+    """How the ramps of a round differ, all sent by one transmitter; none: all are alike."""
 
     def __post_init__(self) -> None:
         count(self, "n_chirps")
-        positive(self, "interval_s", at_least=1e-12, at_most=1e6)  # the bounds of a ramp
-        if self.interval_s < self.chirp.ramp_duration_s * (1 - 1e-9):
-            raise InvalidSetting(
-                "Frame.interval_s",
-                got=f"{self.interval_s:.6g} s",
-                need=f"at least {self.chirp.ramp_duration_s:.6g} s, the duration of the ramp",
-                fix="Lengthen the interval or shorten the ramp.",
-            )
+        self._check_intervals()
         if not isinstance(self.multiplexing, Multiplexing | None):
             raise InvalidSetting(
                 "Frame.multiplexing",
@@ -44,16 +48,106 @@ class Frame:
                 need="a member of the family, or none",
                 fix="Give Tdm(order=(0, 1)) where two transmitters take turns.",
             )
+        self._check_modulation()
         if self.period_s is None:
             return
         positive(self, "period_s", at_least=1e-12, at_most=1e6)
-        if self.period_s < self.duration_s * (1 - 1e-9):
+        longest_s = max(self.at(index).duration_s for index in range(self.n_intervals))
+        if self.period_s < longest_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Frame.period_s",
                 got=f"{self.period_s:.6g} s",
-                need=f"at least {self.duration_s:.6g} s, the time the chirps take",
+                need=f"at least {longest_s:.6g} s, the time the chirps take",
                 fix="Lengthen the period, or send fewer chirps at a shorter interval.",
             )
+
+    def _check_intervals(self) -> None:
+        intervals_s = listed(self.interval_s)
+        if intervals_s is None:
+            positive(self, "interval_s", at_least=1e-12, at_most=1e6)  # the bounds of a ramp
+            named = [("Frame.interval_s", number("Frame.interval_s", self.interval_s))]
+        else:
+            kept = series("Frame.interval_s", intervals_s, at_least=1e-12, at_most=1e6)
+            object.__setattr__(self, "interval_s", kept)
+            named = [(f"Frame.interval_s.{place}", one_s) for place, one_s in enumerate(kept)]
+            if len(kept) < 2:
+                raise InvalidSetting(
+                    "Frame.interval_s",
+                    got=f"a list of {len(kept)}",
+                    need="two or more, one for each frame in turn",
+                    fix="Write one interval without brackets.",
+                )
+        for where, interval_s in named:
+            if interval_s < self.chirp.ramp_duration_s * (1 - 1e-9):
+                raise InvalidSetting(
+                    where,
+                    got=f"{interval_s:.6g} s",
+                    need=f"at least {self.chirp.ramp_duration_s:.6g} s, the duration of the ramp",
+                    fix="Lengthen the interval or shorten the ramp.",
+                )
+
+    def _check_modulation(self) -> None:
+        if not isinstance(self.modulation, Modulation | None):
+            raise InvalidSetting(
+                "Frame.modulation",
+                got=self.modulation,
+                need="a member of the family, or none",
+                fix="Give Triangular() for ramps that rise and fall in turns.",
+            )
+        if self.modulation is not None and self.multiplexing is not None:
+            raise InvalidSetting(
+                "Frame.modulation",
+                got=f"{self.modulation.kind()}, with multiplexing of kind"
+                f" {self.multiplexing.kind()}",
+                need="one or the other: ramps that differ are all sent by one transmitter",
+                fix="Leave one of the two out.",
+            )
+        lowest_hz = self.chirp.start_frequency_hz + min(ramp.shift_hz for ramp in self.ramps)
+        if lowest_hz <= 0:
+            raise InvalidSetting(
+                "Frame.modulation",
+                got=f"a ramp that starts at {lowest_hz:.6g} Hz",
+                need="frequencies above 0",
+                fix="Lower the step.",
+            )
+
+    @property
+    def n_intervals(self) -> int:
+        """Frames after which the intervals begin again: 1 where all frames have the same."""
+        return len(self.interval_s) if isinstance(self.interval_s, tuple) else 1
+
+    def at(self, index: int) -> "Frame":
+        """A frame, counted from 0, with the one interval that it has.
+
+        What depends on the interval is asked of this where it is a list.
+        """
+        if not isinstance(self.interval_s, tuple):
+            return self
+        return replace(self, interval_s=self.interval_s[index % len(self.interval_s)])
+
+    @property
+    def only_interval_s(self) -> float:
+        """The interval, where all frames have the same; `InvalidSetting` where they have not."""
+        if not isinstance(self.interval_s, tuple):
+            return self.interval_s
+        raise InvalidSetting(
+            "Frame.interval_s",
+            got=f"a list: {', '.join(f'{one_s:.6g} s' for one_s in self.interval_s)}",
+            need="one interval: this is about one frame",
+            fix="Take the radar as it is in one of the frames: radar.at(0).",
+        )
+
+    @cached_property
+    def ramps(self) -> tuple[Ramp, ...]:
+        """What sets the ramp of each slot of a round apart from `chirp`."""
+        if self.modulation is not None:
+            return self.modulation.ramps(self.chirp)
+        return (Ramp(),) * (1 if self.multiplexing is None else len(self.multiplexing.weights))
+
+    @property
+    def ramps_are_alike(self) -> bool:
+        """Whether all ramps are as `chirp` says, whenever they are sent."""
+        return all(ramp.sign == 1 and ramp.shift_hz == 0 for ramp in self.ramps)
 
     @property
     def weights(self) -> tuple[tuple[complex, ...], ...]:
@@ -61,7 +155,9 @@ class Frame:
 
         See `Multiplexing.weights`; without multiplexing one transmitter sends in every chirp.
         """
-        return ((1 + 0j,),) if self.multiplexing is None else self.multiplexing.weights
+        if self.multiplexing is None:
+            return ((1 + 0j,),) * len(self.ramps)
+        return self.multiplexing.weights
 
     def sent_weights(self) -> np.ndarray:
         """Factor of each transmitter's echo in each chirp of the frame, (n_sent, n_tx) complex."""
@@ -70,7 +166,7 @@ class Frame:
     @property
     def slots(self) -> tuple[tuple[int, ...], ...]:
         """Transmitters that send in each slot of a round; the first alone without multiplexing."""
-        return ((0,),) if self.multiplexing is None else self.multiplexing.slots
+        return ((0,),) * len(self.ramps) if self.multiplexing is None else self.multiplexing.slots
 
     @property
     def turns(self) -> tuple[int, ...] | None:
@@ -80,8 +176,8 @@ class Frame:
 
     @property
     def n_slots(self) -> int:
-        """Chirps in a round of the transmitters, 1 without multiplexing."""
-        return len(self.weights)
+        """Chirps in a round of the transmitters or of the ramps; 1 without either."""
+        return len(self.ramps)
 
     @property
     def n_sent(self) -> int:
@@ -89,14 +185,60 @@ class Frame:
         return self.n_chirps * self.n_slots
 
     @property
+    def slots_s(self) -> np.ndarray:
+        """Start of each slot, since that of its round, (n_slots,)."""
+        after_s = [self.only_interval_s + ramp.pause_s for ramp in self.ramps]
+        return np.concatenate([[0.0], np.cumsum(after_s)[:-1]])
+
+    @property
+    def turning_s(self) -> np.ndarray:
+        """By what a Doppler frequency turns each slot against the first, (n_slots,).
+
+        Its start, less the time that ramps of another frequency take to get there: for one
+        beat frequency, a higher Doppler frequency is a shorter delay.
+        """
+        shift_hz = np.array([ramp.shift_hz for ramp in self.ramps])
+        return self.slots_s - (shift_hz - shift_hz[0]) / self.chirp.slope_hz_per_s
+
+    @cached_property
+    def n_folds(self) -> int:
+        """Folds of velocity that turn slots differently: n_slots where they come evenly.
+
+        The least number after which all slots turn alike again, within 0.02 of a cycle; at
+        most 64, or n_slots.
+        """
+        most = max(_MOST_FOLDS, self.n_slots)
+        cycles = np.outer(np.arange(1, most + 1), self.turning_s / self.repetition_s)
+        again = np.flatnonzero(np.all(abs(cycles - np.rint(cycles)) <= _ALIKE, axis=1))
+        return 1 + int(again[0]) if again.size else most
+
+    @property
+    def falls(self) -> bool:
+        """Whether some of its ramps do."""
+        return any(ramp.sign < 0 for ramp in self.ramps)
+
+    @property
+    def tells_velocity(self) -> bool:
+        """Whether several chirps do, or a ramp that rises and one that falls."""
+        return self.n_chirps > 1 or self.falls
+
+    @property
+    def chirps_s(self) -> np.ndarray:
+        """Start of each chirp, since that of the frame, (n_sent,)."""
+        if not any(ramp.pause_s for ramp in self.ramps):
+            return self.only_interval_s * np.arange(self.n_sent)
+        rounds_s = self.repetition_s * np.arange(self.n_chirps)
+        return np.ravel(rounds_s[:, None] + self.slots_s)
+
+    @property
     def repetition_s(self) -> float:
         """From a chirp of a transmitter to its next; under a code from round to round."""
-        return self.n_slots * self.interval_s
+        return self.n_slots * self.only_interval_s + sum(ramp.pause_s for ramp in self.ramps)
 
     @property
     def duration_s(self) -> float:
         """From the start of the first chirp to the end of the last interval."""
-        return self.n_sent * self.interval_s
+        return self.n_chirps * self.repetition_s
 
     @property
     def mid_frame_s(self) -> float:
@@ -104,7 +246,8 @@ class Frame:
 
         Estimates and truth refer to this instant.
         """
-        return (self.n_sent - 1) / 2 * self.interval_s + self.chirp.mid_window_s
+        slots_s = float(self.slots_s.mean())
+        return (self.n_chirps - 1) / 2 * self.repetition_s + slots_s + self.chirp.mid_window_s
 
     @property
     def velocity_resolution_m_per_s(self) -> float:
@@ -127,4 +270,8 @@ class Frame:
 
     def start_s(self, index: int) -> float:
         """Start of a frame, counted from 0."""
-        return index * (self.duration_s if self.period_s is None else self.period_s)
+        if self.period_s is not None:
+            return index * self.period_s
+        turns, left = divmod(index, self.n_intervals)
+        lasts_s = [self.at(place).duration_s for place in range(self.n_intervals)]
+        return turns * sum(lasts_s) + sum(lasts_s[:left])

@@ -1,8 +1,13 @@
 """The radar: what it sends, where its antennas are, what its electronics do."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.radar.array import Array
+from dechirp.radar.calibration import Calibration
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 
@@ -15,11 +20,15 @@ class Radar:
     array: Array = Array()
     hardware: Hardware | None = None
     """None where it is not known, as for most recordings: no absolute powers then."""
+    calibration: Calibration | None = None
+    """In files also the name of one that `dechirp calibrate` wrote; none: an ideal array."""
 
     def __post_init__(self) -> None:
         n_tx = len(self.array.tx_m)
         named = sorted({transmitter for slot in self.frame.slots for transmitter in slot})
         if named == list(range(n_tx)):
+            if self.calibration is not None:
+                self.calibration.must_fit(self.array)
             return
         every = ", ".join(map(str, range(n_tx)))
         if self.frame.multiplexing is None:
@@ -37,6 +46,33 @@ class Radar:
             fix="Correct the order or the code, or give the position of every transmitter in"
             " array.tx.",
         )
+
+    @property
+    def elements_m(self) -> np.ndarray:
+        """Where the virtual elements are, (n_tx x n_rx, 3): the array's, as calibrated."""
+        if self.calibration is None:
+            return self.array.virtual_m
+        return np.asarray(self.array.virtual_m + self.calibration.errors_m())
+
+    @property
+    def element_gain(self) -> np.ndarray:
+        """Factors that the amplitudes of the virtual elements are to be multiplied by, complex.
+
+        (n_tx x n_rx,); 1 without a calibration.
+        """
+        if self.calibration is None:
+            return np.ones(self.n_channels, complex)
+        return self.calibration.factors()
+
+    def at(self, index: int) -> "Radar":
+        """The radar as it is in a frame, counted from 0: with one interval, see `Frame.at`."""
+        frame = self.frame.at(index)
+        return self if frame is self.frame else replace(self, frame=frame)
+
+    def one_sided(self) -> "Radar":
+        """The radar as if it sent the rising ramps of its triangles alone."""
+        frame = replace(self.frame, modulation=None, interval_s=self.frame.repetition_s)
+        return replace(self, frame=frame)
 
     @property
     def n_channels(self) -> int:

@@ -57,7 +57,7 @@ def breaks(asked: Requirements, *, speed_of_light_m_per_s: float) -> list[Broken
                 limit="interval",
                 takes=f"an interval of at most {longest_s * 1e6:.4g} us, lambda / 4v",
                 allowed=f"chirps of {ROUND_TRIPS} round trips,"
-                f" {made.interval_s * 1e6:.4g} us (the rule)",
+                f" {made.only_interval_s * 1e6:.4g} us (the rule)",
             )
         )
     return broken

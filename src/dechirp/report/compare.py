@@ -30,12 +30,15 @@ class Match(NamedTuple):
     target: np.ndarray
     range_error_m: np.ndarray
     velocity_error_m_per_s: np.ndarray
+    azimuth_error_rad: np.ndarray
+    elevation_error_rad: np.ndarray
 
 
 def on_map(place: Place, radar: Radar) -> Place:
-    """Return where such peaks lie on the map: range-Doppler coupling put back."""
+    """Return where such peaks lie on the map: coupling put back, velocities folded."""
     chirp = radar.frame.chirp
     beat_hz, doppler_hz = frequencies(place, radar)
+    doppler_hz = wrapped(doppler_hz, 1 / radar.frame.repetition_s)
     return Place(chirp.range_m(1.0) * beat_hz, doppler_hz * chirp.wavelength_m / 2)
 
 
@@ -73,51 +76,122 @@ def match(
 ) -> Match:
     """Give each detection to the nearest target of its frame, within two cells on every axis.
 
+    Where the fold of a velocity is not known its direction counts only if there is a target in it.
+
     A body of the scene is where its scatterers are, on parts that move as well, the hidden ones
     left out; without the scene it is where its origin is.
     """
     expected = seen(truth, radar)
+    folds = radar.frame.n_folds if radar.frame.n_intervals == 1 else None
+    unfolded = seen(truth, radar, folds=folds)
     of_frame = {int(frame): index for index, frame in enumerate(truth.frame.values)}
     index = np.array([of_frame[int(frame)] for frame in detections.frame.values], dtype=int)
-    target = np.full(len(index), -1)
+    target, span = np.full(len(index), -1), np.zeros(len(index))
     for at in np.unique(index):
         owners, places = np.arange(truth.sizes["target"]), Place(*(of.T[at] for of in expected))
+        of_truth = truth.transpose("target", "frame").isel(frame=at)
+        towards = _Towards(of_truth.azimuth.values, of_truth.elevation.values)
         if scene is not None:
             shown = visible(scene, float(truth.time[at]), radar)
             owners = scene.owners[shown]
-            there = scatterers(scene, truth.time.values[at : at + 1])
-            places = folded(Place(*(of[0, shown] for of in there)), radar)
+            moving = scatterers(scene, truth.time.values[at : at + 1])
+            one = radar.at(int(truth.frame[at]))
+            places = folded(Place(*(of[0, shown] for of in moving)), one)
+            x, y, z = scene.positions_m(truth.time.values[at : at + 1])[0, shown].T
+            towards = _Towards(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
         own = index == at
-        found = Place(detections.range.values[own], detections.velocity.values[own])
-        target[own] = _nearest(found, places, owners, radar)
+        rows, one = detections.isel(detection=own), radar.at(int(truth.frame[at]))
+        span[own] = 2 * one.frame.max_velocity_m_per_s
+        found = _cells(
+            Place(rows.range.values, rows.velocity.values),
+            _Towards(*(_estimated(rows, name) for name in ("azimuth", "elevation"))),
+            one,
+        )
+        there = _cells(places, towards, one)
+        nearest = _nearest(found, there, owners, one)
+        again = (nearest < 0) & _turned(rows, one)
+        found[again, 2:] = np.nan
+        nearest[again] = _nearest(found[again], there, owners, one)
+        target[own] = nearest
     has_place = target >= 0
     if scene is not None:
         has_body = np.array([one.body is not None for one in scene.targets], dtype=bool)
         has_place[has_place] = ~has_body[target[has_place]]
-    range_error_m, velocity_error = np.full((2, len(index)), np.nan)
+    errors = dict(zip(_AXES, np.full((4, len(index)), np.nan), strict=True))
     of = target[has_place], index[has_place]
-    range_error_m[has_place] = detections.range.values[has_place] - expected.range_m[of]
-    velocity_error[has_place] = wrapped(
-        detections.velocity.values[has_place] - expected.velocity_m_per_s[of],
-        2 * radar.frame.max_velocity_m_per_s,
+    is_unfolded = np.isfinite(_estimated(detections, "fold"))[has_place]
+    range_m, velocity = (
+        np.where(is_unfolded, told[of], not_told[of])
+        for told, not_told in zip(unfolded, expected, strict=True)
     )
-    return Match(target, range_error_m, velocity_error)
+    errors["range"][has_place] = detections.range.values[has_place] - range_m
+    error = detections.velocity.values[has_place] - velocity
+    within = span[has_place] * np.where(is_unfolded, folds or 1, 1)
+    # What frames of all intervals tell together does not go round.
+    goes_round = ~is_unfolded | (folds is not None)
+    errors["velocity"][has_place] = np.where(goes_round, wrapped(error, within), error)
+    for name in ("azimuth", "elevation"):
+        of_all = truth[name].transpose("target", "frame").values
+        errors[name][has_place] = _estimated(detections, name)[has_place] - of_all[of]
+    return Match(target, *errors.values())
 
 
-def _nearest(found: Place, places: Place, owners: np.ndarray, radar: Radar) -> np.ndarray:
+_AXES = ("range", "velocity", "azimuth", "elevation")
+
+
+class _Towards(NamedTuple):
+    """Directions, in rad, NaN where not estimated."""
+
+    azimuth_rad: np.ndarray
+    elevation_rad: np.ndarray
+
+
+def _estimated(detections: xr.Dataset, name: str) -> np.ndarray:
+    """A column of detections, NaN where there is none."""
+    if name not in detections:
+        return np.full(detections.sizes["detection"], np.nan)
+    return np.asarray(detections[name].values)
+
+
+def _turned(detections: xr.Dataset, radar: Radar) -> np.ndarray:
+    """Whether directions may be off: transmitters that share chirps tell them with the fold."""
+    return np.isnan(_estimated(detections, "fold")) & (len(radar.array.tx_m) > 1)
+
+
+def _nearest(found: np.ndarray, places: np.ndarray, owners: np.ndarray, radar: Radar) -> np.ndarray:
     """Owner of the place nearest to each detection, -1 where none is within two cells."""
+    out = np.full(len(found), -1)
     if not len(owners):
-        return np.full(len(found.range_m), -1)
-    # A tree: a detection may have 100,000 scatterers about it.
-    tree = KDTree(_cells(places, radar), boxsize=np.array([0, radar.frame.n_chirps]))
-    apart, nearest = tree.query(_cells(found, radar), p=np.inf)
-    return np.where(apart <= _CELLS, owners[nearest % len(owners)], -1)
+        return out
+    around = np.array([0, radar.frame.n_chirps, 0, 0])  # velocities go round
+    known = np.isfinite(found)
+    for axes in np.unique(known, axis=0):
+        own = (known == axes).all(axis=1)
+        # A tree: a detection may have 100,000 scatterers about it.
+        tree = KDTree(places[:, axes], boxsize=around[axes])
+        apart, nearest = tree.query(found[np.ix_(own, axes)], p=np.inf)
+        out[own] = np.where(apart <= _CELLS, owners[nearest % len(owners)], -1)
+    return out
 
 
-def _cells(place: Place, radar: Radar) -> np.ndarray:
-    """Range and velocity in resolution cells, (n, 2); velocities go round."""
-    frame = radar.frame
-    over_velocity = np.zeros_like(place.range_m)  # one chirp measures none to be told apart by
-    if frame.n_chirps > 1:
-        over_velocity = place.velocity_m_per_s / frame.velocity_resolution_m_per_s % frame.n_chirps
-    return np.stack([place.range_m / frame.chirp.range_resolution_m, over_velocity], axis=-1)
+def _cells(place: Place, towards: _Towards, radar: Radar) -> np.ndarray:
+    """Beat, Doppler and the sines of directions, in resolution cells, (n, 4).
+
+    Those of the map, on which folds make no odds. NaN for what is not estimated: the velocity
+    of one chirp among it, which then has the beat of a target at rest.
+    """
+    frame, chirp = radar.frame, radar.frame.chirp
+    at = frequencies(Place(place.range_m, np.nan_to_num(place.velocity_m_per_s)), radar)
+    turns = at.doppler_hz * frame.repetition_s * frame.n_chirps % frame.n_chirps
+    azimuth, elevation = towards
+    level = np.cos(np.nan_to_num(elevation))
+    lengths = np.ptp(radar.array.virtual_m, axis=0)[1:] / chirp.wavelength_m
+    return np.stack(
+        [
+            at.beat_hz / chirp.sample_rate_hz * chirp.n_samples,
+            np.where(np.isnan(place.velocity_m_per_s), np.nan, turns),
+            np.sin(azimuth) * level * lengths[0],
+            np.sin(elevation) * lengths[1],
+        ],
+        axis=-1,
+    )

@@ -11,7 +11,7 @@ from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
 from dechirp.process.spectrogram import spectrogram
-from dechirp.report import compare, tables
+from dechirp.report import compare, directions, tables
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
 from dechirp.report.figures import spectrogram as over
 from dechirp.report.summary import settings
@@ -55,12 +55,14 @@ def render(result: "Result", *, yaml: str) -> str:
         lead=tables.lead(shown),
         cards=tables.cards(shown),
         rows=tables.detections(shown, _MOST_ROWS),
+        angles=tables.angles(shown),
         n_more=max(shown.strongest.sizes["detection"] - _MOST_ROWS, 0),
         n_frames=result.n_frames,
         has_truth=result.truth is not None,
         n_in_map=shown.found.range_m.size,
         is_complex=np.iscomplexobj(shown.first),
         figures=_figures(shown),
+        panels=directions.panels(shown),
         has_bodies=shown.scatterers is not None and shown.scatterers.range_m.size > 0,
         targets=tables.targets(shown),
         targets_found=tables.targets_found(shown),
@@ -85,7 +87,7 @@ def _template() -> Template:
 
 def _figures(shown: View) -> dict[str, Markup]:
     result, expected = shown.result, shown.expected
-    radar, chain = result.radar, result.scenario.chain
+    radar, chain = result.radar.at(result.first_frame), result.scenario.chain
     doppler_hz = None
     if shown.found.range_m.size:
         doppler_hz = 2 * float(shown.found.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
@@ -108,11 +110,13 @@ def _figures(shown: View) -> dict[str, Markup]:
         "cut_velocity": _cut(shown, "velocity"),
     }
     if result.scenario.scene is not None:
-        in_map = shown.strongest.frame.values == result.first_frame
+        found = shown.in_first_frame
+        without = np.isnan(found.azimuth.values)
         drawn["scene"] = scene.from_above(
             result.scenario.scene,
             time_s=radar.frame.mid_frame_s,
-            detected_m=shown.strongest.range.values[in_map].tolist(),
+            detected_m=found.range.values[without].tolist(),
+            seen=directions.seen(shown),
         )
     moving_m = _ranges_of_moving_bodies_m(shown)
     if moving_m is not None:
@@ -128,6 +132,8 @@ def _ranges_of_moving_bodies_m(shown: View) -> tuple[float, float] | None:
     scene_, truth, radar = shown.result.scenario.scene, shown.result.truth, shown.result.radar
     if scene_ is None or truth is None or radar.frame.n_chirps < _LEAST_WINDOW:
         return None
+    if radar.frame.n_intervals > 1 or radar.frame.falls:
+        return None  # what goes through all frames has one interval, and ramps of one kind
     moves = [target.body is not None and not target.body.is_rigid for target in scene_.targets]
     own = np.array(moves, dtype=bool)[scene_.owners]
     if not own.any():

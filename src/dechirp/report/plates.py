@@ -14,7 +14,15 @@ from dechirp.experiment.verify import published
 from dechirp.experiment.verify.waveform import synthesised
 from dechirp.process.cfar.base import Cells, Ring
 from dechirp.report.amounts import typographic
-from dechirp.report.figures import beat, curves, detections, diagrams, range_doppler, waveform
+from dechirp.report.figures import (
+    beat,
+    curves,
+    detections,
+    detectors,
+    diagrams,
+    range_doppler,
+    waveform,
+)
 from dechirp.report.figures import window as cfar_window
 from dechirp.report.view import view_of
 from dechirp.report.words import number
@@ -66,6 +74,7 @@ def plates(document: Mapping[str, Any]) -> dict[str, Markup]:
             ),
             n_training=n["n_training"],
         ),
+        "detectors": detectors.beside_each_other(),
         "spectrum": beat.spectrum(quiet.cube, chirp, quiet.scenario.chain),
         **_maps({"map": quiet, "noisy_map": noisy}, reach_m),
         "detections": detections.maps(

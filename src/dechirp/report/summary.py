@@ -41,16 +41,24 @@ def _waveform(radar: Radar) -> list[tuple[str, str]]:
         ("samples", f"{chirp.n_samples}, {chirp.sampling}"),
         ("sample rate", quantity(chirp.sample_rate_hz, "Hz", 5)),
         ("chirps in a frame", _chirps(frame)),
-        ("chirp interval", quantity(frame.interval_s, "s", 5)),
+        ("chirp interval", _intervals(frame)),
         *([("transmitters", _transmitters(radar))] if len(radar.array.tx_m) > 1 else []),
         ("receivers", f"{radar.array.n_rx}"),
     ]
+
+
+def _intervals(frame: Frame) -> str:
+    each_s = [frame.at(index).only_interval_s for index in range(frame.n_intervals)]
+    said = ", ".join(quantity(one_s, "s", 5) for one_s in each_s)
+    return said if len(each_s) == 1 else f"{said}, frame by frame"
 
 
 def _chirps(frame: Frame) -> str:
     if frame.n_slots == 1:
         return f"{frame.n_sent}"
     each = "of each transmitter" if frame.turns is not None else f"rounds of {frame.n_slots}"
+    if frame.modulation is not None:
+        each += f", {frame.modulation.kind().replace('-', ' ')}"
     return f"{frame.n_sent}, {frame.n_chirps} {each}"
 
 
@@ -63,7 +71,7 @@ def _transmitters(radar: Radar) -> str:
 
 
 def _limits(radar: Radar) -> list[tuple[str, str]]:
-    frame, chirp = radar.frame, radar.frame.chirp
+    frame, chirp = radar.frame.at(0), radar.frame.chirp
     velocities = [
         ("velocity resolution", f"{number(frame.velocity_resolution_m_per_s)} m/s"),
         ("largest velocity", f"± {number(frame.max_velocity_m_per_s, 5)} m/s"),
@@ -153,6 +161,8 @@ def _processing(result: "Result") -> list[tuple[str, str]]:
         rows.append(("false-alarm probability", f"{small(cfar.false_alarm_probability)} per cell"))
     if cfar.offset is not None:
         rows.append(("threshold over noise", _db(cfar.offset)))
+    if chain.angle is not None:
+        rows.append(("directions", chain.angle.kind().replace("-", " ")))
     if chain.n_range_bins not in (None, chirp.n_samples):
         rows.append(("range transform", f"{chirp.n_samples} samples to {chain.n_range_bins} bins"))
     return rows

@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from dechirp.core.values import value
@@ -59,6 +60,7 @@ def cards(view: View) -> list[Card]:
     return [
         _estimate(view, "range", "m"),
         _estimate(view, "velocity", "m/s"),
+        *(_estimate(view, name, "°") for name in angles(view)),
         Card(name="signal to noise", number=snr, unit="dB", small_print="after integration"),
         *_over_threshold(view),
     ]
@@ -75,6 +77,8 @@ def detections(view: View, n_rows: int) -> list[dict[str, str]]:
             "time": fixed(float(one.time) * 1e3, 3),
             "range": _with_std(one.range, one.range_std),
             "velocity": _with_std(one.velocity, one.velocity_std),
+            "azimuth": _degrees(one.azimuth, one.azimuth_std),
+            "elevation": _degrees(one.elevation, one.elevation_std),
             "snr": fixed(ratio_db(float(one.snr)), 1),
         }
         if truth is not None and matched is not None:
@@ -82,8 +86,21 @@ def detections(view: View, n_rows: int) -> list[dict[str, str]]:
             row["target"] = str(truth.target.values[target]) if target >= 0 else NONE
             row["range_error"] = _error(matched.range_error_m[index], one.range_std)
             row["velocity_error"] = _error(matched.velocity_error_m_per_s[index], one.velocity_std)
+            for name, error_rad in (
+                ("azimuth", matched.azimuth_error_rad[index]),
+                ("elevation", matched.elevation_error_rad[index]),
+            ):
+                std = one[f"{name}_std"] * math.degrees(1)
+                row[f"{name}_error"] = _error(math.degrees(error_rad), std)
         rows.append(row)
     return rows
+
+
+def angles(view: View) -> list[str]:
+    """Name the angles that any detection has."""
+    return [
+        name for name in ("azimuth", "elevation") if np.isfinite(view.strongest[name].values).any()
+    ]
 
 
 def targets(view: View) -> list[dict[str, str]]:
@@ -133,11 +150,17 @@ def _hits(view: View, frame: int) -> set[int]:
 
 def _estimate(view: View, name: str, unit: str) -> Card:
     first, error = view.strongest.isel(detection=0), math.nan
+    scale = math.degrees(1) if unit == "°" else 1.0
     if view.matched is not None:
-        of = {"range": view.matched.range_error_m, "velocity": view.matched.velocity_error_m_per_s}
-        error = float(of[name][0])
-    std = first[f"{name}_std"]
-    number, _, spread = _with_std(first[name], std).partition(" ")
+        of = {
+            "range": view.matched.range_error_m,
+            "velocity": view.matched.velocity_error_m_per_s,
+            "azimuth": view.matched.azimuth_error_rad,
+            "elevation": view.matched.elevation_error_rad,
+        }
+        error = float(of[name][0]) * scale
+    std = first[f"{name}_std"] * scale
+    number, _, spread = _with_std(first[name] * scale, std).partition(" ")
     small_print = f"error {_error(error, std, f' {unit}')}" if math.isfinite(error) else ""
     return Card(name=name, number=number, std=spread, unit=unit, small_print=small_print)
 
@@ -157,6 +180,12 @@ def _over_threshold(view: View) -> list[Card]:
 def _with_std(estimate: xr.DataArray, std: xr.DataArray) -> str:
     decimals = decimals_of(float(std))
     return f"{fixed(float(estimate), decimals)} ± {fixed(float(std), decimals)}"
+
+
+def _degrees(estimate: xr.DataArray, std: xr.DataArray) -> str:
+    if not np.isfinite(float(estimate)):
+        return NONE
+    return _with_std(estimate * math.degrees(1), std * math.degrees(1))
 
 
 def _error(error: float, std: xr.DataArray, unit: str = "") -> str:

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.values import value
+from dechirp.radar.radar import Radar
 from dechirp.report import compare
 from dechirp.scene import folding
 from dechirp.scene.folding import Place
@@ -32,7 +33,7 @@ class View:
     found: Place
     """Detections of the first frame, where their peaks lie on the map."""
     seen: Place | None
-    """The truth as a perfect detector reports it, (target, frame)."""
+    """The truth as a perfect detector reports it, (target, frame); unfolded where folds are."""
 
     @property
     def units(self) -> str:
@@ -45,14 +46,25 @@ class View:
         return float(of_map.isel(velocity=row, range=column))
 
     @property
+    def in_first_frame(self) -> xr.Dataset:
+        """The detections of the first frame, strongest first."""
+        of_first = self.strongest.frame.values == self.result.first_frame
+        return self.strongest.isel(detection=np.flatnonzero(of_first))
+
+    @property
+    def is_point(self) -> np.ndarray:
+        """Whether each target of the scene is a point, and no body."""
+        scene = self.result.scenario.scene
+        targets = () if scene is None else scene.targets
+        return np.array([target.body is None for target in targets], dtype=bool)
+
+    @property
     def expected(self) -> Place | None:
         """The truth of the first frame, where its peaks lie on the map: targets, not bodies."""
-        scene = self.result.scenario.scene
-        if self.seen is None or scene is None:
+        if self.seen is None:
             return None
-        points = np.array([target.body is None for target in scene.targets], dtype=bool)
-        first = Place(*(of[points, 0] for of in self.seen))
-        return compare.on_map(first, self.result.radar)
+        first = Place(*(of[self.is_point, 0] for of in self.seen))
+        return compare.on_map(first, self.result.radar.at(self.result.first_frame))
 
     @property
     def scatterers(self) -> Place | None:
@@ -66,8 +78,9 @@ class View:
         there = compare.scatterers(scene, truth.time.values[:1])
         shown = compare.visible(scene, float(truth.time[0]), self.result.radar)
         chosen = compare.in_bodies(scene, _MOST_SCATTERERS, shown)
-        place = folding.folded(Place(*(of[0, chosen] for of in there)), self.result.radar)
-        return compare.on_map(place, self.result.radar)
+        radar = self.result.radar.at(self.result.first_frame)
+        place = folding.folded(Place(*(of[0, chosen] for of in there)), radar)
+        return compare.on_map(place, radar)
 
 
 def view_of(result: "Result") -> View:
@@ -75,11 +88,12 @@ def view_of(result: "Result") -> View:
     order = np.argsort(-result.detections.snr.values, kind="stable")
     strongest = result.detections.isel(detection=order)
     in_map = strongest.isel(detection=np.flatnonzero(strongest.frame.values == result.first_frame))
-    found = compare.on_map(Place(in_map.range.values, in_map.velocity.values), result.radar)
+    there = Place(in_map.range.values, in_map.velocity.values)
+    found = compare.on_map(there, result.radar.at(result.first_frame))
     matched = seen = None
     if result.truth is not None:
         matched = compare.match(strongest, result.truth, result.radar, result.scenario.scene)
-        seen = folding.seen(result.truth, result.radar)
+        seen = _seen(result.truth, result.radar, strongest.fold.values, matched)
     return View(
         result=result,
         first=next(iter(result.frames())),
@@ -89,6 +103,17 @@ def view_of(result: "Result") -> View:
         found=found,
         seen=seen,
     )
+
+
+def _seen(truth: xr.Dataset, radar: Radar, fold: np.ndarray, matched: compare.Match) -> Place:
+    """The truth as it is reported: unfolded where most detections of a target tell the fold."""
+    folds = radar.frame.n_folds if radar.frame.n_intervals == 1 else None
+    found, of = matched.target >= 0, truth.sizes["target"]
+    n_found = np.bincount(matched.target[found], minlength=of)
+    n_told = np.bincount(matched.target[found], np.isfinite(fold[found]), minlength=of)
+    is_told = (2 * n_told > n_found)[:, None]
+    folded, unfolded = folding.seen(truth, radar), folding.seen(truth, radar, folds=folds)
+    return Place(*(np.where(is_told, *both) for both in zip(unfolded, folded, strict=True)))
 
 
 def _strongest_cell(power: xr.DataArray, found: Place) -> tuple[int, int]:

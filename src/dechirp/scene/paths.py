@@ -182,7 +182,6 @@ def _parabolas(scene: Scene, frame: Frame, start_s: float) -> Iterator[Path]:
 def _span_s(frame: Frame, chirps: slice) -> tuple[float, float]:
     """Middle of a run, from the start of the frame, and half of its length."""
     chirp = frame.chirp
-    first_s = chirps.start * frame.interval_s
-    last_s = (chirps.stop - 1) * frame.interval_s
+    first_s, last_s = frame.chirps_s[[chirps.start, chirps.stop - 1]]
     end_s = last_s + chirp.adc_start_s + chirp.sampled_duration_s
     return (first_s + end_s) / 2, (end_s - first_s) / 2

@@ -39,7 +39,8 @@ def must_be_possible(scene: Scene, radar: Radar, *, n_frames: int = 1) -> None:
         antennas_m |= {f"{kind} {number}": one_m for number, one_m in enumerate(at_m)}
     reach_m = np.linalg.norm(list(antennas_m.values()), axis=-1).max() + _APART_M
     for frame in frames:
-        for time_s in radar.frame.start_s(frame) + np.array([0.0, radar.frame.mid_frame_s]):
+        mid_frame_s = radar.frame.at(frame).mid_frame_s
+        for time_s in radar.frame.start_s(frame) + np.array([0.0, mid_frame_s]):
             position_m = scene.positions_m([time_s])[0]
             near = np.flatnonzero(np.linalg.norm(position_m, axis=-1) < reach_m)
             for name, antenna_m in antennas_m.items():
@@ -51,7 +52,7 @@ def must_be_possible(scene: Scene, radar: Radar, *, n_frames: int = 1) -> None:
                         need="away from it: the echo would be infinite",
                         fix="Move the target.",
                     )
-    end_s = radar.frame.start_s(n_frames - 1) + radar.frame.duration_s
+    end_s = radar.frame.start_s(n_frames - 1) + radar.frame.at(n_frames - 1).duration_s
     speeds = np.linalg.norm(scene.target_velocities_m_per_s([end_s])[0], axis=-1)
     for place in np.flatnonzero(scene.accelerates):
         setting = f"scene.targets.{scene.names[place]}.acceleration"

@@ -9,6 +9,7 @@ import numpy as np
 from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.directions import hole
+from dechirp.radar.frame import Frame
 from dechirp.radar.patterns.table import TablePattern
 from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, folded, frequencies
@@ -92,6 +93,7 @@ def surprises(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]
     return [
         *_like_elements(radar),
         *_mixed(radar),
+        *_in_turn(radar, n_frames),
         *_holes(scene, radar),
         *_in_bodies(scene),
         *by_target,
@@ -107,7 +109,8 @@ def _in_bodies(scene: Scene) -> Iterator[Finding]:
 
 
 def _view(scene: Scene, radar: Radar, frame: int, when: str) -> _View:
-    time_s = [radar.frame.start_s(frame) + radar.frame.mid_frame_s]
+    start_s, radar = radar.frame.start_s(frame), radar.at(frame)
+    time_s = [start_s + radar.frame.mid_frame_s]
     position_m = scene.positions_m(time_s)[0]
     velocity = scene.target_velocities_m_per_s(time_s)[0, scene.owners]
     range_m = np.linalg.norm(position_m, axis=-1)
@@ -123,10 +126,11 @@ def _view(scene: Scene, radar: Radar, frame: int, when: str) -> _View:
 def _fast(view: _View) -> _Surprise:
     """Velocities that fold."""
     frame = view.radar.frame
-    turns = frequencies(view.place, view.radar).doppler_hz * frame.repetition_s
-    most = frame.max_velocity_m_per_s
+    folds = _told(frame)
+    turns = frequencies(view.place, view.radar).doppler_hz * frame.repetition_s / folds
+    most = folds * frame.max_velocity_m_per_s
     return _Surprise(
-        (frame.n_chirps > 1) & ((turns < -0.5) | (turns >= 0.5)),
+        (frame.n_chirps > 1) & (not frame.falls) & ((turns < -0.5) | (turns >= 0.5)),
         lambda setting, i: Finding(
             level="warning",
             setting=f"{setting}.velocity",
@@ -154,9 +158,15 @@ def _folding(view: _View) -> _Surprise:
     )
 
 
+def _told(frame: Frame) -> int:
+    """Folds of velocity that ramps of one transmitter tell; those of several need a direction."""
+    return 1 if frame.modulation is None else frame.n_folds
+
+
 def _folds(view: _View, i: int) -> str:
     there = Place(view.place.range_m[i], view.place.velocity_m_per_s[i])
-    return f"{_said(there)}{view.when} folds to {_said(folded(there, view.radar))}"
+    found = folded(there, view.radar, folds=_told(view.radar.frame))
+    return f"{_said(there)}{view.when} folds to {_said(found)}"
 
 
 def _said(place: Place) -> str:
@@ -307,6 +317,24 @@ def _mixed(radar: Radar) -> Iterator[Finding]:
             " round: they form a beam",
             need="orthogonal transmitters for the SNR that the truth and the link budget tell",
             fix="Expect more in the beam and less beside it, or take phases that are orthogonal.",
+        )
+
+
+def _in_turn(radar: Radar, n_frames: int) -> Iterator[Finding]:
+    """Intervals in turn that tell no more than one."""
+    intervals_s = radar.frame.interval_s
+    if not isinstance(intervals_s, tuple):
+        return
+    if len(set(intervals_s)) < 2 or n_frames < len(intervals_s):
+        few = n_frames < len(intervals_s)
+        yield Finding(
+            level="warning",
+            setting="radar.frame.interval",
+            got=f"{len(intervals_s)} intervals for {n_frames} frames"
+            if few
+            else f"{len(intervals_s)} intervals that are all {intervals_s[0] * 1e6:.5g} us",
+            need="frames with intervals that differ: velocities unfold by comparing them",
+            fix="Simulate more frames." if few else "Give one interval, or others.",
         )
 
 

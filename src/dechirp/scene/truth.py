@@ -42,7 +42,8 @@ def truth(
     """
     whole("n_frames", n_frames, at_least=1, at_most=1_000_000)
     frames = np.arange(n_frames)
-    times_s = np.array([radar.frame.start_s(i) + radar.frame.mid_frame_s for i in range(n_frames)])
+    frame = radar.frame
+    times_s = np.array([frame.start_s(i) + frame.at(i).mid_frame_s for i in range(n_frames)])
     seen = _seen(scene, times_s)
     over = ("target", "frame")
     known = xr.Dataset(

@@ -11,8 +11,9 @@ from zarr.codecs import BloscCodec
 
 from dechirp.config.texts import dump
 from dechirp.config.tree import read_tree
-from dechirp.core.conventions import CUBE_AXES, axis
+from dechirp.core.conventions import CUBE_AXES, axis, chirp_times
 from dechirp.echoes.codes import codes, is_coded
+from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
 
 FORMAT_VERSION = 1
@@ -41,13 +42,14 @@ def write_cube(
     frames : iterable of DataArray (frame, chirp, rx, sample)
         One frame each, n_frames of them.
     radar : Radar
-        Becomes the attribute `radar`, as a settings file writes it.
+        Becomes the attribute `radar`, as a settings file writes it; its calibration, where it
+        has one, is also a group of that name, over `element`.
     detections, truth
         Become groups of these names.
     """
     attributes = {"format_version": FORMAT_VERSION, "radar": read_tree(dump(radar), "").plain}
     store = zarr.create_group(path, zarr_format=3, attributes=attributes)
-    starts_s = np.zeros(n_frames)
+    starts_s, chirp_times_s = np.zeros(n_frames), []
     array, as_codes = None, False
     for index, frame in enumerate(frames):
         labelled = frame.transpose(*CUBE_AXES)
@@ -64,10 +66,34 @@ def write_cube(
         for start in range(0, labelled.sizes["chirp"], per_chunk):
             array[index, start : start + per_chunk] = labelled.values[0, start : start + per_chunk]
         starts_s[index] = labelled.frame.item()
+        if "chirp_time" in labelled.coords:
+            chirp_times_s.append(labelled.chirp_time.values[0])
     _add_array(store, "frame", xr.DataArray(axis("frame", starts_s)))
-    for name, dataset in (("detections", detections), ("truth", truth)):
+    if chirp_times_s:
+        _add_array(store, "chirp_time", xr.DataArray(chirp_times(np.array(chirp_times_s))))
+    calibration = None if radar.calibration is None else _calibration(radar.calibration)
+    groups = (("detections", detections), ("truth", truth), ("calibration", calibration))
+    for name, dataset in groups:
         if dataset is not None:
             _add_group(path, name, dataset)
+
+
+def _calibration(calibration: Calibration) -> xr.Dataset:
+    tx, rx = np.array(calibration.elements).T
+    made = xr.Dataset(
+        {
+            "tx": ("element", tx),
+            "rx": ("element", rx),
+            "gain": ("element", np.array(calibration.gain) @ np.array([1, 1j])),
+        },
+        attrs={"range_offset_m": calibration.range_offset_m},
+    )
+    if calibration.position_error_m is not None:
+        errors_m = np.array(calibration.position_error_m)
+        made["position_error"] = (("element", "axis"), errors_m, {"units": "m"})
+    if calibration.residual is not None:
+        made.attrs["residual"] = calibration.residual
+    return made
 
 
 def _empty(store: zarr.Group, frame: xr.DataArray, n_frames: int) -> zarr.Array[Any]:
@@ -94,7 +120,8 @@ def _attributes(frame: xr.DataArray) -> dict[str, Any]:
 
 def _labels(frame: xr.DataArray) -> dict[str, str]:
     """Name the coordinates that are no axes, so that xarray reads them as coordinates."""
-    return {"coordinates": "transmitter"} if "transmitter" in frame.coords else {}
+    named = [name for name in ("transmitter", "chirp_time") if name in frame.coords]
+    return {"coordinates": " ".join(named)} if named else {}
 
 
 def _add_array(store: zarr.Group, name: str, array: xr.DataArray) -> None:

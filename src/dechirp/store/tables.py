@@ -74,7 +74,9 @@ def _cells(column: str, values: np.ndarray) -> list[Cell]:
             values = decibels(values)
     elif column.endswith("_deg"):
         values = np.degrees(values)
-    return [None if isinstance(c, float) and not math.isfinite(c) else c for c in values.tolist()]
+    cells = [None if isinstance(c, float) and not math.isfinite(c) else c for c in values.tolist()]
+    # Folds are whole numbers, kept as floats beside NaN where none is known.
+    return [None if c is None else int(c) for c in cells] if column == "fold" else cells
 
 
 def _finite(content: object) -> object:

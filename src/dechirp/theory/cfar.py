@@ -2,9 +2,10 @@
 
 A factor is the threshold over the statistic that names it: the mean of the training cells
 (cell averaging), the k-th smallest of them (ordered statistic), the larger or the smaller of
-the means of their two halves (greatest of, smallest of). Noise is independent from cell to
+the means of their two halves (greatest of, smallest of); for trimmed means see
+`theory.trimmed_mean`. Noise is independent from cell to
 cell and its power exponential: a square-law detector. For a window or zero padding, which tie
-cells together, see `theory.correlated`.
+cells together, see `theory.correlated` and `theory.calibrated`.
 
 The parameters mean the same in all functions:
 
@@ -13,7 +14,8 @@ false_alarm_probability : float
 factor : array
     A ratio of powers, above 0; any shape, which the result has as well.
 n_training : int
-    Training cells, N, at least 1; in both halves together, and even, where there are halves.
+    Training cells, N, at least 1. Where there are halves, those in both together, an even
+    number, or a pair: those in each.
 n_summed : int
     Powers that are summed in each cell, K: receivers, or pulses.
 rank : int
@@ -43,7 +45,10 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from dechirp.core.checks import false_alarms, positive_ratios
-from dechirp.theory.training import exceeds, falls_below, half_of, n_powers, step_rates
+from dechirp.theory.ordered_sums import OrderedSums
+from dechirp.theory.training import exceeds, falls_below, halves_of, n_powers, step_rates
+
+_LEAST = 5e-324  # the least float above 0: the root lies above 1e-300
 
 
 def cell_averaging_factor(
@@ -71,15 +76,19 @@ def cell_averaging_factor(
 
 
 def ordered_statistic_factor(
-    false_alarm_probability: float, *, n_training: int, rank: int
+    false_alarm_probability: float, *, n_training: int, rank: int, n_summed: int = 1
 ) -> float:
     """Threshold over the k-th smallest training cell (N = 24, k = 18, 1e-6: 16.293).
 
-    The root of Pfa = prod_{i<k} (N - i) / (N - i + factor).
+    One power: the root of Pfa = prod_{i<k} (N - i) / (N - i + factor). K summed powers: that
+    of `theory.ordered_sums`, relative to a summed cell.
     """
     false_alarms("false_alarm_probability", false_alarm_probability)
     rates = step_rates(n_training, rank)
     log_pfa = math.log(false_alarm_probability)
+    if n_summed > 1:
+        law = OrderedSums(n_training=n_training, rank=rank, n_summed=n_summed)
+        return falling_root(lambda factor: law.log_probability(factor) - log_pfa, start=1.0)
     # As if every step were as short as the first, or as long as the last.
     step = math.expm1(-log_pfa / rank)
     return _root(
@@ -89,42 +98,48 @@ def ordered_statistic_factor(
     )
 
 
-def greatest_of_factor(false_alarm_probability: float, *, n_training: int) -> float:
+def greatest_of_factor(
+    false_alarm_probability: float, *, n_training: int | tuple[int, int], n_summed: int = 1
+) -> float:
     """Threshold over the larger mean of the two halves (N = 16, 1e-6: 19.356).
 
     The root of Pfa = 2 (1 + T)^-n I_{1 / (2 + T)}(n, n), with n = N / 2, T = factor / n and
     I the regularised incomplete beta function: the usual alternating sum without its
-    cancellation.
+    cancellation. For halves of n and m cells, either the larger, and K summed powers
+
+        Pfa = sum_{n, m} sum_{j<K} C(nK + j - 1, j) T^j (1 + T)^-(nK + j) P(j),
+
+    with P(j) = I_{m / (m + n (1 + T))}(mK, nK + j), and T = factor / n again.
     """
-    half_of(n_training)
-    # The larger mean is from one to two times the mean of all.
-    all_cells = cell_averaging_factor(false_alarm_probability, n_training=n_training)
-    log_pfa = math.log(false_alarm_probability)
+    log_pfa = _log_checked(false_alarm_probability)
 
     def excess(factor: float) -> float:
-        found = greatest_of_false_alarm_probability(factor, n_training=n_training)
-        return log_pfa - math.log(found)
+        found = greatest_of_false_alarm_probability(
+            factor, n_training=n_training, n_summed=n_summed
+        )
+        return math.log(max(float(found), _LEAST)) - log_pfa
 
-    return _root(excess, all_cells / 2, all_cells)
+    return falling_root(excess, start=_of_all(false_alarm_probability, n_training, n_summed))
 
 
-def smallest_of_factor(false_alarm_probability: float, *, n_training: int) -> float:
+def smallest_of_factor(
+    false_alarm_probability: float, *, n_training: int | tuple[int, int], n_summed: int = 1
+) -> float:
     """Threshold over the smaller mean of the two halves (N = 16, 1e-6: 41.057).
 
     The root of Pfa = 2 sum_{k<n} C(n + k - 1, k) (2 + T)^-(n + k), with n = N / 2 and
-    T = factor / n.
+    T = factor / n; for other halves and K summed powers as `greatest_of_factor` has it, with
+    1 - P(j) instead of P(j).
     """
-    false_alarms("false_alarm_probability", false_alarm_probability)
-    half = half_of(n_training)
-    log_pfa = math.log(false_alarm_probability)
+    log_pfa = _log_checked(false_alarm_probability)
 
     def excess(factor: float) -> float:
-        found = smallest_of_false_alarm_probability(factor, n_training=n_training)
-        return log_pfa - math.log(found)
+        found = smallest_of_false_alarm_probability(
+            factor, n_training=n_training, n_summed=n_summed
+        )
+        return math.log(max(float(found), _LEAST)) - log_pfa
 
-    # At least as many alarms as over the mean of one half, at most twice as many.
-    one_half, twice = (half * math.expm1((log - log_pfa) / half) for log in (0, math.log(2)))
-    return _root(excess, one_half, twice)
+    return falling_root(excess, start=_of_all(false_alarm_probability, n_training, n_summed))
 
 
 def cell_averaging_false_alarm_probability(
@@ -139,29 +154,78 @@ def cell_averaging_false_alarm_probability(
 
 
 def ordered_statistic_false_alarm_probability(
-    factor: ArrayLike, *, n_training: int, rank: int
+    factor: ArrayLike, *, n_training: int, rank: int, n_summed: int = 1
 ) -> np.ndarray:
     """Probability that noise exceeds factor times the k-th smallest training cell."""
     rates = step_rates(n_training, rank)
     factors = positive_ratios("factor", factor)
-    logs = [np.sum(np.log1p(one / rates)) for one in factors.flat]
+    if n_summed > 1:
+        law = OrderedSums(n_training=n_training, rank=rank, n_summed=n_summed)
+        logs = [-law.log_probability(one) for one in factors.flat]
+    else:
+        logs = [np.sum(np.log1p(one / rates)) for one in factors.flat]
     return np.exp(-np.reshape(logs, factors.shape))
 
 
-def greatest_of_false_alarm_probability(factor: ArrayLike, *, n_training: int) -> np.ndarray:
+def greatest_of_false_alarm_probability(
+    factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
+) -> np.ndarray:
     """Probability that noise exceeds factor times the larger mean of the two halves."""
-    half = half_of(n_training)
-    t = positive_ratios("factor", factor) / half
-    # E exp(-T x), x the sum of the larger half. Either is; weighted so, it is a gamma variate
-    # again, 1 + T times smaller, and must still exceed the other.
-    return np.asarray(2 * np.exp(-half * np.log1p(t)) * exceeds(half, 1 + t, half))
+    return _over_a_half(factor, n_training, n_summed, of_other=exceeds)
 
 
-def smallest_of_false_alarm_probability(factor: ArrayLike, *, n_training: int) -> np.ndarray:
+def smallest_of_false_alarm_probability(
+    factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
+) -> np.ndarray:
     """Probability that noise exceeds factor times the smaller mean of the two halves."""
-    half = half_of(n_training)
-    t = positive_ratios("factor", factor) / half
-    return np.asarray(2 * np.exp(-half * np.log1p(t)) * falls_below(half, 1 + t, half))
+    return _over_a_half(factor, n_training, n_summed, of_other=falls_below)
+
+
+def _over_a_half(
+    factor: ArrayLike,
+    n_training: int | tuple[int, int],
+    n_summed: int,
+    *,
+    of_other: Callable[..., np.ndarray],
+) -> np.ndarray:
+    """Alarms over the mean of one half, taken for how its sum compares with the other's."""
+    factors = positive_ratios("factor", factor)
+    n, m = halves_of(n_training)
+    found = np.zeros_like(factors)
+    for own, other in ((n, m), (m, n)):
+        shape, t = n_powers(own, n_summed), factors / own
+        # The cell under test exceeds T x, x the sum of this half, if fewer than K events fall
+        # into T x. Weighted by the chance of j of them, x is a gamma variate again, of shape
+        # + j and 1 + T times smaller, and must still compare so with the other.
+        log_weight = -shape * np.log1p(t)
+        for j in range(n_summed):
+            compares = of_other(shape + j, (1 + t) * own / other, n_powers(other, n_summed))
+            found += np.exp(log_weight) * compares
+            log_weight += math.log((shape + j) / (j + 1)) - np.log1p(1 / t)
+    return found
+
+
+def _log_checked(false_alarm_probability: float) -> float:
+    false_alarms("false_alarm_probability", false_alarm_probability)
+    return math.log(false_alarm_probability)
+
+
+def _of_all(
+    false_alarm_probability: float, n_training: int | tuple[int, int], n_summed: int
+) -> float:
+    """Factor over the mean of both halves: where to look for that over one of them."""
+    n_cells = sum(halves_of(n_training))
+    return cell_averaging_factor(false_alarm_probability, n_training=n_cells, n_summed=n_summed)
+
+
+def falling_root(excess: Callable[[float], float], *, start: float) -> float:
+    """Positive root of what falls with its argument, however far from the start."""
+    low = high = start
+    while excess(low) < 0:
+        low /= 2
+    while excess(high) > 0:
+        high *= 2
+    return _root(excess, low, high)
 
 
 def _root(excess: Callable[[float], float], low: float, high: float) -> float:

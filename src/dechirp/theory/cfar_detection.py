@@ -51,7 +51,7 @@ from dechirp.theory.cfar import (
 )
 from dechirp.theory.detection import required_snr
 from dechirp.theory.fluctuation import RARE, at_least, shape_of, span
-from dechirp.theory.training import exceeds, falls_below, half_of, n_powers, step_rates
+from dechirp.theory.training import exceeds, falls_below, halves_of, n_powers, step_rates
 
 
 def cell_averaging_detection_probability(
@@ -113,7 +113,7 @@ def ordered_statistic_detection_probability(
 
 
 def greatest_of_detection_probability(
-    snr: ArrayLike, factor: float, *, n_training: int, swerling: int = 0
+    snr: ArrayLike, factor: float, *, n_training: int | tuple[int, int], swerling: int = 0
 ) -> np.ndarray:
     """Probability that a target exceeds factor times the larger mean of the two halves."""
     alarms = greatest_of_false_alarm_probability
@@ -121,7 +121,7 @@ def greatest_of_detection_probability(
 
 
 def smallest_of_detection_probability(
-    snr: ArrayLike, factor: float, *, n_training: int, swerling: int = 0
+    snr: ArrayLike, factor: float, *, n_training: int | tuple[int, int], swerling: int = 0
 ) -> np.ndarray:
     """Probability that a target exceeds factor times the smaller mean of the two halves."""
     alarms = smallest_of_false_alarm_probability
@@ -210,7 +210,7 @@ def cell_averaging_loss(
 def _over_a_half(
     snr: ArrayLike,
     factor: float,
-    n_training: int,
+    n_training: int | tuple[int, int],
     swerling: int,
     *,
     alarms: Callable[..., np.ndarray],
@@ -221,18 +221,23 @@ def _over_a_half(
     `of_other` is the probability that sums compare so, `alarms` the false-alarm probability.
     """
     chi, of_target = ratios("snr", snr), shape_of(swerling, 1)
-    half = half_of(n_training)
+    sizes = halves_of(n_training)
     factor = number("factor", factor, above=0)
     if of_target == 1:
         return alarms(factor / (1 + chi), n_training=n_training)
-    t = factor / half
 
     def counts(n: int) -> np.ndarray:
         # Either half is taken. Its sum, weighted by m events, is a gamma variate of half + m
         # again, 1 + T times smaller, and must still compare so with the other.
-        return 2 * _negative_binomial(n, half, t) * of_other(half + np.arange(n), 1 + t, half)
+        found = np.zeros(n)
+        for own, other in (sizes, sizes[::-1]):
+            t = factor / own
+            compares = of_other(own + np.arange(n), (1 + t) * own / other, other)
+            found += _negative_binomial(n, own, t) * compares
+        return found
 
-    return _detected(chi, of_target, counts, span(half * t, half)[1])
+    longest = max(span(factor, own)[1] for own in sizes)
+    return _detected(chi, of_target, counts, longest)
 
 
 def _detected(

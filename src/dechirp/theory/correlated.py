@@ -87,6 +87,36 @@ class Box:
         return box - self._n_guard(self.guard_range) * self._n_guard(self.guard_velocity)
 
     @property
+    def offsets(self) -> np.ndarray:
+        """Places of the training cells, (n_training, 2): velocity, range from the cell under test.
+
+        In order of range, then velocity.
+        """
+        return self._training - np.array(self.under_test[::-1])
+
+    @property
+    def is_white(self) -> bool:
+        """Whether noise is independent from cell to cell."""
+        axes = (self.range_covariance, self.velocity_covariance)
+        return all(np.array_equal(axis, np.eye(len(axis))) for axis in axes)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the training cells and, last, of the cell under test, (n_training + 1, the same)."""
+        velocity, row = np.vstack([self._training, self.under_test[::-1]]).T
+        return np.asarray(
+            self.range_covariance[np.ix_(row, row)]
+            * self.velocity_covariance[np.ix_(velocity, velocity)]
+        )
+
+    @property
+    def _training(self) -> np.ndarray:
+        """Columns and rows of the training cells in the box, (n_training, 2)."""
+        trains = np.ones((len(self.range_covariance), len(self.velocity_covariance)), bool)
+        trains[self.guard_range, self.guard_velocity] = False
+        return np.argwhere(trains)[:, ::-1]
+
+    @property
     def n_independent(self) -> float:
         r"""Independent cells whose mean has the variance of that of the ring.
 

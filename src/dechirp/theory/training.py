@@ -30,6 +30,20 @@ def half_of(n_training: int) -> int:
     return n_training // 2
 
 
+def halves_of(n_training: int | tuple[int, int]) -> tuple[int, int]:
+    """Training cells in each half: given as a pair, or half of an even number each.
+
+    Raises `InvalidSetting` if a half has no cell, or the number is not even.
+    """
+    if not isinstance(n_training, tuple):
+        half = half_of(n_training)
+        return half, half
+    for count in n_training:
+        whole("n_training", count, at_least=1)
+    first, second = n_training
+    return first, second
+
+
 def step_rates(n_training: int, rank: int) -> np.ndarray:
     """Rate of each step from one training cell in order of power to the next, (rank,).
 

@@ -6,7 +6,7 @@ mixed with. Paths add echoes, and weaken them. A receiver changes samples.
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -15,11 +15,16 @@ from dechirp.echoes.parts import Part, Window
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 
+Ramps = Literal["any", "rising", "alike", "even"]
+
 
 class Impairment(Family):
     """Acts in its stage; within a stage in the order in which impairments are listed."""
 
     group: ClassVar[str] = "dechirp.impairment"
+    ramps: ClassVar[Ramps] = "any"
+    """Under which modulations it is right: any; ramps that all rise; ramps that are all as the
+    chirp says; ramps that are so at even intervals, as without a modulation."""
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise `InvalidSetting` where it cannot act; warn of what surprises.
@@ -43,6 +48,9 @@ class Preset(Impairment):
 class Oscillator(Impairment):
     """A phase error of the wave that is sent; the mixer sees it now, less that a delay ago."""
 
+    # The filter that stands for the delays of all echoes at once is that of one slope.
+    ramps: ClassVar[Ramps] = "rising"
+
     @abstractmethod
     def phase_rad(self, window: Window, radar: Radar, rng: np.random.Generator) -> np.ndarray:
         """Phase error at the times of the window, (n_chirps, n_times), rad.
@@ -65,6 +73,13 @@ class Propagation(Impairment):
     ) -> list[Part]:
         """What is summed for a frame instead of `parts`."""
         return list(parts)
+
+    def way_out(self, radar: Radar) -> float:
+        """Amplitude that is left, on the way out, of what lights all scatterers of a frame.
+
+        Also of those that impairments listed after it add.
+        """
+        return 1.0
 
     def added_delays_s(self, radar: Radar) -> tuple[float, float] | None:
         """Between which delays what `add` adds lies; none where it carries no delayed phase."""

@@ -45,11 +45,8 @@ class FrequencyError(Oscillator):
 
 
 def warn_of_large(kind: str, frequency_hz: float, chirp: Chirp) -> None:
-    """Warn where a frequency error is above a quarter of the sample rate, or of what is swept.
-
-    Of what is swept while sampling an eighth: as far in time as the error needs echoes.
-    """
-    most_hz = min(chirp.sample_rate_hz / 4, chirp.sampled_bandwidth_hz / 8)
+    """Warn where a frequency error is above `most_error_hz`."""
+    most_hz = most_error_hz(chirp)
     if frequency_hz > most_hz:
         finding = Finding(
             level="warning",
@@ -60,3 +57,11 @@ def warn_of_large(kind: str, frequency_hz: float, chirp: Chirp) -> None:
             fix="Make the error smaller, or start sampling when it has settled.",
         )
         warnings.warn(PhysicsWarning(finding), stacklevel=3)
+
+
+def most_error_hz(chirp: Chirp) -> float:
+    """A quarter of the sample rate, and an eighth of what is swept while sampling.
+
+    As far in time as the error needs echoes.
+    """
+    return min(chirp.sample_rate_hz / 4, chirp.sampled_bandwidth_hz / 8)

@@ -93,7 +93,7 @@ class IfFilter(Receiver):
                     f" samples at {chirp.sample_rate_hz / 1e6:.6g} MS/s hold",
                     fix="Lower the corner, or sample faster.",
                 )
-        interval_s = radar.frame.interval_s
+        interval_s = radar.frame.only_interval_s
         settles_s = self._settles_s()
         if settles_s > interval_s:
             raise InvalidSetting(

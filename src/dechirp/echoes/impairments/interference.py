@@ -225,6 +225,7 @@ class Interference(Propagation):
     Brooker 2007; Uysal 2019.
     """
 
+    ramps = "alike"
     interferers: tuple[Interferer, ...]
     """Each another radar."""
     filter_order: int = 8
@@ -358,7 +359,7 @@ def _ramps(
     window: Window, ego: Ego, radar: Radar, interferer: Interferer, rng: np.random.Generator
 ) -> _Ramps:
     """Find those of all chirps of the frame, so that each has one phase in all of them."""
-    ramps_s = window.start_s + radar.frame.interval_s * np.arange(radar.frame.n_sent)
+    ramps_s = window.start_s + radar.frame.chirps_s
     delays_s = _delays_s(ramps_s, ego, interferer)
     first_s = ramps_s[0] + window.times_s[0] - delays_s.max()
     last_s = ramps_s[-1] + window.times_s[-1] - delays_s.min()
@@ -412,7 +413,7 @@ def _add(
 
 def _amplitudes(window: Window, ego: Ego, radar: Radar, interferer: Interferer) -> np.ndarray:
     """Amplitude in each receiver times the length of the way, (n_rx,), sqrt(W) m (Friis 1946)."""
-    mid_s = radar.frame.start_s(window.frame) + radar.frame.mid_frame_s
+    mid_s = window.start_s + radar.frame.mid_frame_s
     _, rx_gains = gains(interferer.seen_m(np.array([mid_s]), ego), radar)
     power_w = interferer.transmit_power_w * interferer.gain_towards(mid_s, ego)
     return rx_gains[:, 0] * np.sqrt(power_w) * radar.frame.chirp.wavelength_m / (4 * np.pi)

@@ -82,12 +82,12 @@ def add_pairs(
     """
     frame, chirp = radar.frame, radar.frame.chirp
     delays_s = lengths_m[..., None] / SPEED_OF_LIGHT
-    cycles = delays_s * (
-        chirp.start_frequency_hz + chirp.slope_hz_per_s * (window.times_s - delays_s / 2)
-    )
-    tones = amplitudes[..., None] * np.exp(2j * np.pi * cycles)
     # Chirps of one slot of the round are alike.
-    first = round(window.starts_s[0] / frame.interval_s)
+    first = int(abs(frame.chirps_s - window.starts_s[0]).argmin())
     for row in range(min(frame.n_slots, len(samples))):
-        weights = np.array(frame.weights[(first + row) % frame.n_slots])
+        slot = (first + row) % frame.n_slots
+        ramp, weights = frame.ramps[slot], np.array(frame.weights[slot])
+        start_hz, slope = chirp.start_frequency_hz + ramp.shift_hz, ramp.sign * chirp.slope_hz_per_s
+        cycles = delays_s * (start_hz + slope * (window.times_s - delays_s / 2))
+        tones = amplitudes[..., None] * np.exp(2j * np.pi * cycles)
         samples[row :: frame.n_slots] += np.tensordot(weights, tones, axes=1)

@@ -37,6 +37,8 @@ class Pll(FrequencyError):
     D. Banerjee, PLL Performance, Simulation and Design, 5th ed., 2017.
     """
 
+    # Jump and pause are those of equal ramps at equal intervals.
+    ramps = "even"
     natural_frequency_hz: float
     """Of the loop, omega_n / 2 pi; open, its gain is 1 at about 2 zeta times that."""
     damping: float = 0.7071
@@ -127,7 +129,7 @@ def _settled(pll: Pll, radar: Radar) -> _Loop:
     back = np.array([jump_hz, slope - rates(ramp_s) - 2 * damping * jump_hz])
     first, last = (np.array([left(t), left.deriv()(t)]) for t in (0.0, ramp_s))
     ramp, pause = (
-        _over(np.array(t), damping, natural) for t in (ramp_s, frame.interval_s - ramp_s)
+        _over(np.array(t), damping, natural) for t in (ramp_s, frame.only_interval_s - ramp_s)
     )
     # After a ramp and a pause the state is the same again.
     begin = np.linalg.solve(np.eye(2) - pause @ ramp, pause @ (last - ramp @ first + back) + kinks)

@@ -1,14 +1,13 @@
 """The radome, dry or under a film of water: a loss for all that passes it."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from dechirp.core.checks import number, positive
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Propagation
-from dechirp.echoes.parts import Part, Window
+from dechirp.echoes.parts import Window
 from dechirp.echoes.weakened import must_be_within
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
@@ -23,9 +22,9 @@ class Radome(Propagation):
               \frac{P_0}{L_{film} \sqrt{L}} \text{ (interference)}
 
     with the loss of the film one way by `theory.water.film_loss`: 10 dB for 0.2 mm at 77 GHz and
-    10 degrees. It acts on what stands before it in the list of impairments: put leakage within
-    the radar after it, and walls, ground and rain before it, whose echoes it weakens on the way
-    in wherever they stand.
+    10 degrees. Echoes lose both wherever it stands in the list of impairments, those of walls,
+    ground and rain too. Of what comes without scatterers, what stands before it loses the way
+    in: put leakage within the radar after it.
     """
 
     film_m: float = 0.0
@@ -44,22 +43,9 @@ class Radome(Propagation):
         """Raise for a radar above 1 THz."""
         must_be_within("radome", radar, 0.0, 1e12)
 
-    def parts(
-        self,
-        parts: Sequence[Part],
-        window: Window,
-        scene: Scene,
-        radar: Radar,
-        rng: np.random.Generator,
-    ) -> list[Part]:
-        """Weaker by the way out."""
-        factor = self._amplitude_factor(radar)
-        return [
-            part._replace(
-                scatterers=part.scatterers._replace(amplitudes=factor * part.scatterers.amplitudes)
-            )
-            for part in parts
-        ]
+    def way_out(self, radar: Radar) -> float:
+        """As much as on the way in."""
+        return self._amplitude_factor(radar)
 
     def add(
         self,

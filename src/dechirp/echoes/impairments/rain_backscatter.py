@@ -13,7 +13,7 @@ from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Propagation
 from dechirp.echoes.impairments.rain import check_rate
 from dechirp.echoes.kernels.base import Scatterers
-from dechirp.echoes.parts import Part, Window, gains, sent
+from dechirp.echoes.parts import Part, Window, gains, run_parts
 from dechirp.echoes.weakened import must_be_within
 from dechirp.radar.budget import echo_amplitude
 from dechirp.radar.hardware import Hardware
@@ -97,9 +97,8 @@ class RainBackscatter(Propagation):
             return list(parts)
         frame = radar.frame
         scatterers = self._scatterers(window.start_s + frame.mid_frame_s, scene, radar, rng)
-        chirps = slice(0, frame.n_sent)
-        starts_s = frame.interval_s * np.arange(frame.n_sent) - frame.mid_frame_s
-        return [*parts, Part(chirps, scatterers, sent(radar, starts_s, frame.sent_weights()))]
+        every = slice(0, frame.n_sent)
+        return [*parts, *run_parts(every, scatterers, frame.mid_frame_s, radar)]
 
     def _scatterers(
         self, mid_s: float, scene: Scene, radar: Radar, rng: np.random.Generator

@@ -1,7 +1,10 @@
 """A 77 GHz radar chip in CMOS, as its data sheets have it."""
 
+import warnings
+
 import numpy as np
 
+from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.units import from_decibels
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Impairment, Preset
@@ -14,6 +17,7 @@ from dechirp.echoes.impairments.phase_noise import PhaseNoise
 from dechirp.echoes.impairments.quantisation import Quantisation
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.radar.radar import Radar
+from dechirp.scene.scene import Scene
 
 
 @value
@@ -43,6 +47,19 @@ class Typical77Ghz(Preset):
     Texas Instruments, SWRS330, RF specification; SWRS188D, AWR1243.
     D. B. Leeson, A simple model of feedback oscillator noise spectrum, Proc. IEEE, 1966.
     """
+
+    def check(self, scene: Scene, radar: Radar) -> None:
+        """Warn of a radar of another band."""
+        frequency_hz = radar.frame.chirp.mid_window_frequency_hz
+        if not 76e9 <= frequency_hz <= 81e9:
+            finding = Finding(
+                level="warning",
+                setting=f"impairments.{self.kind()}",
+                got=f"a radar at {frequency_hz / 1e9:.4g} GHz",
+                need="one from 76 GHz to 81 GHz, of which its data sheets tell",
+                fix="List impairments of your own chip instead.",
+            )
+            warnings.warn(PhysicsWarning(finding), stacklevel=3)
 
     def impairments(self, radar: Radar) -> tuple[Impairment, ...]:
         """In the order of the signal; real samples are of one mixer, which has no image."""

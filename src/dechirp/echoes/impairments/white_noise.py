@@ -2,15 +2,20 @@
 
 from dataclasses import replace
 
+import numba
 import numpy as np
 
 from dechirp.core.checks import positive
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Receiver
+from dechirp.echoes.kernels.threads import in_threads
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import echo_powers_w
+
+# Numbers that are drawn at a time.
+_PIECE = 2**18
 
 
 @value
@@ -56,13 +61,21 @@ def add_white_noise(samples: np.ndarray, power_w: float, rng: np.random.Generato
     """Add circular Gaussian noise of so much power to each sample, in place.
 
     `samples` is contiguous, of any shape. Drawn in pieces of 2^18 numbers (1 MiB), which stay
-    in the cache and hold no second cube.
+    in the cache and hold no second cube; each has a stream of its own, so that noise does not
+    depend on how many threads draw it.
     """
     real = np.empty(0, samples.dtype).real.dtype.type
     std = real(np.sqrt(power_w / 2 if np.iscomplexobj(samples) else power_w))
     parts = samples.reshape(-1, copy=False).view(real)
-    for start in range(0, parts.size, 2**18):
-        piece = parts[start : start + 2**18]
-        noise = rng.standard_normal(piece.size, dtype=real)
+    firsts = range(0, parts.size, _PIECE)
+    # Drawn, not spawned: generators of the same state give the same noise.
+    seeds = rng.integers(2**63, size=(len(firsts), 2))
+
+    def one(job: tuple[int, np.ndarray]) -> None:
+        first, seed = job
+        piece = parts[first : first + _PIECE]
+        noise = np.random.default_rng(seed).standard_normal(piece.size, dtype=real)
         noise *= std
         piece += noise
+
+    in_threads(min(numba.get_num_threads(), len(firsts)), one, zip(firsts, seeds, strict=True))

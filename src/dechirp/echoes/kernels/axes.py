@@ -9,7 +9,7 @@ import scipy.fft
 
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels.base import Sent
-from dechirp.echoes.kernels.between import Between, fewest_times
+from dechirp.echoes.kernels.between import OUTSIDE, Between, fewest_times
 from dechirp.echoes.kernels.kaiser_bessel import Spreading, spreading
 from dechirp.echoes.kernels.patches import WIDTH
 from dechirp.echoes.kernels.tones import Paths, Waveform
@@ -76,6 +76,11 @@ class FastTime(NamedTuple):
     most_doppler_hz: float
     """Doppler frequency that no scatterer exceeds."""
 
+    @property
+    def half_s(self) -> float:
+        """From the middle of the window to the farthest of the times, which may be outside."""
+        return float(max(-self.times_s[0], self.times_s[-1]))
+
     def over(self) -> np.ndarray:
         """By which the transform is multiplied at each time."""
         return self.axis.over()[self.kept]
@@ -88,7 +93,7 @@ def fast_time(
     n, rate_hz = waveform.n_samples, waveform.sample_rate_hz
     low_hz, high_hz, most_hz = _band_hz(paths, sent, waveform)
     low, high = (low_hz - most_hz) / rate_hz, (high_hz + most_hz) / rate_hz
-    between = fewest_times(low, high, tolerance=tolerance / 4)
+    between = fewest_times(low, high, n_samples=n, tolerance=tolerance / 4)
     first, stop = -(n // 2), n - n // 2
     if between is not None:
         first, stop = between.needed(first, stop)
@@ -102,7 +107,8 @@ def fast_time(
 
 def _band_hz(paths: Paths, sent: Sent, waveform: Waveform) -> tuple[float, float, float]:
     """Least and largest of all delays times the slope, at all times and antennas; Doppler."""
-    latest_s = max(-waveform.times_s[0], waveform.times_s[-1]) + waveform.half_window_s
+    half_s = (1 + OUTSIDE) * waveform.half_window_s
+    latest_s = max(-waveform.times_s[0], waveform.times_s[-1]) + half_s
     antennas_m = np.concatenate([sent.tx_m, sent.rx_m])
     centre_m = (antennas_m.min(axis=0) + antennas_m.max(axis=0)) / 2
     apart_m = float(np.linalg.norm(antennas_m - centre_m, axis=1).max())
@@ -110,7 +116,7 @@ def _band_hz(paths: Paths, sent: Sent, waveform: Waveform) -> tuple[float, float
     near_m = max(nearest_m - apart_m - fastest * latest_s, 0.0)
     far_m = farthest_m + apart_m + fastest * latest_s
     ends = np.array([near_m, far_m]) * (2 * waveform.slope_hz_per_s / SPEED_OF_LIGHT)
-    highest_hz = waveform.mid_frequency_hz + abs(waveform.slope_hz_per_s) * waveform.half_window_s
+    highest_hz = waveform.mid_frequency_hz + abs(waveform.slope_hz_per_s) * half_s
     doppler_hz = 2 * fastest / SPEED_OF_LIGHT * highest_hz
     return float(ends.min()), float(ends.max()), doppler_hz
 

@@ -17,6 +17,10 @@ import numpy as np
 TAPS = 10
 _FIRST = 1 - TAPS // 2
 
+OUTSIDE = 1 / 4
+"""How far outside the window known samples lie at most, of its half: what is known of echoes
+there is a series about the middle, which needs more terms the farther it reaches."""
+
 
 class Between(NamedTuple):
     """Which samples are known, and how those between follow from them."""
@@ -44,12 +48,15 @@ class Between(NamedTuple):
         _fill(out, rows, known, self.weights, tone, samples[0] % self.every)
 
 
-def fewest_times(low: float, high: float, *, tolerance: float) -> Between | None:
+def fewest_times(low: float, high: float, *, n_samples: int, tolerance: float) -> Between | None:
     """The fewest known samples from which a band, cycles a sample, follows; None: all of them.
+
+    Of a window of `n_samples`; where these are few, more are known than the band needs.
 
     `tolerance`: root mean square over the band, of tones of size 1.
     """
     every = int(_widest(tolerance) / max(high - low, 1e-3))
+    every = min(every, int(OUTSIDE * n_samples / TAPS))
     if every < 2:
         return None
     return Between(every, (low + high) / 2, _weights(every, round((high - low) * every + 5e-4, 3)))

@@ -5,6 +5,7 @@ cost nothing; each scatterer is expanded anew in each chirp, some 30 ns, and a t
 chirp and receiver remains. Best for up to some thousand scatterers.
 """
 
+from collections.abc import Iterator
 from math import comb
 
 import numba
@@ -15,7 +16,7 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels import direct
 from dechirp.echoes.kernels.axes import FastTime
 from dechirp.echoes.kernels.base import Scatterers, Sent
-from dechirp.echoes.kernels.gridding import spread_line
+from dechirp.echoes.kernels.gridding import TAPS, spread_line
 from dechirp.echoes.kernels.patches import WIDTH
 from dechirp.echoes.kernels.scratch import lent
 from dechirp.echoes.kernels.series import (
@@ -25,6 +26,7 @@ from dechirp.echoes.kernels.series import (
     View,
     expand_back,
     expand_there,
+    parts_of,
     shifts_of,
 )
 from dechirp.echoes.kernels.threads import in_threads
@@ -59,7 +61,8 @@ def add(
     `allowed`: power of the error, that of an echo of amplitude 1 being 1. With `known`,
     (n_chirps, n_rx, n_times), to that instead, at the times of `fast` alone.
     """
-    n_fields, hard = fields_needed(paths, sent, waveform, transmitters, receivers, allowed)
+    half_s = fast.half_s
+    n_fields, hard = fields_needed(paths, sent, waveform, half_s, transmitters, receivers, allowed)
     if hard.any():
         _add_directly(out, paths.some(hard), sent, transmitters, receivers)
         paths = paths.some(~hard)
@@ -74,11 +77,10 @@ def add(
     ]
     tx_m, rx_m = sent.tx_m[transmitters], sent.rx_m[receivers]
     weights = sent.weights[:, transmitters].astype(complex)
-    n_terms = terms_needed(paths.path_m, waveform)
+    n_terms = terms_needed(paths.path_m, waveform, half_s)
     kept = ECONOMISED[n_fields - 1][0]
-    no_change = np.eye(12)[-1]
     columns_at = fast.axis.places(fast.mixed_hz)
-    s = (fast.times_s / waveform.half_window_s).astype(np.float32)
+    s = (fast.times_s / half_s).astype(np.float32)
 
     def one(chirps: np.ndarray) -> None:
         n_points = fast.axis.n_points + WIDTH
@@ -92,13 +94,12 @@ def add(
             amplitudes,
             waveform.times_s[chirps],
             weights[chirps],
-            waveform.half_window_s,
+            half_s,
             tx_m,
             rx_m,
             waveform.mid_frequency_hz,
             waveform.slope_hz_per_s,
             kept,
-            no_change,
             columns_at,
             fast.axis.spread.polynomials,
         )
@@ -117,10 +118,10 @@ def add(
     in_threads(n_threads, one, jobs)
 
 
-def terms_needed(path_m: np.ndarray, waveform: Waveform) -> int:
+def terms_needed(path_m: np.ndarray, waveform: Waveform, half_s: float) -> int:
     """Terms of paths about the middle of a chirp: the rest turns the phase by 1e-7 rad at most."""
     close_m = 1e-8 * SPEED_OF_LIGHT / abs(waveform.mid_frequency_hz)
-    n_terms, half_s = len(path_m), waveform.half_window_s
+    n_terms = len(path_m)
     latest_s = float(abs(waveform.times_s).max())
     sizes_m = np.abs(path_m).max(axis=(1, 2), initial=0.0)
     left_m = 0.0
@@ -137,6 +138,7 @@ def fields_needed(
     paths: Paths,
     sent: Sent,
     waveform: Waveform,
+    half_s: float,
     transmitters: list[int],
     receivers: list[int],
     allowed: float,
@@ -144,45 +146,83 @@ def fields_needed(
     """Fields of the series in each chirp, and a mask of scatterers that need too many."""
     n, last = len(paths.amplitudes), len(waveform.times_s) - 1
     paths = paths.middling(transmitters, receivers)
-    pair = transmitters[0], receivers[0]
-
-    def look(some: Paths, time_s: float) -> np.ndarray:
-        return tones(
-            view(some, sent, waveform, pair, time_s, waveform.half_window_s, one_chirp=True)
-        )
-
     times_s = waveform.times_s[[last * part // 4 for part in range(5)]]
-    looks = [look(paths, time_s) for time_s in times_s]
-    close = _come_closer(paths, sent, times_s)
-    every = [look(paths.some(close), t) for t in waveform.times_s] if close.any() else []
-    for n_fields in range(1, MOST_FIELDS + 1):
-        if all(left_out(blocks, n_fields).sum() <= allowed for blocks in looks + every):
-            return n_fields, np.zeros(n, bool)
-    errors = np.max([left_out(blocks, MOST_FIELDS)[:n] for blocks in looks], axis=0)
-    if every:
-        n_close = int(np.count_nonzero(close))
-        nearest = np.max([left_out(blocks, MOST_FIELDS)[:n_close] for blocks in every], axis=0)
-        errors[close] = np.maximum(errors[close], nearest)
+    near, close = _nearby(
+        paths.path_m, np.concatenate([sent.tx_m[transmitters], sent.rx_m[receivers]]), times_s
+    )
+    pairs = [(tx, rx) for tx in transmitters for rx in receivers]
+    near &= len(pairs) > 1
+    # Each look by another pair: a scatterer may come straight towards one, and cross another.
+    ends = [(tx, rx) for rx in _ends(sent.rx_m, receivers) for tx in _ends(sent.tx_m, transmitters)]
+
+    def looks() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Which are looked at, a mask, and blocks of tones."""
+
+        def look(mask: np.ndarray, time_s: float, pair: tuple[int, int]) -> np.ndarray:
+            some = paths if mask.all() else paths.some(mask)
+            return tones(view(some, sent, waveform, pair, time_s, half_s, one_chirp=True))
+
+        everyone = np.ones(n, bool)
+        for turn, time_s in enumerate(times_s):
+            yield everyone, look(everyone, time_s, ends[turn % len(ends)])
+            for pair in pairs if near.any() else []:
+                yield near, look(near, time_s, pair)
+        if close.any():
+            for m, tx in zip(*np.nonzero(sent.weights[:, transmitters]), strict=True):
+                for rx in receivers:
+                    yield close, look(close, waveform.times_s[m], (transmitters[tx], rx))
+
+    n_fields = 1
+    for _, blocks in looks():
+        while n_fields <= MOST_FIELDS and not left_out(blocks, n_fields).sum() <= allowed:
+            n_fields += 1
+        if n_fields > MOST_FIELDS:
+            break
+    else:
+        return n_fields, np.zeros(n, bool)
+    errors = np.zeros(n)
+    for mask, blocks in looks():
+        found = left_out(blocks, MOST_FIELDS)[: np.count_nonzero(mask)]
+        errors[mask] = np.maximum(errors[mask], found)
     return MOST_FIELDS, ~(errors <= allowed / n)
 
 
-def _come_closer(paths: Paths, sent: Sent, times_s: np.ndarray) -> np.ndarray:
-    """Which scatterers may be much closer between two of the times than at any of them."""
-    centre_m = np.concatenate([sent.tx_m, sent.rx_m]).mean(axis=0)[:, None]
-    powers = range(len(paths.path_m))
-    nearest_m = np.min(
-        [
-            np.linalg.norm(sum(paths.path_m[k] * t**k for k in powers) - centre_m, axis=0)
-            for t in times_s
-        ],
-        axis=0,
-    )
+def _ends(antennas_m: np.ndarray, used: list[int]) -> list[int]:
+    """Two antennas, about as far apart as any; or the only one."""
+
+    def farthest(one: int) -> int:
+        return used[int(np.argmax(np.linalg.norm(antennas_m[used] - antennas_m[one], axis=1)))]
+
+    first = farthest(used[0])
+    return list(dict.fromkeys([first, farthest(first)]))
+
+
+def _nearby(
+    path_m: np.ndarray, antennas_m: np.ndarray, times_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Scatterers that antennas see differently; and those much closer between the times."""
+    centre_m = (antennas_m.min(axis=0) + antennas_m.max(axis=0)) / 2
+    radius_m = float(np.linalg.norm(antennas_m - centre_m, axis=1).max())
+    powers = range(len(path_m))
+
+    def nearest(some_m: np.ndarray, places_m: np.ndarray) -> np.ndarray:
+        found = np.full(some_m.shape[2], np.inf)
+        for t in times_s:
+            at_m = sum(some_m[k] * t**k for k in powers)
+            for place_m in places_m:
+                np.minimum(found, np.linalg.norm(at_m - place_m[:, None], axis=0), out=found)
+        return found
+
+    nearest_m = nearest(path_m, centre_m[None])
+    # Farther off, antennas see them under angles and at distances that differ by an eighth.
+    near = nearest_m < 8 * radius_m
+    nearest_m -= radius_m
+    if near.any():
+        nearest_m[near] = nearest(path_m[..., near], antennas_m)
     latest_s, apart_s = float(abs(times_s).max()), float(np.diff(times_s).max(initial=0))
-    fastest = sum(
-        k * latest_s ** (k - 1) * np.linalg.norm(paths.path_m[k], axis=0) for k in powers if k
-    )
+    fastest = sum(k * latest_s ** (k - 1) * np.linalg.norm(path_m[k], axis=0) for k in powers if k)
     # A quarter closer: nearer, series soon need one field more.
-    return np.asarray(fastest * apart_s / 2 > 0.25 * nearest_m)
+    return near, np.asarray(fastest * apart_s / 2 > 0.25 * nearest_m)
 
 
 def _add_directly(
@@ -224,52 +264,41 @@ def _spread(
     mid_frequency_hz: float,
     slope_hz_per_s: float,
     kept: np.ndarray,
-    before: np.ndarray,
     columns_at: np.ndarray,
     polynomials: np.ndarray,
 ) -> None:
     """Add all tones of some chirps to (n_chirps, n_rx, n_fields, n_columns + WIDTH) frequencies."""
     n = amplitudes.shape[2]
-    work, block = np.zeros(WORK), np.empty(BLOCK)
-    values = np.empty(2 * LANES * len(kept))
+    block, work = np.empty(BLOCK), np.zeros(WORK)
+    places, there, back = parts_of(work)
+    columns, between = np.empty(LANES, np.int64), np.empty(LANES, np.float32)
+    tones, values = np.empty(4 * LANES, np.float32), np.empty(2 * LANES * len(kept), np.float32)
+    taps, one = np.empty(TAPS, np.float32), np.ones(1, np.float32)
     now_m = np.empty((n_terms, 3, n))
+    # Copies: views of what all threads share would be counted in one place by all of them.
+    amplitudes, rx_m = amplitudes.copy(), rx_m.copy()
     for m in range(len(times_s)):
         _about(path_m, times_s[m], now_m)
         for tx in range(len(tx_m)):
             if weights[m, tx] == 0:
                 continue
-            seen = _seen(
-                now_m, amplitudes[tx, 0], tx_m[tx], rx_m[0], half_s, mid_frequency_hz,
-                slope_hz_per_s,
+            seen = View(
+                now_m, amplitudes[tx, 0], tx_m[tx], rx_m[0], 0.0, half_s, mid_frequency_hz,
+                slope_hz_per_s, True,
             )  # fmt: skip
             shifts = shifts_of(seen)
             for first in range(0, n, LANES):
-                expand_there(seen, shifts, first, work)
+                expand_there(seen, shifts, first, places, there)
                 for rx in range(len(rx_m)):
-                    own = _seen(
-                        now_m, amplitudes[tx, rx], tx_m[tx], rx_m[rx], half_s, mid_frequency_hz,
-                        slope_hz_per_s,
+                    expand_back(
+                        rx_m[rx], amplitudes[tx, rx], first, n_terms, mid_frequency_hz,
+                        slope_hz_per_s, half_s, True, places, there, back, block,
                     )  # fmt: skip
-                    expand_back(own, first, work, block)
                     spread_line(
                         grid, 2 * (m * len(rx_m) + rx) * len(kept) * (n_columns + WIDTH),
-                        n_columns, block, weights[m, tx], kept, before, columns_at, polynomials,
-                        values,
+                        n_columns, block, min(LANES, n - first), weights[m, tx], kept,
+                        columns_at, polynomials, columns, between, tones, values, taps, one,
                     )  # fmt: skip
-
-
-@_compiled
-def _seen(
-    now_m: np.ndarray,
-    amplitudes: np.ndarray,
-    tx_m: np.ndarray,
-    rx_m: np.ndarray,
-    half_s: float,
-    mid_frequency_hz: float,
-    slope_hz_per_s: float,
-) -> View:
-    """What a pair of antennas sees in a chirp, of paths about its middle."""
-    return View(now_m, amplitudes, tx_m, rx_m, 0.0, half_s, mid_frequency_hz, slope_hz_per_s, True)
 
 
 @_compiled

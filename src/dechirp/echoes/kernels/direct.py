@@ -129,6 +129,27 @@ def add(
     )
 
 
+def segments(scatterers: Scatterers, sent: Sent, n_samples: int) -> float:
+    """Segments into which `add` cuts a chirp, about: from some scatterers in some chirps."""
+    n, last = scatterers.path_m.shape[1], len(sent.starts_s) - 1
+    groups = {max(n - _TOGETHER, 0) * part // 3 for part in range(4)}
+    some = (np.array(sorted(groups))[:, None] + np.arange(min(n, _TOGETHER))).ravel()
+    chirps = [0, last // 2, last]
+    return float(
+        _segments(
+            np.ascontiguousarray(scatterers.path_m[:, some].transpose(0, 2, 1), float),
+            np.ascontiguousarray(sent.starts_s[chirps], float),
+            np.ascontiguousarray(sent.tx_m, float),
+            np.ascontiguousarray(sent.rx_m, float),
+            float(sent.start_frequency_hz),
+            float(sent.slope_hz_per_s),
+            float(sent.adc_start_s),
+            float(sent.sample_rate_hz),
+            n_samples,
+        )
+    )
+
+
 def _cycles(frequency_hz: float, time_s: np.ndarray) -> np.ndarray:
     """Their product less whole cycles, of which there are a million in a chirp of 13 us.
 
@@ -224,6 +245,35 @@ def _add(
         for k in range(n_rx):
             for at in range(n_samples):
                 out[m, k, at] += complex(sums[k, 0, at], sums[k, 1, at])
+
+
+@_compiled
+def _segments(
+    path_m: np.ndarray,
+    starts_s: np.ndarray,
+    tx_m: np.ndarray,
+    rx_m: np.ndarray,
+    start_frequency_hz: float,
+    slope_hz_per_s: float,
+    adc_start_s: float,
+    sample_rate_hz: float,
+    n_samples: int,
+) -> float:
+    """Mean over chirps and scatterers, some together as in `_add`."""
+    step_s, total, n_scatterers = 1 / sample_rate_hz, 0.0, path_m.shape[2]
+    local = np.empty((12, _TOGETHER))
+    for start_s in starts_s:
+        middle_s = start_s + adc_start_s + (n_samples - 1) / 2 * step_s
+        for i0 in range(0, n_scatterers, _TOGETHER):
+            n = min(_TOGETHER, n_scatterers - i0)
+            _expand(path_m, i0, n, middle_s, step_s, local)
+            longest = _longest_segment(
+                path_m, i0, n, local, middle_s, step_s, n_samples, tx_m, rx_m,
+                start_frequency_hz, slope_hz_per_s,
+            )  # fmt: skip
+            _, length = _lengths(longest, n_samples)
+            total += n * -(-n_samples // length)
+    return total / (len(starts_s) * n_scatterers)
 
 
 @_compiled

@@ -179,7 +179,7 @@ def _add_run(
     """Add what one receiver sees in a run to (n_chirps, n_samples)."""
     times_s = waveform.times_s[run]
     mid_s = float(times_s[0] + times_s[-1]) / 2
-    half_s = by_run.half_duration_s(times_s, waveform.half_window_s)
+    half_s = by_run.half_duration_s(times_s, fast.half_s)
     shorter = waveform._replace(times_s=times_s)
     part = sent._replace(starts_s=sent.starts_s[run], weights=sent.weights[run])
     target = out
@@ -284,14 +284,14 @@ def cheapest(
     allowed = (_SERIES * tolerance) ** 2 * float(np.sum(strengths**2))
     n_lines = int(np.count_nonzero(sent.weights)) * n_rx
     n_pairs = int(np.count_nonzero(sent.weights.any(axis=0))) * n_rx
-    chirp_fields, _ = by_chirp.fields_needed(few, sent, waveform, txs, rxs, allowed)
+    chirp_fields, _ = by_chirp.fields_needed(few, sent, waveform, fast.half_s, txs, rxs, allowed)
     scatterer_ns = 20 + 3 * chirp_fields
     best = Plan(0, 0)
     line_ns = 4.5 * chirp_fields * n_columns + 3 * n_times
     best_ns = n_lines * n * scatterer_ns + n_chirps * n_rx * line_ns
     if n_lines * n * scatterer_ns < n_chirps * n_rx * line_ns:
         return best
-    half_s = by_run.half_duration_s(waveform.times_s, waveform.half_window_s)
+    half_s = by_run.half_duration_s(waveform.times_s, fast.half_s)
     mid_s = float(waveform.times_s[0] + waveform.times_s[-1]) / 2
     seen = view(few, sent, waveform, (0, 0), mid_s, half_s, one_chirp=False)
     blocks = tones(seen)
@@ -302,7 +302,7 @@ def cheapest(
         return best
     n_runs = 1
     while n_chirps >= 4 * n_runs:
-        half_run_s = (half_s - waveform.half_window_s) / n_runs + waveform.half_window_s
+        half_run_s = (half_s - fast.half_s) / n_runs + fast.half_s
         n_rows = slow_axis(band_hz, half_run_s, fast.axis.spacing).n_points
         most = slow_axis(2 * fast.most_doppler_hz, half_run_s, fast.axis.spacing).n_points
         for n_fields in range(2, 6):

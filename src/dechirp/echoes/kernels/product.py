@@ -37,6 +37,8 @@ _LANES, _TOGETHER, _MOST, _ORDERS = 128, 16, 6, 8
 # Sums of so many chirps and samples are held in L1. Indices into flat arrays are unsigned and
 # offsets added up outside of loops: else the compiler makes no vectors of them, 6 times slower.
 _ROWS, _TILE = 8, 256
+# Scatterers from which it is told how many are left to the direct kernel.
+_LOOK = 16
 # ns a sample: for each term and row; of a table, and for each of its terms; of the direct kernel.
 _TERM_NS, _TABLE_NS, _ENTRY_NS, _DIRECT_NS = 0.035, 0.7, 0.15, 0.3
 
@@ -67,6 +69,20 @@ def add(out: np.ndarray, scatterers: Scatterers, sent: Sent, *, tolerance: float
             direct.add(out[chirps], _only(some, left), then)
 
 
+def handed_over(
+    scatterers: Scatterers, sent: Sent, n_samples: int, *, tolerance: float = 1e-5
+) -> float:
+    """Share of the scatterers that `add` leaves to the direct kernel, from some of them."""
+    n = len(scatterers.amplitudes)
+    some = np.unique(np.linspace(0, n - 1, min(n, _LOOK)).astype(int))
+    chirps = slice(0, _LANES)
+    flat, then = _of_one_type(
+        _only(scatterers._replace(chirp_factors=None), some),
+        sent._replace(starts_s=sent.starts_s[chirps], weights=sent.weights[chirps]),
+    )
+    return float(_handed_over(flat, then, n_samples, float(tolerance)))
+
+
 def _only(scatterers: Scatterers, which: np.ndarray) -> Scatterers:
     factors = scatterers.chirp_factors
     return Scatterers(
@@ -80,10 +96,20 @@ def _only(scatterers: Scatterers, which: np.ndarray) -> Scatterers:
 
 def _add_short(out: np.ndarray, scatterers: Scatterers, sent: Sent, tolerance: float) -> np.ndarray:
     """Add those whose series are short; (n_scatterers,): which others there are."""
+    n = len(scatterers.amplitudes)
+    left = np.zeros(n, np.bool_)
+    flat, then = _of_one_type(scatterers, sent)
+    precision = out.real.dtype
+    sums = _aligned(_ROWS * 2 * _TILE, precision)
+    tables = _aligned(min(_TOGETHER, n) * _MOST * 2 * _whole_tiles(out.shape[2]), precision)
+    _add(out, flat, then, float(tolerance), sums, tables, left)
+    return left
+
+
+def _of_one_type(scatterers: Scatterers, sent: Sent) -> tuple[Scatterers, Sent]:
+    """Arrays of one type each whatever is given: one compilation."""
     path_m, amplitudes, tx_gains, rx_gains, factors = scatterers
     n = len(amplitudes)
-    left = np.zeros(n, np.bool_)
-    # Of one type each whatever is given: one compilation.
     flat = Scatterers(
         np.ascontiguousarray(path_m, float),
         np.ascontiguousarray(amplitudes, float),
@@ -98,11 +124,7 @@ def _add_short(out: np.ndarray, scatterers: Scatterers, sent: Sent, tolerance: f
         np.ascontiguousarray(sent.rx_m, float),
         *map(float, sent[4:]),
     )
-    precision = out.real.dtype
-    sums = _aligned(_ROWS * 2 * _TILE, precision)
-    tables = _aligned(min(_TOGETHER, n) * _MOST * 2 * _whole_tiles(out.shape[2]), precision)
-    _add(out, flat, then, float(tolerance), sums, tables, left)
-    return left
+    return flat, then
 
 
 def _aligned(size: int, dtype: np.dtype) -> np.ndarray:
@@ -146,9 +168,7 @@ def _add(
     times_s = sent.starts_s + law[2]
     local, echo = np.empty((9, _LANES)), np.empty((7, _LANES))
     there, back = np.empty((len(from_m), 6, _LANES)), np.empty((n_rx, 6, _LANES))
-    n_levels = 1
-    while 1 << (n_levels - 1) < n_chirps:
-        n_levels += 1
+    n_levels = _n_levels(n_chirps)
     order, bends = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER)
     lows, highs = np.empty((_TOGETHER, _LANES)), np.empty((_TOGETHER, _LANES))
     needed, costs = np.empty((_TOGETHER, n_levels), np.int64), np.empty((_TOGETHER, n_levels))
@@ -163,7 +183,7 @@ def _add(
             _ways(scatterers.path_m, i, times_s, law, from_m, sent.rx_m, local, there, back)
             rest = _left_out(scatterers.path_m, i, times_s, local, there, back, law)
             e1, g2, bends[n] = _spreads(n_chirps, there, back, law, echo, lows[n], highs[n])
-            _levels(lows[n], highs[n], out, e1, g2, rest, tolerance, needed[n], costs[n])
+            _levels(lows[n], highs[n], out.shape, e1, g2, rest, tolerance, needed[n], costs[n])
             left[i] = _cheapest(costs, n, n + 1)[1] > direct_ns
             if not left[i]:
                 order[n] = i
@@ -192,6 +212,38 @@ def _add(
                 term += more
             stop = min(start + length, n_chirps)
             _multiply(out, start, stop, tables, n_terms, coefficients, sums)
+
+
+@_compiled
+def _handed_over(scatterers: Scatterers, sent: Sent, n_samples: int, tolerance: float) -> float:
+    """Share of the scatterers that `_add` leaves out."""
+    n_scatterers, n_chirps, n_rx = len(scatterers.amplitudes), len(sent.weights), len(sent.rx_m)
+    law = _law(sent, n_samples)
+    _, from_m = _slots(sent)
+    times_s = sent.starts_s + law[2]
+    local, echo = np.empty((9, _LANES)), np.empty((7, _LANES))
+    there, back = np.empty((len(from_m), 6, _LANES)), np.empty((n_rx, 6, _LANES))
+    low, high, n_levels = np.empty(_LANES), np.empty(_LANES), _n_levels(n_chirps)
+    needed, costs = np.empty(n_levels, np.int64), np.empty((1, n_levels))
+    direct_ns = _DIRECT_NS * n_rx * n_chirps * len(from_m) * n_samples
+    n_left = 0
+    for i in range(n_scatterers):
+        _ways(scatterers.path_m, i, times_s, law, from_m, sent.rx_m, local, there, back)
+        rest = _left_out(scatterers.path_m, i, times_s, local, there, back, law)
+        e1, g2, _ = _spreads(n_chirps, there, back, law, echo, low, high)
+        shape = (n_chirps, n_rx, n_samples)
+        _levels(low, high, shape, e1, g2, rest, tolerance, needed, costs[0])
+        n_left += _cheapest(costs, 0, 1)[1] > direct_ns
+    return n_left / n_scatterers
+
+
+@_compiled
+def _n_levels(n_chirps: int) -> int:
+    """Numbers of blocks to choose from: one, two, four ... up to one a chirp."""
+    n_levels = 1
+    while 1 << (n_levels - 1) < n_chirps:
+        n_levels += 1
+    return n_levels
 
 
 @_compiled
@@ -422,7 +474,7 @@ def _spreads(
 def _levels(
     low: np.ndarray,
     high: np.ndarray,
-    out: np.ndarray,
+    shape: tuple[int, int, int],
     e1: float,
     g2: float,
     rest: float,
@@ -431,7 +483,7 @@ def _levels(
     costs: np.ndarray,
 ) -> None:
     """Terms needed, and ns, for a single block, for two, four ... of them."""
-    n_chirps, n_rx, n_samples = out.shape
+    n_chirps, n_rx, n_samples = shape
     needed = _MOST + 1
     for level in range(len(costs)):
         length = -(-n_chirps // (1 << level))

@@ -12,7 +12,7 @@ import numpy as np
 from dechirp.core.units import from_decibels
 from dechirp.process.cfar.base import Cells, Ring
 from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.spectrum import Transform, mean_power, range_doppler
+from dechirp.process.spectrum import Transform, mean_power
 
 SPEED_OF_LIGHT = 3e8
 START_FREQUENCY_HZ = 77e9
@@ -70,8 +70,8 @@ def leakage(samples: np.ndarray, ring: Ring) -> float:
 
 
 def _amplitude(samples: np.ndarray) -> np.ndarray:
-    spectrum = range_doppler(samples, "complex", OVER_RANGE, OVER_VELOCITY)
-    return np.ascontiguousarray(np.sqrt(mean_power(spectrum)[:, :_N_KEPT]))
+    power = mean_power(samples, "complex", OVER_RANGE, OVER_VELOCITY)
+    return np.ascontiguousarray(np.sqrt(power[:, :_N_KEPT]))
 
 
 def _mean_amplitude(amplitude: np.ndarray, ring: Ring) -> np.ndarray:

@@ -98,7 +98,7 @@ def in_map(over_range: Transform, over_velocity: Transform) -> float:
     chirp = frame.chirp
     beat_m = at.range_m + chirp.range_doppler_coupling_m(at.velocity_m_per_s)
     fast = chirp.beat_frequency_hz(beat_m) / chirp.sample_rate_hz
-    slow = 2 * at.velocity_m_per_s / chirp.wavelength_m * frame.interval_s
+    slow = 2 * at.velocity_m_per_s / chirp.wavelength_m * frame.only_interval_s
     losses = over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
     straddle = over_range.straddle(fast) * over_velocity.straddle(slow)
     return radar().integration_gain / losses * straddle

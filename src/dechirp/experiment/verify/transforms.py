@@ -12,7 +12,7 @@ from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
 from dechirp.experiment.verify.looks import REFERENCE, radar, scene, white_noise
 from dechirp.experiment.verify.trials import Job
-from dechirp.process.spectrum import Transform, mean_power, range_doppler
+from dechirp.process.spectrum import Transform, mean_power
 from dechirp.radar.radar import Radar
 from dechirp.theory import intervals
 from dechirp.theory.windows import Window, taper
@@ -54,11 +54,11 @@ def noise_in_map(rng: np.random.Generator, n_trials: int) -> np.ndarray:
 def _map(samples: np.ndarray, by: Radar, window: Window = "rectangular") -> np.ndarray:
     """Power of a frame (velocity, range); a tone on a bin keeps its power."""
     frame = by.frame
-    over = [
+    over_range, over_velocity = (
         Transform(window=window, n_points=n, n_bins=n)
         for n in (frame.chirp.n_samples, frame.n_chirps)
-    ]
-    return mean_power(range_doppler(samples, frame.chirp.sampling, *over))
+    )
+    return mean_power(samples, frame.chirp.sampling, over_range, over_velocity)
 
 
 def _echo_map(by: Radar, window: Window = "rectangular") -> np.ndarray:
@@ -192,7 +192,7 @@ def carrier_echo(n_mixers: int) -> np.ndarray:
         samples,
         Scatterers(path_m, np.ones(1), np.ones((1, 1)), np.ones((1, 1))),
         Sent(
-            starts_s=frame.interval_s * np.arange(frame.n_chirps),
+            starts_s=frame.chirps_s,
             weights=frame.sent_weights(),
             tx_m=here_m,
             rx_m=here_m,

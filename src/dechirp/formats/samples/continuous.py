@@ -52,13 +52,13 @@ def whole_frames(path: Path, radar: Radar, n_chirps: int) -> tuple[Radar, int, t
             )
         )
     period_s = frame.period_s
-    if period_s is not None and period_s > 1.01 * frame.duration_s:
+    if period_s is not None and period_s > 1.01 * _mean_duration_s(frame):
         findings.append(
             Finding(
                 level="warning",
                 setting="radar.frame.period",
                 got=f"{period_s:.6g} s, left out: the recording runs on without a gap",
-                need=f"{frame.duration_s:.6g} s, the chirps of a frame",
+                need=f"{_mean_duration_s(frame):.6g} s, the chirps of a frame",
                 fix="Leave out radar.frame.period.",
             )
         )
@@ -68,16 +68,23 @@ def whole_frames(path: Path, radar: Radar, n_chirps: int) -> tuple[Radar, int, t
 
 def against_interval(frame: Frame, measured_s: float, *, by: str) -> tuple[Finding, ...]:
     """Warn if chirps came 1 % or more sooner or later than the settings say."""
-    ratio = measured_s / frame.interval_s
+    told_s = _mean_duration_s(frame) / frame.n_sent
+    ratio = measured_s / told_s
     if abs(ratio - 1) <= 0.01:
         return ()
     return (
         Finding(
             level="warning",
             setting="radar.frame.interval",
-            got=f"{frame.interval_s:.6g} s, but {measured_s:.6g} s on average by {by}",
+            got=f"{told_s:.6g} s, but {measured_s:.6g} s on average by {by}",
             need="the interval at which chirps were sent",
             fix=f"Give the measured one: true times are {ratio:.4g} of those shown, true velocities"
             f" {1 / ratio:.4g}.",
         ),
     )
+
+
+def _mean_duration_s(frame: Frame) -> float:
+    """Of the chirps of a frame, over those of all intervals."""
+    lasts_s = [frame.at(index).duration_s for index in range(frame.n_intervals)]
+    return sum(lasts_s) / len(lasts_s)

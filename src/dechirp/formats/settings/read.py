@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dechirp.config import files
+from dechirp.config.models import Readers
 from dechirp.core.errors import RecordingError
 from dechirp.formats.settings import (
     infineon_json,
@@ -14,6 +15,8 @@ from dechirp.formats.settings import (
     ti_cfg,
 )
 from dechirp.formats.settings.base import Settings
+from dechirp.formats.settings.calibration import read_calibration
+from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.base import Device
 from dechirp.radar.radar import Radar
 
@@ -65,7 +68,8 @@ def read_settings(file: Path, device: Device | None = None) -> Settings:
     elif infineon_json.looks_like(text) or name.endswith(".json"):
         settings = infineon_json.read(file, text, device)
     else:
-        settings = Settings(radar=files.read(file, Radar))
+        readers: Readers = {Calibration: read_calibration}
+        settings = Settings(radar=files.read(file, Radar, readers=readers))
     return replace(settings.of_device(device), path=file)
 
 

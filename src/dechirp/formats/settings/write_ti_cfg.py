@@ -164,6 +164,16 @@ def _mask(places: Sequence[int]) -> int:
 def _in_steps(frame: Frame) -> Frame:
     """Make a frame of which the chip can count every time and rate."""
     chirp = frame.chirp
+    if frame.n_intervals > 1 or frame.modulation is not None:
+        several = frame.n_intervals > 1
+        raise InvalidSetting(
+            "Frame.interval_s" if several else "Frame.modulation",
+            got=f"a list of {frame.n_intervals}" if several else "ramps that differ",
+            need="one profile, with one interval: no other is written as .cfg",
+            fix="Write each as a configuration of its own, such as of radar.at(0)."
+            if several
+            else "Leave the modulation out, or set the chip up with another tool.",
+        )
     if chirp.sampling != "complex":
         raise InvalidSetting(
             "Chirp.sampling",
@@ -183,7 +193,7 @@ def _in_steps(frame: Frame) -> Frame:
     # The end of the ramp, and the period, are rounded up, so that all that was in them fits.
     last_sample_s = adc_start_s + (chirp.n_samples - 1) / rate_hz if rate_hz else 0.0
     ramp_s = _up(max(chirp.ramp_duration_s, last_sample_s), _TIMES_PER_S)
-    idle_s = max(round((frame.interval_s - ramp_s) * _TIMES_PER_S), 0) / _TIMES_PER_S
+    idle_s = max(round((frame.only_interval_s - ramp_s) * _TIMES_PER_S), 0) / _TIMES_PER_S
     return replace(
         frame,
         chirp=replace(
@@ -202,7 +212,7 @@ def _up(time_s: float, steps_per_s: float) -> float:
 def _sent(frame: Frame, tx: Sequence[int], n_frames: int, gain: int) -> list[str]:
     """Commands that say what is sent."""
     chirp = frame.chirp
-    idle_s = frame.interval_s - chirp.ramp_duration_s
+    idle_s = frame.only_interval_s - chirp.ramp_duration_s
     numbers = (
         "0",
         _decimal(chirp.start_frequency_hz / 1e9, 9),

@@ -12,11 +12,16 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.values import value
 from dechirp.process.spectrum import Transform
+from dechirp.theory.calibrated import Factor, calibrated_factor
 from dechirp.theory.correlated import Box
 
-# Places of the cell under test in the box for which the factor is found exactly. Boxes that
-# reach farther than 15 rows have it interpolated between them, within 0.1 % of the factor.
+# Places of the cell under test in the box for which the factor is found. Between them what
+# correlation makes of it is interpolated, within 0.1 % of the factor.
 MOST_PLACES = 16
+# Places for which it is calibrated, where a ring of so many cells takes half a second for each.
+_FEWEST_PLACES, _MANY_CELLS = 5, 2000
+# Cells whose training cells are held at a time, over the cells of a map: memory of that map.
+_HELD = 0.1
 # The exact law for correlated cells inverts a matrix of so many rows, in 2 s at this size.
 MOST_GUARD_CELLS = 2000
 
@@ -67,6 +72,23 @@ class Ring:
         """Columns from the cell under test to the edge of the box."""
         return self.n_training.velocity + self.n_guard.velocity
 
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Training cells along range and velocity, then guard cells, on each side."""
+        training, guard = self.n_training, self.n_guard
+        return training.range, training.velocity, guard.range, guard.velocity
+
+    def offsets(self, place: int) -> np.ndarray:
+        """Training cells from a cell under test in row `place` of the box, (n_training, 2).
+
+        Velocity and range; in order of range, then velocity.
+        """
+        rows = np.arange(2 * self.half_range + 1) - place
+        columns = np.arange(2 * self.half_velocity + 1) - self.half_velocity
+        trains = (abs(rows)[:, None] > self.n_guard.range) | (abs(columns) > self.n_guard.velocity)
+        row, column = np.nonzero(trains)
+        return np.stack([columns[column], rows[row]], axis=1)
+
     def guard_rows(self, place: int) -> slice:
         """Rows of the box that the guard takes, for the cell under test in row `place`."""
         return slice(max(place - self.n_guard.range, 0), place + self.n_guard.range + 1)
@@ -90,6 +112,14 @@ class Ring:
         rows = np.arange(n_range)
         start = np.clip(rows - self.half_range, 0, n_range - 1 - 2 * self.half_range)
         return np.asarray(rows - start)
+
+    def n_cells(self, n_range: int) -> np.ndarray:
+        """Training cells of each of n_range rows of a map, (n_range,): most near its ends."""
+        place = self.places(n_range)
+        width, guard = 2 * self.half_range + 1, self.n_guard.range
+        n_rows = np.minimum(place + guard + 1, width) - np.maximum(place - guard, 0)
+        n_guard = n_rows * (2 * self.n_guard.velocity + 1)
+        return np.asarray(width * (2 * self.half_velocity + 1) - n_guard)
 
     def fits(self, n_velocity: int, n_range: int) -> None:
         """Raise `InvalidSetting` unless the box is within a map of that size."""
@@ -116,20 +146,81 @@ class Ring:
 
 
 class NoiseEstimator(Family):
-    """What sets one CFAR apart from the next: how it estimates the noise, and its law."""
+    """What sets one CFAR apart from the next: how it estimates the noise from training cells.
+
+    A member must give that `statistic`, and has a law for it by simulation and a threshold map
+    by brute force. One that is fast gives the map itself; one whose law has a closed form for
+    independent cells gives that.
+    """
 
     group: ClassVar[str] = "dechirp.cfar"
 
     @abstractmethod
+    def statistic(self, cells: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        """Noise power from the training cells of one box, (..., n_training) to (...).
+
+        `offsets` (n_training, 2) are the places of the cells, velocity and range, from the cell
+        under test. Of cells twice as strong it is twice as much.
+        """
+
+    def check(self, ring: Ring) -> None:
+        """Raise `InvalidSetting` unless the statistic has the training cells that it needs."""
+
     def threshold(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
         """Noise power about each cell of a map times the factor of its row.
 
         `power` (velocity, range) and `factors` (range,) are float32, as is what is given.
         """
+        at = np.stack(np.unravel_index(np.arange(power.size), power.shape), axis=1)
+        return self.threshold_at(power, at, ring, factors).reshape(power.shape)
 
-    @abstractmethod
-    def factor(self, false_alarm_probability: float, box: Box, *, n_channels: int) -> float:
-        """Threshold over estimate that gives the probability in noise with that covariance."""
+    def threshold_at(
+        self, power: np.ndarray, at: np.ndarray, ring: Ring, factors: np.ndarray
+    ) -> np.ndarray:
+        """The same for some cells (n, 2), velocity and range, only: (n,)."""
+        levels = np.empty(len(at), np.float32)
+        places = ring.places(power.shape[1])[at[:, 1]]
+        for place in np.unique(places):
+            offsets = ring.offsets(int(place))
+            chosen = np.flatnonzero(places == place)
+            n_held = max(int(_HELD * power.size / len(offsets)), 1)
+            for some in np.split(chosen, range(n_held, chosen.size, n_held)):
+                velocity, row = (at[some, None] + offsets).transpose(2, 0, 1)
+                levels[some] = self.statistic(power[velocity % len(power), row], offsets)
+        return np.asarray(levels * factors[at[:, 1]])
+
+    def exceeds(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
+        """Which cells of a map exceed their threshold, bool (velocity, range)."""
+        return np.asarray(power > self.threshold(power, ring, factors))
+
+    def independent_factor(
+        self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
+    ) -> float | None:
+        """Factor for cells that are independent, if its law has a closed form."""
+        return None
+
+    def low(self, offsets: np.ndarray) -> np.ndarray:
+        """Sets of training cells each of which brings alarms when it is low, bool (n_sets, n)."""
+        return np.ones((1, len(offsets)), bool)
+
+    def factor(self, false_alarm_probability: float, box: Box, *, n_channels: int) -> Factor:
+        """Threshold over statistic that gives the probability in noise with that covariance.
+
+        The closed form where cells are independent, if there is one, or calibrated by
+        simulation, see `theory.calibrated`.
+        """
+        offsets = box.offsets
+        if box.is_white:
+            exact = self.independent_factor(false_alarm_probability, offsets, n_channels=n_channels)
+            if exact is not None:
+                return Factor(value=exact)
+        return calibrated_factor(
+            false_alarm_probability,
+            lambda cells: self.statistic(cells, offsets),
+            box,
+            n_summed=n_channels,
+            low=self.low(offsets),
+        )
 
 
 @value
@@ -170,6 +261,7 @@ class Cfar:
                 need="training cells along range or velocity",
                 fix="Give at least one.",
             )
+        self.estimator.check(self.ring)
 
     def fitted(self, n_velocity: int, n_range: int) -> "Cfar":
         """The same with fewer cells, if the default ones have no room in a map of that size.
@@ -202,27 +294,54 @@ class Cfar:
             If the training cells with the guard do not fit into the map, or the guard is
             too small for the window and the zero padding.
         """
-        self.ring.fits(*power.shape)
-        factors = self._factors(noise)[self.ring.places(power.shape[1])]
-        return self.estimator.threshold(power, self.ring, factors)
+        return self.estimator.threshold(power, self.ring, self._factor_of_rows(power, noise))
 
-    def _factors(self, noise: Noise) -> np.ndarray:
-        """Factor for each place of the cell under test in the box, (2 half_range + 1,)."""
+    def threshold_at(self, power: np.ndarray, at: np.ndarray, noise: Noise) -> np.ndarray:
+        """The same for some cells (n, 2), velocity and range, only: (n,)."""
+        factors = self._factor_of_rows(power, noise)
+        return self.estimator.threshold_at(power, at, self.ring, factors)
+
+    def exceeds(self, power: np.ndarray, noise: Noise) -> np.ndarray:
+        """Which cells of a map exceed their threshold, bool (velocity, range); as `threshold`."""
+        return self.estimator.exceeds(power, self.ring, self._factor_of_rows(power, noise))
+
+    def error(self, noise: Noise) -> float:
+        """Standard error of the false-alarm probability, relative; 0 where its law is exact."""
+        return 0.0 if self.offset is not None else _factors(self, noise)[1]
+
+    def _factor_of_rows(self, power: np.ndarray, noise: Noise) -> np.ndarray:
+        """Factor for each row of a map, (n_range,)."""
+        self.ring.fits(*power.shape)
         if self.offset is not None:
-            return np.full(2 * self.ring.half_range + 1, self.offset, np.float32)
-        return _factors(self, noise)
+            return np.full(power.shape[1], self.offset, np.float32)
+        return np.asarray(_factors(self, noise)[0][self.ring.places(power.shape[1])])
 
 
 @lru_cache(maxsize=64)
-def _factors(cfar: Cfar, noise: Noise) -> np.ndarray:
-    pfa = cfar.false_alarm_probability
+def _factors(cfar: Cfar, noise: Noise) -> tuple[np.ndarray, float]:
+    """Factor for each place of the cell under test in the box, and the largest error."""
+    pfa, ring = cfar.false_alarm_probability, cfar.ring
     assert pfa is not None
-    last = cfar.ring.half_range
-    places = np.unique(np.linspace(0, last, min(last + 1, MOST_PLACES)).round().astype(int))
-    exact = [
-        cfar.estimator.factor(pfa, cfar.ring.box(noise, place), n_channels=noise.n_channels)
-        for place in places
-    ]
+    last = ring.half_range
+
+    def found(place: int) -> Factor:
+        return cfar.estimator.factor(pfa, ring.box(noise, place), n_channels=noise.n_channels)
+
+    def closed(place: int) -> float:
+        offsets = ring.offsets(place)
+        form = cfar.estimator.independent_factor(pfa, offsets, n_channels=noise.n_channels)
+        return 1.0 if form is None else form
+
+    middle = found(last)
+    n_places = MOST_PLACES
+    if middle.error:
+        n_places = int(np.clip(_MANY_CELLS / len(ring.offsets(last)), _FEWEST_PLACES, MOST_PLACES))
+    places = np.unique(np.linspace(0, last, min(last + 1, n_places)).round().astype(int))
+    factors = [*(found(int(place)) for place in places[:-1]), middle]
+    # Of a factor, what correlation makes of it is smooth: numbers of cells go in steps.
+    ratios = [factor.value / closed(int(at)) for factor, at in zip(factors, places, strict=True)]
+    every = np.arange(last + 1)
+    half = np.interp(every, places, ratios) * [closed(int(place)) for place in every]
     # Mirrored places have mirrored covariances, and the same law.
-    half = np.interp(np.arange(last + 1), places, exact)
-    return np.concatenate([half, half[-2::-1]]).astype(np.float32)
+    values = np.concatenate([half, half[-2::-1]]).astype(np.float32)
+    return values, max(factor.error for factor in factors)

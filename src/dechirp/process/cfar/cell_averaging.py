@@ -1,10 +1,11 @@
 """Cell averaging: the most sensitive choice in homogeneous noise (Finn & Johnson 1968)."""
 
-import numba
 import numpy as np
 
 from dechirp.core.values import value
 from dechirp.process.cfar.base import NoiseEstimator, Ring
+from dechirp.process.cfar.ring_means import ring_means
+from dechirp.theory.calibrated import Factor
 from dechirp.theory.cfar import cell_averaging_factor
 from dechirp.theory.correlated import Box, correlated_factor
 
@@ -13,151 +14,24 @@ from dechirp.theory.correlated import Box, correlated_factor
 class CellAveraging(NoiseEstimator):
     """Mean of the training cells."""
 
+    def statistic(self, cells: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        """Mean of the cells."""
+        return cells.mean(axis=-1)
+
     def threshold(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
         """Mean power of the ring about each cell, times the factor of its row."""
-        return _ring_means(
-            power,
-            factors,
-            ring.n_training.range,
-            ring.n_training.velocity,
-            ring.n_guard.range,
-            ring.n_guard.velocity,
+        return ring_means(power, factors, *ring.sizes)
+
+    def independent_factor(
+        self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
+    ) -> float:
+        """Closed form of Finn and Johnson, and its sum for several channels."""
+        return cell_averaging_factor(
+            false_alarm_probability, n_training=len(offsets), n_summed=n_channels
         )
 
-    def factor(self, false_alarm_probability: float, box: Box, *, n_channels: int) -> float:
+    def factor(self, false_alarm_probability: float, box: Box, *, n_channels: int) -> Factor:
         """Exact factor: closed form for independent cells, quadratic form for others."""
-        if _is_identity(box.range_covariance) and _is_identity(box.velocity_covariance):
-            return cell_averaging_factor(
-                false_alarm_probability, n_training=box.n_training, n_summed=n_channels
-            )
-        return correlated_factor(false_alarm_probability, box, n_summed=n_channels)
-
-
-def _is_identity(covariance: np.ndarray) -> bool:
-    return np.array_equal(covariance, np.eye(len(covariance)))
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _ring_means(
-    power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
-) -> np.ndarray:
-    """Mean over the ring about each cell times the factor of its row.
-
-    Velocity wraps round; the range box stays within the map.
-
-    Two limits: 2 MB moved (0.1 ms) and some 25 additions a cell, eight at a time.
-    Columns slide in float64, where a target 120 dB over the noise leaves the noise whole to
-    0.1 %; in float32 it would leave an error of its own size. Rows are then added without
-    any subtraction: runs of cells by doubling, a pass over a row that stays in L1.
-    """
-    n_v, n_r = power.shape
-    half_v, half_r = train_v + guard_v, train_r + guard_r
-    width = 2 * half_r + 1
-    out = np.empty((n_v, n_r), np.float32)
-
-    # Sums for the row before the first, from which the loop slides on.
-    slide_in = np.zeros(n_r)  # rows of the guard and the cell under test
-    slide_out = np.zeros(n_r)  # training rows above and below
-    for dv in range(-half_v, half_v + 1):
-        row = power[(dv - 1) % n_v]
-        if abs(dv) <= guard_v:
-            for j in range(n_r):
-                slide_in[j] += row[j]
-        else:
-            for j in range(n_r):
-                slide_out[j] += row[j]
-
-    outer = np.empty(n_r, np.float32)
-    both = np.empty(n_r, np.float32)
-    sides = np.zeros(n_r + 1, np.float32)
-    middle = np.zeros(n_r + 1, np.float32)
-    work = np.empty((32, n_r + 1), np.float32)
-    n_middle = n_r - 2 * half_r
-    left, right = sides[:n_middle], sides[half_r + guard_r + 1 :]
-    centre = middle[train_r:]
-    n_corner = 2 * train_v * width
-    scale = factors[half_r : n_r - half_r] / np.float32(n_corner + 2 * train_r * (2 * guard_v + 1))
-    for v in range(n_v):
-        enters, leaves = power[(v + half_v) % n_v], power[(v - 1 - half_v) % n_v]
-        to_guard, from_guard = power[(v + guard_v) % n_v], power[(v - 1 - guard_v) % n_v]
-        for j in range(n_r):
-            change = np.float64(to_guard[j]) - np.float64(from_guard[j])
-            now_in = slide_in[j] + change
-            now_out = slide_out[j] + (np.float64(enters[j]) - np.float64(leaves[j]) - change)
-            slide_in[j] = now_in
-            slide_out[j] = now_out
-            outer[j] = now_out
-            both[j] = now_in + now_out
-        _runs(both, train_r, sides, work)
-        _runs(outer, 2 * guard_r + 1, middle, work)
-        line = out[v, half_r:]
-        for j in range(n_middle):
-            line[j] = (left[j] + right[j] + centre[j]) * scale[j]
-        near = out[v, :half_r]
-        _ends(slide_in[:width], outer[:width], near, 0, guard_r, guard_v, n_corner, work)
-        first = half_r + 1  # place of the first row under test at the far end
-        far = out[v, n_r - half_r :]
-        _ends(slide_in[-width:], outer[-width:], far, first, guard_r, guard_v, n_corner, work)
-        for j in range(half_r):
-            near[j] *= factors[j]
-            far[j] *= factors[n_r - half_r + j]
-    return out
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _ends(
-    inner: np.ndarray,
-    outer: np.ndarray,
-    out: np.ndarray,
-    first: int,
-    guard_r: int,
-    guard_v: int,
-    n_corner: int,
-    work: np.ndarray,
-) -> None:
-    """Means of the ring where the box stops at an end of the map, for places from `first` on.
-
-    The rows of the guard are those before it and those after it, by sums from either side.
-    """
-    width = inner.size
-    before, after = work[0], work[1]
-    before[0] = after[width] = 0
-    corners = np.float32(0.0)
-    for i in range(width):
-        before[i + 1] = before[i] + inner[i]
-        after[width - 1 - i] = after[width - i] + inner[width - 1 - i]
-        corners += outer[i]
-    for i in range(out.size):
-        low, high = max(first + i - guard_r, 0), min(first + i + guard_r + 1, width)
-        n_sides = low + width - high
-        total = corners + before[low] + after[high]
-        out[i] = total / np.float32(n_corner + n_sides * (2 * guard_v + 1))
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _runs(row: np.ndarray, length: int, out: np.ndarray, work: np.ndarray) -> None:
-    """out[i] = row[i] + ... + row[i + length - 1], by doubling; the last ones are unused."""
-    n = row.size
-    if length == 0:
-        out[:] = 0
-        return
-    now, run, level = row, 1, 0
-    while not length & run:  # runs of 2, 4, 8 ... up to the lowest bit of the length
-        longer, ahead = work[level], now[run:]
-        for i in range(n - run):
-            longer[i] = now[i] + ahead[i]
-        now, run, level = longer, 2 * run, level + 1
-    total, done = now, run
-    while done < length:
-        longer, ahead = work[level], now[run:]
-        for i in range(n - run):
-            longer[i] = now[i] + ahead[i]
-        now, run, level = longer, 2 * run, level + 1
-        if length & run:
-            ahead = now[done:]
-            for i in range(n - done):
-                out[i] = total[i] + ahead[i]
-            total, done = out, done + run
-    if done == (done & -done):  # a power of two: the runs themselves
-        for i in range(n):
-            out[i] = total[i]
+        if box.is_white:
+            return super().factor(false_alarm_probability, box, n_channels=n_channels)
+        return Factor(value=correlated_factor(false_alarm_probability, box, n_summed=n_channels))

@@ -36,7 +36,8 @@ class Recorded:
         frames = self.measures.sizes["frame"]
         if "frame" not in self.measures.coords:
             return np.arange(frames)
-        period_s = self.radar.frame.start_s(1)
+        n_intervals = self.radar.frame.n_intervals
+        period_s = self.radar.frame.start_s(n_intervals) / n_intervals
         return np.rint(self.measures["frame"].values / period_s).astype(np.int64)
 
     @cached_property

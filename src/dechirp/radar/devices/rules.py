@@ -24,8 +24,10 @@ def broken_rules(
     found += [*_slope(chirp, limits, name), *_sampling(chirp, limits, name)]
     found += [*_beat_frequency(chirp, limits, name), *_buffer(radar, limits, name)]
     found += [*_adc_start(chirp, limits, name), *_ramp_end(chirp, limits, name)]
-    found += [*_idle(frame, limits, name), *_count(frame, limits, name)]
-    found += _gap(frame, limits, name)
+    each = [frame.at(index) for index in range(frame.n_intervals)]
+    found += [*_idle(min(each, key=lambda one: one.only_interval_s), limits, name)]
+    found += [*_count(frame, limits, name)]
+    found += _gap(max(each, key=lambda one: one.only_interval_s), limits, name)
     if demo:
         found += [*_points(chirp, limits, name), *_demo_count(frame, limits, name)]
         found += _memory(radar, limits, name)
@@ -199,11 +201,11 @@ def _ramp_end(chirp: Chirp, limits: Limits, name: str) -> Iterator[Finding]:
 
 def _idle(frame: Frame, limits: Limits, name: str) -> Iterator[Finding]:
     chirp = frame.chirp
-    idle_s = frame.interval_s - chirp.ramp_duration_s
+    idle_s = frame.only_interval_s - chirp.ramp_duration_s
     least_s = _step(limits.min_idle_s, chirp.ramp_bandwidth_hz)
     setting, got = "radar.frame.interval", f"{idle_s * 1e6:.5g} us from ramp to ramp"
     # An interval of 100 us is exact to 1e-14 us only: a fraction of it, not of the difference.
-    slack_s = 1e-9 * frame.interval_s
+    slack_s = 1e-9 * frame.only_interval_s
     if idle_s < least_s - slack_s:
         yield _error(
             setting,

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from dechirp.core.values import value
 from dechirp.report.compare import in_bodies
+from dechirp.report.figures import birds_eye
 from dechirp.report.figures.style import BLUE, INK, ORANGE, draw
 from dechirp.report.words import number
 from dechirp.scene.rotations import into
@@ -42,8 +43,14 @@ class _Drawn:
     """The radar's own way in that while."""
 
 
-def from_above(scene: Scene, *, time_s: float, detected_m: Sequence[float] = ()) -> Markup:
-    """Draw targets with their velocities over ground, the radar, and detections as arcs.
+def from_above(
+    scene: Scene,
+    *,
+    time_s: float,
+    detected_m: Sequence[float] = (),
+    seen: birds_eye.Seen | None = None,
+) -> Markup:
+    """Draw targets with their velocities over ground, the radar, and detections.
 
     Parameters
     ----------
@@ -53,7 +60,9 @@ def from_above(scene: Scene, *, time_s: float, detected_m: Sequence[float] = ())
     time_s : float
         Of the first estimates: the middle of the first frame.
     detected_m : sequence, m
-        Ranges of the detections, strongest first; angles are not estimated.
+        Ranges of the detections without directions, strongest first: arcs.
+    seen : Seen, optional
+        The detections with directions: places, with ellipses of their errors.
     """
     way_s = _while_s(scene, time_s)
     drawn = _drawn(scene, time_s, way_s)
@@ -70,14 +79,14 @@ def from_above(scene: Scene, *, time_s: float, detected_m: Sequence[float] = ())
 
     def paint(figure: Figure) -> None:
         axes = figure.subplots()
-        axes.grid(False)
         axes.set_aspect("auto" if is_narrow else "equal")
         axes.set(xlim=(side, -side), ylim=(back, front))
-        _rings(axes, math.hypot(max(front, -back), side))
+        birds_eye.ground(axes, math.hypot(max(front, -back), side))
         _arcs(axes, detected_m)
         _ways(axes, drawn)
         _targets(axes, drawn, 0.05 * reach_m, way_s)
-        axes.plot(0, 0, marker="^", markersize=9, color=INK, linestyle="", label="radar")
+        if seen is not None:
+            birds_eye.detections(axes, seen)
         for name, place in list(zip(scene.names, drawn.places_m, strict=True))[:_MOST_NAMES]:
             is_left = place[1] > 0
             axes.annotate(
@@ -93,7 +102,13 @@ def from_above(scene: Scene, *, time_s: float, detected_m: Sequence[float] = ())
         axes.set_ylabel("x, m (forward)")
         handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
         figure.legend(
-            handles.values(), handles.keys(), loc="outside upper right", ncols=3, handlelength=1.6
+            handles.values(),
+            handles.keys(),
+            loc="outside upper right",
+            ncols=3,
+            handlelength=1.4,
+            handletextpad=0.5,
+            columnspacing=1.2,
         )
 
     many = len(scene.targets) > 8
@@ -192,22 +207,7 @@ def _while_s(scene: Scene, time_s: float) -> float:
     on_ground = scene.target_velocities_m_per_s(at_s)[0] + into(scene.ego.axes(at_s), ego[None])[0]
     fastest = float(np.linalg.norm(np.vstack([on_ground, ego])[:, :2], axis=1).max())
     reach_m = np.linalg.norm(scene.positions_m(at_s)[0, :, :2], axis=1).max(initial=1.0)
-    return _round_down(0.3 * reach_m / fastest) if fastest > 0 else 0.0
-
-
-def _round_down(amount: float) -> float:
-    decade = 10.0 ** math.floor(math.log10(amount))
-    return max(step for step in (1.0, 2.0, 5.0) if step * decade <= amount * (1 + 1e-9)) * decade
-
-
-def _rings(axes: Axes, reach_m: float) -> None:
-    step_m = _round_down(reach_m / 3)
-    angle = np.linspace(-np.pi, np.pi, 361)
-    for radius_m in np.arange(step_m, reach_m, step_m):
-        axes.plot(
-            radius_m * np.sin(angle), radius_m * np.cos(angle), color="#dfe5ea", linewidth=0.8
-        )
-    axes.axvline(0, color="#dfe5ea", linewidth=0.8)
+    return birds_eye.round_down(0.3 * reach_m / fastest) if fastest > 0 else 0.0
 
 
 def _arrow(axes: Axes, start: np.ndarray, end: np.ndarray, color: str) -> None:

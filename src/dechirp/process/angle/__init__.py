@@ -1,0 +1,1 @@
+"""Directions of what was detected: a family of estimators."""

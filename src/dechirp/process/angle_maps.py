@@ -1,0 +1,212 @@
+"""Power over directions: at every range of a frame, and of one detection."""
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.conventions import axis
+from dechirp.core.errors import InvalidSetting
+from dechirp.process import ramps
+from dechirp.process.angle.bartlett import Bartlett
+from dechirp.process.angle.base import SpectralEstimator
+from dechirp.process.angle.fft import Fft
+from dechirp.process.chain import Chain
+from dechirp.process.range_walk import undone_by
+from dechirp.process.refine import Tones, refine
+from dechirp.process.sources import aperture_of, snapshots
+from dechirp.process.spectrum import Transform
+from dechirp.process.virtual import channels
+from dechirp.radar.radar import Radar
+
+# Beams of so many cells and directions at once: 2 MiB of them.
+_BEAMS = 2**18
+# Directions of a spectrum over one angle for each of the grid that peaks are looked for on.
+_FINER = 4
+# Of the other detections of a frame, the strongest whose sidelobes are taken off.
+_OTHERS = 32
+
+
+def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.DataArray:
+    """Power over azimuth and range of one frame, (chirp, rx, sample).
+
+    A beam towards each direction, in each cell of the range-Doppler map without padding; of all
+    velocities, and elevations where the array tells them, the strongest is kept. So is that of
+    the noise, some 8 dB over its mean.
+
+    Parameters
+    ----------
+    cube : DataArray (chirp, rx, sample)
+        Complex or real samples of one frame, any order of axes.
+    radar : Radar
+        The radar that it was taken with, with its calibration.
+    chain : Chain, optional
+        Its windows and its field of view.
+
+    Returns
+    -------
+    DataArray (azimuth, range), W
+        `azimuth` (rad) left positive, in even steps of its sine; `range` (m) with
+        range-Doppler coupling left in. A target on a bin has the power of its echo in one
+        element. Of uncalibrated samples, in full scale squared.
+
+    Raises
+    ------
+    InvalidSetting
+        If the array tells no azimuth.
+
+    Notes
+    -----
+    Transmitters are parted, and the motion between them undone, for the velocity of each cell.
+    Velocities are those about zero: a target of another fold stands at a wrong azimuth where
+    transmitters take turns. `detect` unfolds them.
+    """
+    chain = chain or Chain()
+    samples, radar = _rising(cube, radar)
+    seen = aperture_of(radar, chain.field_of_view)
+    if not seen.tells[0]:
+        raise InvalidSetting(
+            "radar.array",
+            got="an upright line of elements",
+            need="elements at several places along y: they tell azimuths",
+            fix="Ask for elevations, with `angle_spectrum`.",
+        )
+    frame, chirp = radar.frame, radar.frame.chirp
+    over_range, over_velocity = (
+        Transform(window=window, n_points=n, n_bins=n)
+        for window, n in (
+            (chain.range_window, chirp.n_samples),
+            (chain.doppler_window, frame.n_chirps),
+        )
+    )
+    transform = undone_by(chain.range_walk, chirp)
+    spectrum = transform(samples, chirp.sampling, over_range, over_velocity)
+    n_velocities, _, n_rows = spectrum.shape
+    doppler_hz = (np.arange(n_velocities) - n_velocities // 2) / (n_velocities * frame.repetition_s)
+    beats = 2 * np.pi / over_range.n_bins * np.arange(n_rows)
+    power = np.zeros((n_rows, len(seen.grid.azimuth_rad)), np.float32)
+    step = max(1, _BEAMS // len(seen.grid.steering))
+    for cells, at_hz in zip(spectrum, doppler_hz, strict=True):
+        for first in range(0, n_rows, step):
+            rows = slice(first, first + step)
+            amplitudes = ramps.unshifted(cells[:, rows].T, beats[rows], frame)
+            n = len(amplitudes)
+            heard, _ = snapshots(amplitudes, np.full(n, at_hz), np.zeros(n), radar)
+            beams = Fft().over_grid(heard.astype(np.complex64), seen)
+            strongest = beams.reshape(n, *seen.grid.shape).max(axis=1)
+            np.maximum(power[rows], strongest, out=power[rows])
+    return xr.DataArray(
+        power.T,
+        dims=("azimuth", "range"),
+        coords={
+            "azimuth": axis("azimuth", seen.grid.azimuth_rad),
+            "range": axis("range", chirp.range_bins_m()),
+        },
+        attrs={"units": _units(cube), "long_name": "power"},
+    )
+
+
+def angle_spectrum(
+    cube: xr.DataArray, radar: Radar, found: xr.Dataset, which: int, chain: Chain | None = None
+) -> xr.DataArray:
+    """Spectrum over directions of one detection.
+
+    Parameters
+    ----------
+    cube : DataArray (chirp, rx, sample)
+        The frame of the detection.
+    radar : Radar
+        The radar as it is in that frame, see `Radar.at`.
+    found : Dataset over `detection`
+        The detections of the frame, from `detect`.
+    which : int
+        Place of the one that is looked at.
+    chain : Chain, optional
+        Its estimator makes the spectrum; beams do (Bartlett) where it has none.
+
+    Returns
+    -------
+    DataArray (elevation, azimuth)
+        In rad, in even steps of their sines; one value where the array does not tell it. The
+        attribute `estimator` says which made it. Beams are powers in one element, in W;
+        spectra of other estimators have scales of their own.
+
+    Raises
+    ------
+    InvalidSetting
+        If the array tells no direction.
+    """
+    chain = chain or Chain()
+    samples, radar = _rising(cube, radar)
+    seen = aperture_of(radar, chain.field_of_view)
+    tones, doppler_hz, noise = _tone(samples, radar, found, which)
+    amplitude = ramps.unshifted(tones.amplitude, tones.fast, radar.frame)
+    heard, noise = snapshots(amplitude, doppler_hz, noise, radar)
+    estimator = chain.angle if isinstance(chain.angle, SpectralEstimator) else Bartlett()
+    azimuth, elevation = seen.grid.azimuth_rad, seen.grid.elevation_rad
+    if not all(seen.tells):
+        azimuth, elevation = _finer(azimuth), _finer(elevation)
+    steering = seen.steering(azimuth, elevation[:, None]).reshape(-1, seen.n_elements)
+    spectrum = estimator.at(estimator.prepared(heard, seen, noise), steering)
+    return xr.DataArray(
+        spectrum.reshape(len(elevation), len(azimuth)),
+        dims=("elevation", "azimuth"),
+        coords={
+            "elevation": axis("elevation", elevation),
+            "azimuth": axis("azimuth", azimuth),
+        },
+        attrs={
+            "units": _units(cube),
+            "long_name": "spectrum over directions",
+            "estimator": type(estimator).kind(),
+        },
+    )
+
+
+def _rising(cube: xr.DataArray, radar: Radar) -> tuple[np.ndarray, Radar]:
+    """Samples of one frame, (chirp, channel, sample), and their radar: of rising ramps alone."""
+    kind = np.complex64 if radar.frame.chirp.sampling == "complex" else np.float32
+    samples = np.ascontiguousarray(cube.transpose("chirp", "rx", "sample").values, kind)
+    samples = channels(samples, radar.frame)
+    if not radar.frame.falls:
+        return samples, radar
+    return np.ascontiguousarray(samples[:, : radar.array.n_rx]), radar.one_sided()
+
+
+def _tone(
+    samples: np.ndarray, radar: Radar, found: xr.Dataset, which: int
+) -> tuple[Tones, np.ndarray, np.ndarray]:
+    """The tone of a detection, its Doppler frequency, and the noise in its amplitude, of one each.
+
+    The sidelobes of other detections are taken off, as they were when it was found.
+    """
+    frame, chirp = radar.frame, radar.frame.chirp
+    offset_m = 0.0 if radar.calibration is None else radar.calibration.range_offset_m
+    places = np.stack([found.range.values + offset_m, np.nan_to_num(found.velocity.values)])
+    # Sources of one detection share their place, and their ratios add up.
+    tones_at, of = np.unique(places, axis=1, return_inverse=True)
+    snr = np.bincount(of, found.snr.values)
+    own = of[which]
+    order = np.argsort(-snr, kind="stable")
+    order = np.union1d(order[:_OTHERS], own)
+    order = order[np.argsort(-snr[order], kind="stable")]
+    beat_hz, doppler_hz = chirp.echo_frequencies_hz(*tones_at[:, order])
+    tones = refine(
+        samples,
+        2 * np.pi * frame.repetition_s * doppler_hz,
+        2 * np.pi / chirp.sample_rate_hz * beat_hz,
+        np.zeros(len(order)),
+    )
+    at = np.flatnonzero(order == own)
+    one = Tones(tones.slow[at], tones.fast[at], tones.energy[at], tones.amplitude[at])
+    n_samples = frame.n_chirps * chirp.n_samples
+    sample_noise = one.energy / (snr[own] + samples.shape[1])
+    return one, doppler_hz[at], sample_noise / n_samples
+
+
+def _finer(angle_rad: np.ndarray) -> np.ndarray:
+    """The same angles and others between them, even in their sines."""
+    n = _FINER * (len(angle_rad) - 1) + 1
+    return np.arcsin(np.linspace(np.sin(angle_rad[0]), np.sin(angle_rad[-1]), n))
+
+
+def _units(cube: xr.DataArray) -> str:
+    return "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"

@@ -1,0 +1,117 @@
+"""From the amplitudes of a detection in the channels to the directions of its sources."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.process.angle.aperture import Aperture, FieldOfView, aperture
+from dechirp.process.angle.base import DirectionEstimator
+from dechirp.process.virtual import element_noise, elements, parts
+from dechirp.radar.radar import Radar
+
+
+class Sources(NamedTuple):
+    """Sources of all detections, those of each the strongest first; arrays (n_sources,).
+
+    Angles are NaN where none was estimated: a detection has at least one source.
+    """
+
+    detection: np.ndarray
+    """Which it is of, ascending."""
+    share: np.ndarray
+    """Of the power of its detection."""
+    azimuth_rad: np.ndarray
+    elevation_rad: np.ndarray
+    azimuth_std_rad: np.ndarray
+    elevation_std_rad: np.ndarray
+
+
+def aperture_of(radar: Radar, field_of_view: FieldOfView) -> Aperture:
+    """The virtual array, where it tells directions.
+
+    Raises
+    ------
+    InvalidSetting
+        About `chain.angle`, where its elements share one place across the line of sight, the
+        code does not part them, or one round is the frame, so that velocities, by which the
+        transmitters turn against each other, are not known.
+    """
+    got = None
+    try:
+        found = aperture(radar, field_of_view)
+    except InvalidSetting as error:
+        (mistake,) = error.mistakes
+        if mistake.setting != "Radar.array":
+            raise
+        got, need = mistake.got, mistake.need
+    if not parts(radar.frame):
+        n_tx = len(radar.array.tx_m)
+        got, need = f"a code of {n_tx} transmitters", "a code that parts them over a round"
+    elif radar.frame.n_chirps == 1 < radar.frame.n_slots and len(radar.array.tx_m) > 1:
+        got, need = "transmitters that share one round", "two rounds or more, for the velocity"
+    if got is not None:
+        raise InvalidSetting(
+            "chain.angle", got=got, need=need, fix="Set angle to null, or correct the radar."
+        )
+    return found
+
+
+def tells_directions(radar: Radar) -> bool:
+    """Whether there is anything for a direction estimator to work on."""
+    try:
+        aperture_of(radar, FieldOfView())
+    except InvalidSetting:
+        return False
+    return True
+
+
+def undirected(n: int) -> Sources:
+    """One source for each of n detections, from nowhere in particular."""
+    return Sources(np.arange(n), np.ones(n), *np.full((4, n), np.nan))
+
+
+def snapshots(
+    amplitudes: np.ndarray, doppler_hz: np.ndarray, noise_power: np.ndarray, radar: Radar
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the virtual elements hear, (n, 1, n_elements), and the noise in one of them, (n,).
+
+    From amplitudes in the channels, see `sources`: motion and code undone, calibrated.
+    """
+    heard = elements(amplitudes, radar.frame, doppler_hz) * radar.element_gain
+    noise = noise_power * element_noise(radar.frame) * np.mean(np.abs(radar.element_gain) ** 2)
+    return heard[:, None], np.asarray(noise)
+
+
+def sources(
+    amplitudes: np.ndarray,
+    doppler_hz: np.ndarray,
+    noise_power: np.ndarray,
+    radar: Radar,
+    estimator: DirectionEstimator,
+    seen: Aperture,
+) -> Sources:
+    """Directions of n detections.
+
+    Parameters
+    ----------
+    amplitudes : array (n, n_slots * n_rx), complex
+        Of the channels, see `process.virtual.channels`.
+    doppler_hz : array (n,)
+        Unfolded as far as is known: the motion between slots that is undone.
+    noise_power : array (n,)
+        E|w|^2 in one amplitude of a channel.
+    radar, estimator, seen
+        Whose they are, and how directions are looked for.
+    """
+    heard, noise = snapshots(amplitudes, doppler_hz, noise_power, radar)
+    found = estimator.directions(heard, seen, noise)
+    is_there = np.isfinite(found.azimuth_rad) | np.isfinite(found.elevation_rad)
+    is_there[:, 0] = True
+    detection, place = np.nonzero(is_there)
+    power = np.where(np.isfinite(found.power), found.power, 0.0)
+    whole = power.sum(axis=1, keepdims=True)
+    share = np.where(whole > 0, power / np.where(whole > 0, whole, 1.0), 1.0)
+    return Sources(
+        detection, share[detection, place], *(angle[detection, place] for angle in found[:4])
+    )

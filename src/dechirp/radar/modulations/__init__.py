@@ -1,0 +1,1 @@
+"""How the ramps of a frame differ from each other: a family."""
