@@ -18,6 +18,7 @@ from dechirp.process.angle.maximum_likelihood import MaximumLikelihood
 from dechirp.process.angle.monopulse import Monopulse
 from dechirp.process.angle.music import Music
 from dechirp.process.near_field import far_from_m
+from dechirp.process.sources import past_middle_m
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.report import compare
@@ -55,6 +56,30 @@ def test_a_plane_tells_azimuth_and_elevation(radar):
     for name in ("azimuth", "elevation"):
         allowed = 5 * float(found[f"{name}_std"]) + 3e-4
         assert float(found[name]) == pytest.approx(float(truth[name]), abs=allowed)
+
+
+@pytest.mark.parametrize("azimuth_deg", [-55, 0, 50])
+@pytest.mark.parametrize("middle_m", [-0.08, 0.0, 0.05])
+def test_ranges_are_from_the_origin_wherever_the_array_is(radar, azimuth_deg, middle_m):
+    radar = mimo(radar, TDM)
+    moved = tuple((0, y + middle_m, 0) for _, y, _ in radar.array.rx_m)
+    tx_moved = tuple((0, y + middle_m, 0) for _, y, _ in radar.array.tx_m)
+    radar = replace(radar, array=dc.Array(tx_m=tx_moved, rx_m=moved))
+    azimuth = np.radians(azimuth_deg)
+    target = dc.Target(
+        position_m=(40 * np.cos(azimuth), 40 * np.sin(azimuth), 0),
+        velocity_m_per_s=(2, 1, 0),
+        rcs_m2=1000,
+    )
+    scene = dc.Scene(targets=[target])
+    true_m = float(dc.truth(scene, radar).range.squeeze())
+
+    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+    strongest = found.isel(detection=int(np.argmax(found.snr.values)))
+
+    # Five standard errors; the middle of the array is up to 80 mm nearer or farther.
+    error_m = float(strongest.range) - true_m
+    assert abs(error_m) < 5 * float(strongest.range_std) + 1e-4
 
 
 def test_one_element_tells_no_angle_and_is_not_asked_by_default(reference, clean):
@@ -127,7 +152,12 @@ def test_two_sources_in_a_cell_are_two_rows_that_share_the_ratio(radar):
     assert (np.diff(near.snr) <= 0).all()
     # Each row has the standard error of its own share.
     assert (near.range_std.values >= of_one.range_std.item()).all()
-    assert near.range.values == pytest.approx(np.full(2, of_one.range.item()))
+    # From the middle of the array both are as far.
+    to_middle_m = [
+        of.range.values - past_middle_m(of.azimuth.values, of.elevation.values, radar)
+        for of in (near, of_one)
+    ]
+    assert to_middle_m[0] == pytest.approx(np.full(2, to_middle_m[1]))
 
 
 def test_a_calibration_is_applied_to_angles_and_ranges(radar):

@@ -113,7 +113,6 @@ def three_targets(radar) -> tuple[dc.Radar, dc.Scene]:
     [
         (("rectangular", "rectangular"), (None, None), 4),
         (("blackman-harris", "chebyshev-80"), (100, 64), 8),
-        (("taylor-30", "kaiser-6"), (256, 45), 8),
     ],
     ids=str,
 )

@@ -25,7 +25,13 @@ from dechirp.process.pairing import Peaks, Unfolded, paired
 from dechirp.process.peaks import clear_of_sidelobes, highest
 from dechirp.process.range_walk import RangeWalk, growth, undone_by
 from dechirp.process.refine import refine
-from dechirp.process.sources import aperture_of, sources, tells_directions, undirected
+from dechirp.process.sources import (
+    aperture_of,
+    past_middle_m,
+    sources,
+    tells_directions,
+    undirected,
+)
 from dechirp.process.spectrum import (
     Transform,
     independent_rows,
@@ -175,6 +181,7 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         time : s
             Mid-frame, mid-window: the instant to which the estimates refer.
         range : m, velocity : m/s
+            From the origin, or where no direction is known from the middle of the array.
             Receding positive; refined on unwindowed samples, range-Doppler coupling removed;
             unfolded where `fold` is known, else of the fold about zero velocity.
             A frame of one chirp tells no velocity: NaN, and the range of a target at rest.
@@ -287,8 +294,9 @@ def _detect_frame(
         "fold": found.folds.certain[of],
         "fold_confidence": found.folds.confidence[of],
     }
+    columns["range"] += past_middle_m(seen.azimuth_rad, seen.elevation_rad, radar)
     if radar.calibration is not None:
-        columns["range"] = columns["range"] - radar.calibration.range_offset_m
+        columns["range"] -= radar.calibration.range_offset_m
     return columns
 
 
