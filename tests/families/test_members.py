@@ -282,7 +282,9 @@ def test_each_impairment_changes_samples_alike_for_the_same_seed(radar, kind, sa
 @pytest.mark.parametrize("kind", Multiplexing.members())
 def test_under_each_multiplexing_a_target_is_found_by_all_transmitters_together(radar, kind):
     multiplexing = example(Multiplexing.members()[kind])
-    array = dc.Array(tx_m=[(0, 0.0078 * k, 0) for k in range(multiplexing.n_tx)])
+    # About the origin: directions are told by grating lobes here, and ranges are from there.
+    middle = (multiplexing.n_tx - 1) / 2
+    array = dc.Array(tx_m=[(0, 0.0078 * (k - middle), 0) for k in range(multiplexing.n_tx)])
     frame = replace(radar.frame, multiplexing=multiplexing)
     radar = replace(radar, frame=frame, array=array)
     target = dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(-5, 0, 0))

@@ -26,6 +26,9 @@ CERTAIN = 0.99
 # By so much, relative to the echo, amplitudes may differ from what the array is known to answer:
 # 1.7 degrees of phase, or 0.26 dB. What fits better than that is no evidence.
 _UNKNOWN = 0.03
+# Of the power, what a beam may gain between the points of a grid of two axes, beyond what
+# parabolas along each tell. Four elements on a plane fit any fold to 1 %: no evidence either.
+_BETWEEN = 0.005
 
 # Beams of so many detections at once: 16 MiB of them.
 _BEAMS = 2**21
@@ -158,13 +161,15 @@ def folds(
     total = np.sum(np.abs(amplitudes) ** 2, axis=1)
     most = _most_left(n_channels)
     unknown = _UNKNOWN**2 / n_channels
+    is_plane = 1 < answers.n_azimuths < len(answers.unit)
+    no_evidence = max(unknown, _BETWEEN) if is_plane else unknown
     log_evidence = np.empty(fold.shape)
     block = max(1, _BEAMS // (frame.n_folds * len(answers.unit)))
     for start in range(0, n, block):
         own = slice(start, start + block)
         beams = still[own] @ answers.unit.conj().T
         log_evidence[own] = _log_evidence(
-            beams, answers.n_azimuths, total[own], noise_power[own], most, unknown
+            beams, answers.n_azimuths, total[own], noise_power[own], most, unknown, no_evidence
         )
     weight = np.exp(log_evidence - log_evidence.max(axis=1, keepdims=True))
     return Folds(weight / weight.sum(axis=1, keepdims=True), fold)
@@ -185,6 +190,7 @@ def _log_evidence(
     noise_power: np.ndarray,
     most: float,
     unknown: float,
+    no_evidence: float,
 ) -> np.ndarray:
     """Logarithm of the integral over directions, (n, n_folds), of beams (n, n_folds, direction)."""
     n, n_folds, n_directions = beams.shape
@@ -204,10 +210,11 @@ def _log_evidence(
             column, row = at % n_azimuths, at // n_azimuths
             between[h] = _gained(power[h, row * n_azimuths : (row + 1) * n_azimuths], column)
             between[h] += _gained(power[h, column::n_azimuths], row)
+            between[h] = min(between[h], total[i] - top[h])  # all there is
         unfitted = total[i] - np.max(top + between)
-        noise = noise_power[i] + unknown * total[i]
-        if unfitted > most * noise:
-            noise = unfitted
+        noise = noise_power[i] + no_evidence * total[i]
+        if unfitted > most * (noise_power[i] + unknown * total[i]):
+            noise = max(noise, unfitted)
         for h in range(n_folds):
             weight = 0.0
             for g in range(n_directions):

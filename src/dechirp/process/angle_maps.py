@@ -12,7 +12,7 @@ from dechirp.process.angle.fft import Fft
 from dechirp.process.chain import Chain
 from dechirp.process.range_walk import undone_by
 from dechirp.process.refine import Tones, refine
-from dechirp.process.sources import aperture_of, past_middle_m, snapshots
+from dechirp.process.sources import aperture_of, is_sure, past_middle_m, snapshots
 from dechirp.process.spectrum import Transform
 from dechirp.process.virtual import channels
 from dechirp.radar.radar import Radar
@@ -181,7 +181,8 @@ def _tone(
     frame, chirp = radar.frame, radar.frame.chirp
     offset_m = 0.0 if radar.calibration is None else radar.calibration.range_offset_m
     range_m = found.range.values + offset_m
-    range_m -= past_middle_m(found.azimuth.values, found.elevation.values, radar)
+    past_m = past_middle_m(found.azimuth.values, found.elevation.values, radar)
+    range_m -= np.where(is_sure(found.fold.values, frame), past_m, 0.0)
     # Sources of one detection share their place but for rounding, and their ratios add up.
     places = np.stack([range_m.round(9), np.nan_to_num(found.velocity.values)])
     tones_at, of = np.unique(places, axis=1, return_inverse=True)

@@ -27,6 +27,7 @@ from dechirp.process.range_walk import RangeWalk, growth, undone_by
 from dechirp.process.refine import refine
 from dechirp.process.sources import (
     aperture_of,
+    is_sure,
     past_middle_m,
     sources,
     tells_directions,
@@ -181,7 +182,7 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         time : s
             Mid-frame, mid-window: the instant to which the estimates refer.
         range : m, velocity : m/s
-            From the origin, or where no direction is known from the middle of the array.
+            From the origin, or where no direction or fold is known from the middle of the array.
             Receding positive; refined on unwindowed samples, range-Doppler coupling removed;
             unfolded where `fold` is known, else of the fold about zero velocity.
             A frame of one chirp tells no velocity: NaN, and the range of a target at rest.
@@ -294,7 +295,9 @@ def _detect_frame(
         "fold": found.folds.certain[of],
         "fold_confidence": found.folds.confidence[of],
     }
-    columns["range"] += past_middle_m(seen.azimuth_rad, seen.elevation_rad, radar)
+    past_m = past_middle_m(seen.azimuth_rad, seen.elevation_rad, radar)
+    # Where the fold is not known, the transmitters may be turned against each other.
+    columns["range"] += np.where(is_sure(columns["fold"], frame), past_m, 0.0)
     if radar.calibration is not None:
         columns["range"] -= radar.calibration.range_offset_m
     return columns

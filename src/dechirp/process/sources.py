@@ -8,6 +8,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.process.angle.aperture import Aperture, FieldOfView, aperture
 from dechirp.process.angle.base import DirectionEstimator
 from dechirp.process.virtual import element_noise, elements, parts
+from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.theory.direction_bounds import towards
 
@@ -81,6 +82,11 @@ def past_middle_m(azimuth_rad: np.ndarray, elevation_rad: np.ndarray, radar: Rad
     """
     unit = towards(azimuth_rad, np.nan_to_num(elevation_rad))
     return np.asarray(np.nan_to_num(unit @ radar.elements_m.mean(axis=0) / 2))
+
+
+def is_sure(fold: np.ndarray, frame: Frame) -> np.ndarray:
+    """Whether directions are those of a fold that is known, or that needs none, (n,)."""
+    return np.asarray(~np.isnan(fold) | (frame.n_slots == 1))
 
 
 def snapshots(
