@@ -204,6 +204,8 @@ def test_an_interrupted_run_ends_without_a_word_too_many_and_writes_nothing(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # What a shell starts in the background ignores it, and so would all that it starts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )
     workers = workers_of(called)
     os.killpg(called.pid, number)  # as a terminal does
