@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from dechirp.process.angle.music import Music
     from dechirp.process.angle.root_music import RootMusic
     from dechirp.process.angle_maps import angle_spectrum, range_azimuth_map
-    from dechirp.process.calibrate import Calibrated, calibrate
+    from dechirp.process.calibration.calibrate import Calibrated, calibrate
     from dechirp.process.cfar.base import Cells, Cfar
     from dechirp.process.cfar.cell_averaging import CellAveraging
     from dechirp.process.cfar.greatest_of import GreatestOf
@@ -79,6 +79,14 @@ if TYPE_CHECKING:
     from dechirp.process.cfar.trimmed_mean import TrimmedMean
     from dechirp.process.cfar.two_step import TwoStep
     from dechirp.process.chain import Chain, detect, power_map, threshold_map
+    from dechirp.process.slow_time import (
+        by_frame,
+        displacement,
+        displacement_spectrum,
+        range_track,
+        slow_time,
+        strongest_line,
+    )
     from dechirp.process.spectrogram import spectrogram
     from dechirp.radar.array import Array
     from dechirp.radar.calibration import Calibration
@@ -171,7 +179,7 @@ _WHERE = {
     "process.angle.music": "Music",
     "process.angle.root_music": "RootMusic",
     "process.angle_maps": "angle_spectrum range_azimuth_map",
-    "process.calibrate": "Calibrated calibrate",
+    "process.calibration.calibrate": "Calibrated calibrate",
     "process.cfar.base": "Cells Cfar",
     "process.cfar.cell_averaging": "CellAveraging",
     "process.cfar.greatest_of": "GreatestOf",
@@ -180,6 +188,8 @@ _WHERE = {
     "process.cfar.trimmed_mean": "TrimmedMean",
     "process.cfar.two_step": "TwoStep",
     "process.chain": "Chain detect power_map threshold_map",
+    "process.slow_time": "by_frame displacement displacement_spectrum range_track slow_time"
+    " strongest_line",
     "process.spectrogram": "spectrogram",
     "radar.array": "Array",
     "radar.calibration": "Calibration",
@@ -329,21 +339,27 @@ __all__ = [
     "Waypoint",
     "WhiteNoise",
     "angle_spectrum",
+    "by_frame",
     "calibrate",
     "codes",
     "design",
     "detect",
     "device",
+    "displacement",
+    "displacement_spectrum",
     "inspect",
     "load",
     "open",
     "plan",
     "power_map",
     "range_azimuth_map",
+    "range_track",
     "reference",
     "run",
     "simulate",
+    "slow_time",
     "spectrogram",
+    "strongest_line",
     "threshold_map",
     "ti_cfg_text",
     "truth",

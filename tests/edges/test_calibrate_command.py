@@ -182,6 +182,11 @@ RIGHT = {"elements": [[0, 0], [0, 1]], "gain": [[1.0, 0.0], [0.5, 0.5]]}
         (json.dumps({**RIGHT, "elements": [[0, 0], [0, 0.5]]}), "elements.1 is"),
         (json.dumps({**RIGHT, "position_error_m": "here"}), "position_error_m is"),
         (json.dumps(RIGHT), "none for [0, 2]"),
+        (json.dumps({**RIGHT, "gain": {"a": 1}}), "gain is {'a': 1}, but must be a list"),
+        (json.dumps({**RIGHT, "elements": {"0": 0}}), "elements is {'0': 0}, but must be a list"),
+        (json.dumps({**RIGHT, "gain": [[10**400, 0], [1, 0]]}), "000..., but must be one finite"),
+        (json.dumps({**RIGHT, "gain": [[0.0, 0.0], [1, 0]]}), "magnitude from 1e-6 to 1e6"),
+        (json.dumps({"elements": [], "gain": []}), "elements is [], but must be a list of pairs"),
     ],
 )
 def test_a_damaged_file_is_refused_with_its_name_and_key(folder, capsys, content, words):
@@ -197,6 +202,12 @@ def test_a_damaged_file_is_refused_with_its_name_and_key(folder, capsys, content
 
 WRONG = {
     "--azimuth is absent": ("left.npy",),
+    "left.npy, given twice": ("left.npy", "left.npy", "--azimuth", "0", "--azimuth", "0"),
+    "--range is -3.0": ("left.npy", "--azimuth", "0", "--range", "-3 m"),
+    "--azimuth is nan deg": ("left.npy", "--azimuth", "nan deg"),
+    "gone.json: the file is not there": (
+        *("left.npy", "--azimuth", "0", "--calibration", "gone.json"),
+    ),
     "RECORDING is absent": ("--azimuth", "25 deg"),
     "given once for each of the 2": ("left.npy", "right.npy", "--azimuth", "25 deg"),
     "--azimuth is 25, but must be an angle": ("left.npy", "--azimuth", "25"),
@@ -248,3 +259,48 @@ def test_a_simulated_scene_takes_its_calibration_by_its_setting(folder, capsys):
 
     setting = ("--set", "radar.calibration=cal.json", "--quiet")
     assert call(capsys, "run", "scenario.yaml", *setting)[0] == 0
+
+
+def test_a_calibration_to_an_array_that_no_file_gives_says_so(folder, capsys):
+    """Phases are measured against the places of the elements: the wrong ones go into them."""
+    bare = RADAR[: RADAR.index("  multiplexing")].replace("n_chirps: 16", "n_chirps: 32")
+    (folder / "bare.yaml").write_text(bare)
+    words = ("calibrate", "left.npy", "--azimuth", "25 deg", "--radar", "bare.yaml")
+
+    status, out, _ = call(capsys, *words, "--axes", "frame,chirp,rx,sample", "--json")
+
+    found = json.loads(out)["findings"]
+    assert status == 0
+    assert [one["level"] for one in found if one["setting"] == "radar.array.rx"] == ["warning"]
+    assert any("--device" in one["fix"] for one in found)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("chain.angle=fft", "Write {kind: fft}"),
+        ("chain.angle=[]", "an empty list, but must be a mapping with kind"),
+        ("chain.angle={kind: mus}", "Did you mean music?"),
+        ("chain.angle={kind: music, n_sources: 99}", "fewer than the 8 elements"),
+        ("chain.angle={kind: capon, loading: .nan}", "must be a ratio"),
+        ("chain.angle={kind: monopulse, n_sources: 2}", "must be 1"),
+        ("chain.field_of_view={azimuth: 100 deg}", "(90 deg)"),
+        ("chain.field_of_view={azimuth: [-30 deg, 30 deg]}", "Write one number"),
+        ("radar.calibration={elements: [], gain: []}", "a list of pairs"),
+        ("radar.calibration={gain: 3}", "elements is missing"),
+        ("radar.calibration=gone.json", "the file is not there"),
+    ],
+)
+def test_wrong_settings_of_directions_and_calibration_name_the_setting(
+    folder, capsys, setting, words
+):
+    status, out, err = call(capsys, "run", "left.npy", *OPTIONS, "--set", setting)
+
+    assert (status, out) == (2, "")
+    assert words in err and "Traceback" not in err
+    assert setting.partition("=")[0] in err or "gone.json" in err
+
+
+def test_a_field_of_view_of_one_beam_is_drawn(folder, capsys):
+    setting = ("--set", "chain.field_of_view={azimuth: 0.5 deg}", "--quiet")
+    assert call(capsys, "run", "left.npy", *OPTIONS, *setting) == (0, "", "")

@@ -13,6 +13,7 @@ import psutil
 import pytest
 
 import dechirp as dc
+from dechirp.core import memory
 from dechirp.core.errors import NotEnoughMemory, RecordingError
 from dechirp.experiment.run import run
 from dechirp.experiment.scenario import Scenario, Source
@@ -148,6 +149,7 @@ def test_a_result_holds_the_cube_of_its_recording_once_or_says_that_it_cannot(
 
     with monkeypatch.context() as patched, pytest.raises(NotEnoughMemory, match="capture.bin"):
         patched.setattr(psutil, "virtual_memory", Scarce)
+        patched.setattr(memory, "SMALL_BYTES", 0)
         _ = result.cube
     assert np.array_equal(result.cube.values * 32768, sent[1:3])
     assert (result.first_frame, result.n_frames) == (1, 2)

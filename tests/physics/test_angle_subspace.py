@@ -106,6 +106,47 @@ def test_an_array_of_eight_and_four_elements_tells_azimuth_by_its_longest_row(me
     assert np.isnan(found.elevation_rad).all()
 
 
+@pytest.mark.parametrize("member", ON_LINES)
+def test_a_plane_read_by_a_row_puts_high_targets_nearer_to_boresight_and_says_so(member):
+    # A row sees the cone alone: arcsin(cos 30 sin 60) = 48.6 degrees, 11.4 short of 60.
+    array, estimator = rectangle(8, 3), member()
+    high, left = np.pi / 6, np.pi / 3
+    x = array.steering(left, high)[None, None]
+    found = estimator.directions(x, array, np.array([1e-9]))
+    short = np.degrees(left - found.azimuth_rad[0, 0])
+    assert short == pytest.approx(11.41, abs=0.01)
+    assert np.isnan(found.elevation_rad).all()
+    (finding,) = estimator.remarks(array)
+    assert finding.level == "warning" and finding.setting == "chain.angle.kind"
+    assert "azimuth 60 and elevation 30 deg by 11 deg" in finding.got
+
+
+@pytest.mark.parametrize("member", ON_LINES)
+def test_a_column_of_a_plane_tells_elevations_at_any_azimuth(member):
+    array, estimator = rectangle(3, 8), member()
+    x = array.steering(0.7, 0.4)[None, None]
+    found = estimator.directions(x, array, np.array([1e-9]))
+    assert found.elevation_rad[0, 0] == pytest.approx(0.4, abs=1e-6)
+    (finding,) = estimator.remarks(array)
+    assert "no azimuth" in finding.got
+    assert Music().remarks(array) == [] and estimator.remarks(line(8)) == []
+
+
+@pytest.mark.parametrize("size", [3, 8, 40])
+def test_turns_are_the_roots_of_the_null_spectrum_nearest_to_the_unit_circle(size):
+    rng = np.random.default_rng(711)
+    basis = np.linalg.qr(rng.normal(size=(5, size, 2)) + 1j * rng.normal(size=(5, size, 2)))[0]
+    found = RootMusic().turns(basis)
+    for one, roots in zip(basis, found, strict=True):
+        outside = np.eye(size) - one @ one.conj().T
+        powers = [np.trace(outside, offset=d) for d in range(size - 1, -size, -1)]
+        witness = np.roots(powers)
+        witness = witness[np.argsort(-np.abs(witness))][size - 1 :]  # the inner of each pair
+        assert np.abs(roots) == pytest.approx(np.abs(witness), abs=1e-8)
+        apart = np.abs(roots[:, None] - witness).min(axis=1)
+        assert apart.max() < 1e-8
+
+
 @pytest.mark.parametrize("member", ALL)
 def test_elements_at_one_place_are_averaged_and_their_noise_counts_so(member):
     # Of two transmitters with five receivers each, three elements coincide.
@@ -167,6 +208,31 @@ def test_the_spectra_are_those_of_their_definitions():
     distance = np.sum(np.abs(within.conj() @ noise) ** 2, axis=2) / over.size
     got = music.at(music.prepared(x, array, known(3)), steering)
     assert 1 / got == pytest.approx(distance, rel=1e-9, abs=1e-13)
+
+
+UNEVEN = Aperture(positions=np.array([0, 0.5, 1.3, 2.2, 3.1, 4.4])[:, None] * [0, 1, 0])
+
+
+@pytest.mark.parametrize(
+    "array", [line(9), line(64), rectangle(5, 4), UNEVEN], ids=["9", "64", "plane", "uneven"]
+)
+def test_the_beam_of_capon_over_the_grid_is_that_towards_each_direction_however_strong(array):
+    # Two sources 50 dB above the noise: what the beam leaves of its terms is a millionth.
+    rng = np.random.default_rng(712)
+    x = snapshots(array, turns((2, 2, 1), rng), 1e-5, rng, np.array([[-0.3, 0.4]]))
+    over, capon = windows(array, Smoothing()), Capon(loading=1.0)
+    data = over.data(x.astype(np.complex64).astype(complex))
+    covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
+    power = np.trace(covariance, axis1=1, axis2=2).real / over.size
+    loading = np.maximum(1e-5, 1e-5 * power)[:, None, None]
+    inverse = np.linalg.inv(covariance + loading * np.eye(over.size))
+    grid = array.grid
+    steering = array.steering(grid.azimuth_rad, grid.elevation_rad[:, None])
+    within = steering.reshape(-1, array.n_elements)[:, over.elements]
+    expected = 1 / np.einsum("mi,nij,mj->nm", within.conj(), inverse, within).real
+    spectrum = capon.spectrum(x, array, np.full(2, 1e-5)).reshape(2, -1)
+    # Rounding of the snapshots' covariance to single precision, 1e-7 of 50 dB and 64 elements.
+    assert spectrum == pytest.approx(expected, rel=0.03)
 
 
 def test_a_long_array_has_its_subspace_by_iteration_as_by_all_eigenvectors():

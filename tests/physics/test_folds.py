@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import binom
 
 import dechirp as dc
-from dechirp.process.ambiguity import CERTAIN, folds, responses
 from dechirp.process.angle.aperture import aperture
+from dechirp.process.folds.ambiguity import CERTAIN, folds, responses
 from dechirp.process.virtual import elements, turns
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.bpm import Bpm

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom
 
 import dechirp as dc
-from dechirp.process import ramps
+from dechirp.process.folds import ramps
 from dechirp.process.refine import Tones
 from dechirp.scene.folding import Place, frequencies
 

@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.stats import binom
 
 import dechirp as dc
-from dechirp.process.intervals import unfolded
+from dechirp.process.folds import intervals
+from dechirp.process.folds.ambiguity import Folds, unknown
+from dechirp.process.folds.intervals import Alone
+from dechirp.process.sources import snapshots
 from dechirp.radar.accuracy import standard_errors
 from dechirp.scene.folding import Place, folded
+from dechirp.scene.surprises import surprises
 
 INTERVALS_S = (31e-6, 35e-6, 38e-6)
 
@@ -25,35 +28,32 @@ def ahead(range_m, velocity, rcs_m2=1.0):
 
 
 def measured(radar, range_m, velocity, snr, n_frames, rng, is_found=1.0):
-    """Detections of targets (n,) at constant velocities, with errors at the bound."""
-    rows = []
+    """What frames alone tell of targets (n,) at constant velocities, with errors at the bound.
+
+    And the folds in which they are.
+    """
+    frames, folds = [], []
     for number in range(n_frames):
         one = radar.at(number)
         time_s = radar.frame.start_s(number) + one.frame.mid_frame_s
-        at = folded(Place(range_m + velocity * time_s, velocity), one)
+        truth = Place(range_m + velocity * time_s, velocity)
+        at = folded(truth, one)
         kept = rng.random(len(range_m)) < is_found
         std = [np.full(kept.sum(), float(of)) for of in standard_errors(one.frame, snr=snr)]
-        rows.append(
-            {
-                "frame": np.full(kept.sum(), number),
-                "time": np.full(kept.sum(), time_s),
-                "range": at.range_m[kept] + std[0] * rng.standard_normal(kept.sum()),
-                "velocity": at.velocity_m_per_s[kept] + std[1] * rng.standard_normal(kept.sum()),
-                "range_std": std[0],
-                "velocity_std": std[1],
-                **{
-                    f"{name}{of}": np.zeros(kept.sum())
-                    for name in ("azimuth", "elevation")
-                    for of in ("", "_std")
-                },
-                "fold": np.full(kept.sum(), np.nan),
-                "fold_confidence": np.full(kept.sum(), np.nan),
-                "truth": velocity[kept],
-            }
+        frames.append(
+            Alone(
+                number,
+                time_s,
+                at.range_m[kept] + std[0] * rng.standard_normal(kept.sum()),
+                at.velocity_m_per_s[kept] + std[1] * rng.standard_normal(kept.sum()),
+                *std,
+                unknown(kept.sum()),
+            )
         )
-    return xr.Dataset(
-        {name: ("detection", np.concatenate([row[name] for row in rows])) for name in rows[0]}
-    )
+        span = 2 * one.frame.max_velocity_m_per_s
+        off = (velocity[kept] - frames[-1].velocity_m_per_s) / span
+        folds.append(np.round(off))
+    return frames, folds
 
 
 def test_each_frame_is_that_of_a_radar_with_its_interval(radar):
@@ -96,55 +96,47 @@ def test_a_velocity_beyond_the_span_of_each_frame_is_told(radar, velocity):
     assert np.all(abs(found.range - truth.range.values) < 6 * found.range_std)
 
 
+def decided(radar, spread, snr, n_frames, n_trials, rng):
+    """Of crowds at ranges and velocities that `spread` draws: trials, certain and wrong folds."""
+    trials = certain = wrong = 0
+    for _ in range(n_trials):
+        frames, truth = measured(radar, *spread(), snr, n_frames, rng, is_found=0.9)
+        for told, true in zip(intervals.folds(frames, radar.frame), truth, strict=True):
+            sure = told.confidence >= 0.99
+            assert np.array_equal(sure, np.isfinite(told.certain))
+            trials, certain = trials + len(true), certain + sure.sum()
+            wrong += (told.certain[sure] != true[sure]).sum()
+    return trials, certain, wrong
+
+
 def test_at_20_db_folds_are_right_and_confidence_is_honest(radar):
-    radar = in_turn(radar, *INTERVALS_S)
-    rng = np.random.default_rng(2)
-    wrong = certain = certainly_wrong = trials = 0
-    for _ in range(60):
-        n = 12
-        targets = rng.uniform(5, 70, n), rng.uniform(-80, 80, n)
-        given = measured(radar, *targets, 100.0, 6, rng, is_found=0.9)
-        made = unfolded(given, radar)
-        # A span is 50 m/s and more; errors are below 1.
-        off = abs(made.velocity - given.truth).values > 10
-        sure = made.fold_confidence.values >= 0.99
-        assert np.array_equal(sure, np.isfinite(made.fold.values))
-        trials, certain = trials + len(off), certain + sure.sum()
-        certainly_wrong += (off & sure).sum()
-        wrong += (off & sure).sum()
+    radar, rng = in_turn(radar, *INTERVALS_S), np.random.default_rng(2)
+    trials, certain, wrong = decided(
+        radar, lambda: (rng.uniform(5, 70, 12), rng.uniform(-80, 80, 12)), 100.0, 6, 60, rng
+    )
     # As asked: 1 % and 2 %; what is not certain is marked.
     assert binom.sf(wrong - 1, trials, 0.01) > 1e-6
-    assert binom.sf(certainly_wrong - 1, certain, 0.02) > 1e-6
+    assert binom.sf(wrong - 1, certain, 0.02) > 1e-6
     assert certain > 0.95 * trials
 
 
 def test_confidence_is_how_often_crowded_and_fading_targets_are_right(radar):
-    radar = in_turn(radar, 31e-6, 35e-6)
-    rng = np.random.default_rng(3)
-    said, right = [], []
-    for _ in range(40):
-        # Within 4 m, so that remainders of others lie where a wrong fold says.
-        n = 30
-        targets = rng.uniform(20, 24, n), rng.uniform(-80, 80, n)
-        given = measured(radar, *targets, 30.0, 2, rng, is_found=0.9)
-        made = unfolded(given, radar)
-        said.append(made.fold_confidence.values)
-        # Which fold it would have told: below 0.99 velocities stay as they were.
-        right.append(abs(made.velocity - given.truth).values < 10)
-    said, right = np.concatenate(said), np.concatenate(right)
-    sure = said >= 0.99
-    assert 0.1 < sure.mean() < 0.95  # it is hard
-    assert binom.sf((~right & sure).sum() - 1, sure.sum(), 0.02) > 1e-6
+    radar, rng = in_turn(radar, 31e-6, 35e-6), np.random.default_rng(3)
+    # Within 4 m, so that remainders of others lie where a wrong fold says.
+    trials, certain, wrong = decided(
+        radar, lambda: (rng.uniform(20, 24, 30), rng.uniform(-80, 80, 30)), 30.0, 2, 40, rng
+    )
+    assert 0.1 < certain / trials < 0.95  # it is hard
+    assert binom.sf(wrong - 1, certain, 0.02) > 1e-6
 
 
 def test_one_frame_alone_and_equal_intervals_tell_no_fold(radar):
     rng = np.random.default_rng(4)
     radar = in_turn(radar, *INTERVALS_S)
-    made = unfolded(measured(radar, np.array([20.0]), np.array([40.0]), 1000.0, 1, rng), radar)
-    assert np.isnan(made.fold.values).all()
-    assert made.fold_confidence.item() < 0.2  # 31, 35 or 38 folds
-    given = measured(radar, np.array([20.0]), np.array([40.0]), 1000.0, 1, rng)
-    assert unfolded(given, radar).velocity.item() == pytest.approx(given.velocity.item())
+    frames, _ = measured(radar, np.array([20.0]), np.array([40.0]), 1000.0, 1, rng)
+    (told,) = intervals.folds(frames, radar.frame)
+    assert np.isnan(told.certain).all()
+    assert told.confidence.item() < 0.2  # 31, 35 or 38 folds
 
 
 @pytest.mark.parametrize(
@@ -184,3 +176,101 @@ def test_intervals_from_which_nothing_is_gained_are_told(radar, intervals_s, n_f
 def test_a_frame_that_is_too_short_for_one_of_its_intervals_is_refused(radar):
     with pytest.raises(dc.InvalidSetting, match="time the chirps take"):
         replace(radar.frame, interval_s=(31e-6, 80e-6), period_s=128 * 40e-6)
+
+
+SHARED = {
+    "turns": {"multiplexing": dc.Tdm(order=(0, 1, 2))},
+    "one": {},
+    "steps": {"modulation": dc.FrequencyShiftKeying(step_hz=3e6)},
+    "pauses": {"modulation": dc.Staggered(pauses_s=(0, 5e-6))},
+    "triangles": {"modulation": dc.Triangular()},
+}
+
+
+def row_in_turn(radar, *, multiplexing=None, modulation=None):
+    half_m = radar.frame.chirp.wavelength_m / 2
+    tx_m = [(0, 4 * half_m * k, 0) for k in range(1 if multiplexing is None else 3)]
+    frame = replace(
+        in_turn(radar, *INTERVALS_S, period_s=20e-3).frame,
+        multiplexing=multiplexing,
+        modulation=modulation,
+    )
+    array = dc.Array(tx_m=tx_m, rx_m=[(0, half_m * k, 0) for k in range(4)])
+    return replace(radar, frame=frame, array=array)
+
+
+@pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")  # it folds within each
+@pytest.mark.parametrize("how", SHARED)
+@pytest.mark.parametrize("velocity", [-60.0, 33.0, 75.0])
+def test_directions_are_those_of_the_fold_that_frames_agree_on(radar, how, velocity):
+    """Up to four folds of three transmitters away, where one frame tells the nearest three."""
+    radar = row_in_turn(radar, **SHARED[how])
+    azimuth = np.radians(-20)
+    towards = np.array([np.cos(azimuth), np.sin(azimuth), 0])
+    target = dc.Target(
+        position_m=tuple(20 * towards), velocity_m_per_s=tuple(velocity * towards), rcs_m2=10
+    )
+    scene = dc.Scene(targets=[target])
+    cube = dc.simulate(scene, radar, n_frames=3, seed=1)
+    found, truth = dc.detect(cube, radar), dc.truth(scene, radar, n_frames=3).isel(target=0)
+
+    assert found.frame.values.tolist() == [0, 1, 2]
+    assert np.all(found.fold_confidence >= 0.99)
+    # Six standard errors; the bend of the wave and the walk within a frame add 0.05 degrees.
+    assert np.all(abs(found.azimuth - azimuth) < 6 * found.azimuth_std + np.radians(0.05))
+    assert np.all(abs(found.velocity - truth.velocity.values) < 6 * found.velocity_std)
+    assert np.all(abs(found.range - truth.range.values) < 6 * found.range_std + 2e-4)
+
+
+@pytest.mark.parametrize(
+    ("how", "n_frames", "velocity", "level", "says"),
+    [
+        ("one", 1, 40.0, "warning", "read the folded velocity"),
+        ("one", 2, 40.0, "note", "frames of other intervals tell velocities up to"),
+        ("turns", 1, 12.0, "note", "by how they turn against each other"),
+        ("turns", 1, 40.0, "warning", "read the folded velocity"),
+        ("pauses", 1, 20.0, None, ""),
+        ("triangles", 1, 20.0, None, ""),
+    ],
+)
+def test_of_a_velocity_that_folds_is_told_what_becomes_of_it(
+    radar, how, n_frames, velocity, level, says
+):
+    """Of 31 us; three transmitters in turn tell 31.4 m/s, one 31.4 m/s without a fold."""
+    radar = row_in_turn(radar, **SHARED[how])
+    found = surprises(dc.Scene(targets=[ahead(20, velocity)]), radar, n_frames=n_frames)
+    told = [one for one in found if one.setting.endswith("velocity")]
+
+    assert [one.level for one in told] == ([] if level is None else [level])
+    assert all(says in one.fix for one in told)
+
+
+def test_what_one_frame_half_knows_counts(radar):
+    """Nine in ten for one of three folds of the slots are nine in ten for all that turn alike."""
+    rng = np.random.default_rng(5)
+    radar = row_in_turn(radar, multiplexing=dc.Tdm(order=(0, 1, 2)))
+    (given,), _ = measured(radar, np.array([20.0]), np.array([2.0]), 300.0, 1, rng)
+    half = given._replace(folds=Folds(np.array([[0.05, 0.9, 0.05]]), np.array([[-1.0, 0.0, 1.0]])))
+    (told,) = intervals.folds([half], radar.frame)
+
+    alike = told.fold[0] % 3 == 0
+    # Of 31 folds, 11 turn alike and 20 otherwise: 0.908.
+    assert told.probability[0, alike].sum() == pytest.approx(0.9, abs=0.01)
+    assert np.isnan(told.certain).all()
+
+
+def test_receivers_before_one_transmitter_are_not_turned_by_a_fold(radar):
+    """Slots half a cycle apart would cancel if a wrong fold were taken off."""
+    radar = row_in_turn(radar, modulation=dc.Staggered(pauses_s=(0, 5e-6))).at(0)
+    rng = np.random.default_rng(6)
+    heard = np.exp(1j * np.array([0.0, 1.1, 2.2, 3.3]))
+    slots = np.exp(1j * rng.uniform(-np.pi, np.pi, (50, 2, 1)))
+    noise = rng.standard_normal((2, 50, 8)) * 1e-3
+    given = (slots * heard).reshape(50, 8) + noise[0] + 1j * noise[1]
+    doppler_hz = rng.uniform(-1e5, 1e5, 50)
+    seen, of_noise = snapshots(given, doppler_hz, np.full(50, 2e-6), radar)
+
+    alike = seen[:, 0] / seen[:, :1, 0] * heard[0]
+    # The mean of two slots: sqrt(2) of 1e-3, and the first element's own, five times and a half.
+    assert np.all(abs(alike - heard) < 0.011)
+    assert of_noise == pytest.approx(1e-6)

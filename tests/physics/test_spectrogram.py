@@ -251,3 +251,24 @@ def test_a_figure_has_units_and_leaves_gaps_empty(slow):
         assert svg.count("<image") == n_images + 1  # and the scale of colours
     uncalibrated = spectrogram(cube.assign_attrs(units="full scale"), radar)
     assert "power, dBFS" in over_time(uncalibrated)
+
+
+@pytest.mark.parametrize(
+    ("changes", "chosen", "says"),
+    [
+        ({"interval_s": (150e-6, 160e-6)}, {"frame": slice(0, None, 2)}, "radar.at\\(0\\)"),
+        ({"modulation": dc.Triangular()}, {"chirp": slice(None, None, 2)}, "one_sided"),
+    ],
+)
+def test_one_kind_of_frames_and_ramps_is_asked_for_and_what_is_said_to_do_does(
+    slow, changes, chosen, says
+):
+    radar = replace(slow, frame=replace(slow.frame, n_chirps=128, **changes))
+    cube = dc.simulate(going(2.0, rcs_m2=10), radar, n_frames=4, impairments=())
+    with pytest.raises(dc.InvalidSetting, match=says):
+        spectrogram(cube, radar)
+
+    one = radar.one_sided() if radar.frame.falls else radar.at(0)
+    found = spectrogram(cube.isel(chosen), one, n_velocity_bins=1024)
+    # Half a bin of 128 chirps, 0.05 m/s and less.
+    assert found.idxmax("velocity").values == pytest.approx(2.0, abs=0.05)

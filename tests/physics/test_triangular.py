@@ -1,5 +1,6 @@
 """Triangles of frequency: ramps up and down, and the peaks of both brought together."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 from scipy.stats import binom, chi2
 
 import dechirp as dc
-from dechirp.process.pairing import Peaks, paired
+from dechirp.process.folds.pairing import Peaks, paired
 from dechirp.process.refine import Tones
 from dechirp.radar.accuracy import standard_errors
+from dechirp.scene.surprises import surprises
 
 
 def triangles(radar, *, n_chirps=64, sampling="complex"):
@@ -87,6 +89,29 @@ def test_ramps_of_a_wide_sweep_are_paired_whatever_walks_in_them(radar, rcs_m2, 
     assert abs(found.range - truth.range).item() < 5 * found.range_std.item() + 1e-5
     assert abs(found.velocity - truth.velocity).item() < 5 * found.velocity_std.item() + 1e-4
     assert found.fold.item() == 0 and found.fold_confidence.item() > 0.99
+
+
+def test_what_folds_and_walks_in_the_maps_of_triangles_is_said_to_be_lost(radar):
+    """3 GHz, 14 m/s: a fold more walks 2.5 cells, which neither map undoes."""
+    chirp = dc.Chirp(
+        start_frequency_hz=77e9, slope_hz_per_s=1e14, adc_start_s=1e-6, ramp_duration_s=32e-6,
+        sample_rate_hz=10e6, n_samples=300, sampling="complex",
+    )  # fmt: skip
+    frame = dc.Frame(chirp=chirp, n_chirps=64, interval_s=34e-6, modulation=dc.Triangular())
+    radar = replace(radar, frame=frame)
+    is_found = []
+    velocities = np.array([-12.0, 3.0, 10.0, 13.0, 17.0, 20.0, -24.0, 35.0, -45.0, 52.0, 60.0])
+    is_told = abs(velocities) > 14
+    for velocity, said in zip(velocities, is_told, strict=True):
+        scene = dc.Scene(targets=[ahead(6, velocity, 10.0)])
+        told = [one for one in surprises(scene, radar) if "range cells" in one.got]
+        assert [one.level for one in told] == ["warning"] * int(said)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", dc.PhysicsWarning)
+            found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+        is_found.append(np.any(abs(found.velocity.values - velocity) < 0.1))
+    assert np.all(np.array(is_found)[~is_told])
+    assert np.mean(np.array(is_found)[is_told]) < 0.5
 
 
 def test_errors_of_one_triangle_are_at_the_bound(radar):

@@ -10,7 +10,7 @@ import xarray as xr
 from dechirp.formats.recording import open as open_recording
 from dechirp.process.angle.base import DirectionEstimator
 from dechirp.process.angle.fft import Fft
-from dechirp.process.calibrate import calibrate
+from dechirp.process.calibration.calibrate import calibrate
 from dechirp.process.cfar.base import Cells, Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
 from dechirp.process.chain import Chain, detect

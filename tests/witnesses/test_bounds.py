@@ -10,6 +10,7 @@ from dechirp.theory.bounds import (
     frequency_variance,
     monopulse_std_rad,
     range_std_m,
+    summed_snr,
     uncoupled_range_std_m,
     velocity_std_m_per_s,
 )
@@ -159,6 +160,14 @@ def test_bounds_are_finite_and_fall_as_the_root_of_the_ratio_from_minus_30_to_90
         np.testing.assert_allclose(std[:-10] / std[10:], np.sqrt(10), rtol=1e-9)
 
 
+def test_adding_the_powers_of_channels_costs_their_number_over_the_ratio():
+    chi = np.array([1e-3, 1.0, 100.0, 1e6])
+    for n in (1, 12):
+        raised = frequency_variance(snr=summed_snr(snr=chi, n_channels=n), n_points=64)
+        bound = frequency_variance(snr=chi, n_points=64)
+        np.testing.assert_allclose(raised / bound, 1 + n / chi, rtol=1e-12)
+
+
 def test_bounds_fall_with_points_and_grow_towards_the_line():
     points = [frequency_variance(snr=1.0, n_points=n) for n in (2, 3, 10, 1000, 10**6)]
     assert np.all(np.diff(points) < 0)
@@ -178,6 +187,7 @@ UNCOUPLED = {
 ANGLE = {"snr": 10.0, "positions_m": [0.0, 0.002], "wavelength_m": 0.0039, "angle_rad": 0.1}
 MONOPULSE = {"snr": 10.0, "beamwidth_rad": 0.02, "slope": 1.6}
 POINTS = {"snr": 10.0, "n_points": 64}
+SUMMED = {"snr": 10.0, "n_channels": 12}
 NOT_POSITIVE = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
 
 
@@ -190,6 +200,8 @@ NOT_POSITIVE = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
         *((angle_std_rad, ANGLE, "snr", wrong) for wrong in NOT_POSITIVE),
         *((monopulse_std_rad, MONOPULSE, "snr", wrong) for wrong in NOT_POSITIVE),
         *((frequency_variance, POINTS, "n_points", n) for n in (1, 0, -4, 2.5, np.nan)),
+        *((summed_snr, SUMMED, "snr", wrong) for wrong in NOT_POSITIVE),
+        *((summed_snr, SUMMED, "n_channels", n) for n in (0, -1, 1.5)),
         *((range_std_m, RANGE, "n_samples", n) for n in (1, 128.0)),
         *((velocity_std_m_per_s, VELOCITY, "n_chirps", n) for n in (1, "64")),
         *((range_std_m, RANGE, "sample_rate_hz", wrong) for wrong in NOT_POSITIVE),

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import Json, Quiet, Told
+from dechirp.cli.options import NOTHING_TOLD, Json, Quiet, Told
 
 if TYPE_CHECKING:
     from dechirp.core.findings import Finding
     from dechirp.formats.recording import Recording
-    from dechirp.process.calibrate import Calibrated
+    from dechirp.process.calibration.calibrate import Calibrated
     from dechirp.radar.radar import Radar
 
 _Texts = Annotated[list[str] | None, Parameter(allow_leading_hyphen=True)]  # -10 deg is one, too
@@ -26,9 +26,7 @@ def calibrate(
     out: Path = Path("calibration.json"),
     as_json: Json = False,
     quiet: Quiet = False,
-    radar: Path | None = None,
-    frames: str | None = None,
-    told: Told | None = None,
+    told: Told = NOTHING_TOLD,
 ) -> int:
     """Measure gains and places of an array's elements with a reflector at known angles.
 
@@ -48,17 +46,12 @@ def calibrate(
         once for each recording; without it, the strongest echo at rest.
     out
         File for the calibration (JSON), as --calibration reads it. An earlier one is replaced.
-    radar
-        Settings of the radar: YAML, or a vendor's file.
-    frames
-        N, the first so many, or A:B, from A to before B; counted from 0.
     """
-    from dechirp.cli.sources import frames_of
     from dechirp.cli.wrong import under_option
     from dechirp.core.errors import DechirpError
     from dechirp.formats.recording import open as open_recording
     from dechirp.formats.settings.calibration import calibration_text
-    from dechirp.process.calibrate import calibrate as calibrate_array
+    from dechirp.process.calibration.calibrate import calibrate as calibrate_array
     from dechirp.store.tables import json_text
     from dechirp.store.whole import write_whole
 
@@ -66,9 +59,7 @@ def calibrate(
     ranges = _numbers("--range", range, "m")
     _must_be_given(recordings, azimuths)
     _must_be_ours(out)
-    part = None if frames is None else frames_of(frames)
-    options = {} if told is None else told.given()
-    opened = [open_recording(one, radar=radar, frames=part, **options) for one in recordings]
+    opened = [open_recording(one, **told.given()) for one in recordings]
     own = _radar_of_all(opened)
     try:
         found = calibrate_array(
@@ -81,11 +72,12 @@ def calibrate(
     except DechirpError as error:
         raise under_option(error, _options(len(recordings))) from None
     write_whole(out, calibration_text(found.calibration))
-    document = json_text(_document(found, own, out))
+    doubts = [*_assumed(opened), *_of_options(found)]
+    document = json_text(_document(found, own, out, doubts))
     if as_json:
         print(document, end="")
     elif not quiet:
-        _show(found, own, recordings, out)
+        _show(found, own, recordings, out, doubts)
     return 0
 
 
@@ -109,7 +101,7 @@ _NAMES = {
     "range_m": "--range",
     "cube": "the recording",
 }
-"""What the settings of `process.calibrate` are called here."""
+"""What the settings of `process.calibration.calibrate` are called here."""
 
 
 def _options(n_recordings: int) -> dict[str, str]:
@@ -124,6 +116,21 @@ def _of_options(found: "Calibrated") -> "list[Finding]":
     return [replace(one, setting=_NAMES[one.setting]) for one in found.findings]
 
 
+def _assumed(opened: "list[Recording]") -> "list[Finding]":
+    """What was assumed of the array, which a calibration takes as true."""
+    said = {one: None for recording in opened for one in recording.findings}  # once each, in order
+    return [
+        replace(
+            one,
+            level="warning",
+            need="their true positions: phases and gains are measured against them",
+            fix="Name the chip or board with --device, or give --radar with its array.",
+        )
+        for one in said
+        if one.setting.startswith("radar.array")
+    ]
+
+
 def _must_be_given(recordings: Sequence[Path], azimuths: list[float]) -> None:
     from dechirp.core.errors import InvalidFile, Mistake
 
@@ -135,6 +142,16 @@ def _must_be_given(recordings: Sequence[Path], azimuths: list[float]) -> None:
                 got="absent",
                 need="a recording of a reflector",
                 fix='Write dechirp calibrate RECORDING --azimuth "30 deg".',
+            )
+        )
+    elif len(set(recordings)) < len(recordings):
+        twice = next(one for one in recordings if recordings.count(one) > 1)
+        mistakes.append(
+            Mistake(
+                setting="RECORDING",
+                got=f"{twice}, given twice",
+                need="recordings that differ: the same one tells nothing new",
+                fix="Give it once, or another recording.",
             )
         )
     elif len(azimuths) != len(recordings):
@@ -213,19 +230,27 @@ def _rows(found: "Calibrated", radar: "Radar") -> list[dict[str, Any]]:
     return rows
 
 
-def _document(found: "Calibrated", radar: "Radar", out: Path) -> dict[str, Any]:
+def _document(
+    found: "Calibrated", radar: "Radar", out: Path, doubts: "list[Finding]"
+) -> dict[str, Any]:
     from dechirp.config.texts import plain
 
     return {
         "calibration": plain(found.calibration),
         "elements": _rows(found, radar),
         "range_m": found.range_m,
-        "findings": [plain(finding) for finding in _of_options(found)],
+        "findings": [plain(finding) for finding in doubts],
         "files": {"calibration": str(out)},
     }
 
 
-def _show(found: "Calibrated", radar: "Radar", recordings: Sequence[Path], out: Path) -> None:
+def _show(
+    found: "Calibrated",
+    radar: "Radar",
+    recordings: Sequence[Path],
+    out: Path,
+    doubts: "list[Finding]",
+) -> None:
     from dechirp.cli.show import console, findings, table
 
     screen = console()
@@ -251,6 +276,6 @@ def _show(found: "Calibrated", radar: "Radar", recordings: Sequence[Path], out: 
     if calibration.range_offset_m:
         screen.print(f"Range offset: {calibration.range_offset_m * 1e3:.1f} mm")
     screen.print(f"Residual: {calibration.residual:.2g} of the echo")
-    for paragraph in findings(_of_options(found)):
+    for paragraph in findings(doubts):
         screen.print(paragraph)
     screen.print(f"Calibration: {out}", soft_wrap=True)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dechirp.cli.options import Json, Quiet, Told
+from dechirp.cli.options import NOTHING_TOLD, Json, Quiet, Told
 
 if TYPE_CHECKING:
     from dechirp.experiment.inspection import Inspection
@@ -16,9 +16,7 @@ def inspect(
     out: Path = Path("dechirp-inspect"),
     as_json: Json = False,
     quiet: Quiet = False,
-    radar: Path | None = None,
-    frames: str | None = None,
-    told: Told | None = None,
+    told: Told = NOTHING_TOLD,
 ) -> int:
     """Say what a recording is, what its radar can see, and what is wrong with it.
 
@@ -30,13 +28,8 @@ def inspect(
         Recording: a file or a folder.
     out
         Folder for map.png and inspect.json. Earlier ones in it are replaced.
-    radar
-        Settings of the radar: YAML, or a vendor's file.
-    frames
-        N, the first so many, or A:B, from A to before B; counted from 0.
     """
     from dechirp.cli.show import progress
-    from dechirp.cli.sources import frames_of
     from dechirp.experiment.inspection import inspect as inspect_recording
     from dechirp.store.tables import json_text
     from dechirp.store.texts import check_out, write_files
@@ -44,13 +37,7 @@ def inspect(
     names = ("inspect.json", "map.png")
     check_out(out, names)
     with progress("frames", quiet=quiet) as report:
-        seen = inspect_recording(
-            source,
-            radar=radar,
-            frames=None if frames is None else frames_of(frames),
-            progress=report,
-            **({} if told is None else told.given()),
-        )
+        seen = inspect_recording(source, progress=report, **told.given())
     picture = _picture(seen)
     written = names if picture is not None else names[:1]
     document = json_text(_document(seen, {name: out / name for name in written}))

@@ -22,8 +22,15 @@ Quiet: TypeAlias = Annotated[
 @Parameter(name="*")
 @dataclass(kw_only=True, frozen=True)
 class Told:
-    """What a call says of a recording, where its file does not say it."""
+    """What a call says of a recording, where its file does not say it, and what it reads."""
 
+    radar: Annotated[
+        Path | None, Parameter(help="Settings of the radar: YAML, or a vendor's file.")
+    ] = None
+    frames: Annotated[
+        str | None,
+        Parameter(help="N, the first so many, or A:B, from A to before B; counted from 0."),
+    ] = None
     device: Annotated[str | None, Parameter(help="Chip or board of the radar, as xwr1843.")] = None
     format: Annotated[
         str | None, Parameter(help="Kind of the recording, where it does not tell.")
@@ -44,7 +51,18 @@ class Told:
 
     def given(self) -> dict[str, Any]:
         """Options that were given, as `dechirp.open` takes them."""
+        from dechirp.cli.sources import frames_of
+
+        part = {} if self.frames is None else {"frames": frames_of(self.frames)}
+        return {"radar": self.radar, **self.of_file(), **part}
+
+    def of_file(self) -> dict[str, Any]:
+        """Those of them that say what the file does not."""
         made = {field.name: getattr(self, field.name) for field in fields(self)}
         if self.axes is not None:
             made["axes"] = tuple(self.axes.replace(",", " ").split())
-        return {name: value for name, value in made.items() if value is not None}
+        apart = ("radar", "frames")
+        return {name: of for name, of in made.items() if of is not None and name not in apart}
+
+
+NOTHING_TOLD = Told()

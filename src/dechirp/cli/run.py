@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import Json, Quiet, Told
+from dechirp.cli.options import NOTHING_TOLD, Json, Quiet, Told
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result
@@ -21,9 +21,7 @@ def run(
     quiet: Quiet = False,
     seed: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
-    radar: Path | None = None,
-    frames: str | None = None,
-    told: Told | None = None,
+    told: Told = NOTHING_TOLD,
 ) -> int:
     """Simulate a scenario or read a recording, detect, and write a report.
 
@@ -37,10 +35,6 @@ def run(
         Seed of the noise, in place of the scenario's.
     changes
         PATH=VALUE changes a setting, as radar.frame.n_chirps=64; may be repeated.
-    radar
-        Settings of the radar: YAML, or a vendor's file.
-    frames
-        N, the first so many, or A:B, from A to before B; counted from 0.
     """
     from dechirp.cli.show import progress
     from dechirp.cli.sources import scenario_of
@@ -51,10 +45,10 @@ def run(
     scenario = scenario_of(
         source,
         changes=changes or [],
-        radar=radar,
-        frames=frames,
+        radar=told.radar,
+        frames=told.frames,
         seed=seed,
-        told={} if told is None else told.given(),
+        told=told.of_file(),
     )
     with progress("steps", quiet=quiet) as report:
         result = run_scenario(scenario, progress=report)

@@ -2,7 +2,7 @@
 
 import math
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -187,8 +187,9 @@ def vectors(owner: object, name: str, *, at_most: float) -> None:
 
 
 def listed(thing: object) -> tuple[Any, ...] | None:
-    """Members of what is a list to a user; None for one number, also in an array, or a text."""
-    is_one = isinstance(thing, str | bytes) or (isinstance(thing, np.ndarray) and not thing.ndim)
+    """Members of what is a list to a user; None for a text, a mapping, a number or array of one."""
+    is_number = isinstance(thing, np.ndarray) and not thing.ndim
+    is_one = is_number or isinstance(thing, str | bytes | Mapping)
     return tuple(thing) if isinstance(thing, Iterable) and not is_one else None
 
 

@@ -37,8 +37,8 @@ import numpy as np
 from scipy.fft import fft, ifft, next_fast_len
 
 from dechirp.core.findings import Finding
+from dechirp.core.threads import in_threads
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.echoes.kernels.threads import in_threads
 from dechirp.echoes.parts import Part, Window
 from dechirp.radar.radar import Radar
 

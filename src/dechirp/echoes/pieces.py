@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
-from dechirp.echoes.kernels.threads import in_threads, slices
+from dechirp.core.threads import in_threads, slices
 
 _AT_ONCE = 2**16  # samples: 0.5 MiB in complex64
 

@@ -16,8 +16,7 @@ from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.process import near_field
 from dechirp.process.cfar.base import Cfar
-from dechirp.process.chain import detect, power_map, threshold_map
-from dechirp.process.intervals import unfolded
+from dechirp.process.chain import detect_each, power_map, threshold_map
 from dechirp.process.peaks import MOST_PEAKS
 from dechirp.process.remarks import remarks
 from dechirp.radar.budget import BudgetLine
@@ -102,22 +101,21 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     opened = perf_counter()
     chain = scenario.chain.fitted(radar)
     numbers = _numbers(source)
-    found = []
+
+    def counted() -> Iterator[xr.DataArray]:
+        for done, cube in enumerate(_one_by_one(source), 1):
+            yield cube
+            if progress is not None:
+                progress(n_simulated + done, n_simulated + len(numbers))
+
     with warnings.catch_warnings(record=True) as crowded:
         warnings.simplefilter("always", PhysicsWarning)
-        for number, cube in zip(numbers, _one_by_one(source), strict=True):
-            columns = detect(cube, radar.at(number), chain)
-            found.append(columns.assign(frame=columns.frame + number))
-            if progress is not None:
-                progress(n_simulated + len(found), n_simulated + len(numbers))
+        detections = detect_each(counted(), radar, chain, first=numbers.start)
     # Only now: held through the detection, these two maps would be a fourth cube in memory.
     first = next(_one_by_one(source)).isel(frame=0)
     of_first = radar.at(numbers.start)
     power = power_map(first, of_first, chain)
     threshold = threshold_map(power, of_first, chain)
-    detections = xr.concat(found, "detection")
-    if radar.frame.n_intervals > 1:
-        detections = unfolded(detections, radar)
     finished = perf_counter()
     return Result(
         scenario=replace(scenario, chain=chain),

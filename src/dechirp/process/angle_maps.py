@@ -5,14 +5,14 @@ import xarray as xr
 
 from dechirp.core.conventions import axis
 from dechirp.core.errors import InvalidSetting
-from dechirp.process import ramps
 from dechirp.process.angle.bartlett import Bartlett
 from dechirp.process.angle.base import SpectralEstimator
 from dechirp.process.angle.fft import Fft
 from dechirp.process.chain import Chain
+from dechirp.process.folds import ramps
 from dechirp.process.range_walk import undone_by
 from dechirp.process.refine import Tones, refine
-from dechirp.process.sources import aperture_of, is_sure, past_middle_m, snapshots
+from dechirp.process.sources import aperture_of, middle_m, range_from_m, snapshots
 from dechirp.process.spectrum import Transform
 from dechirp.process.virtual import channels
 from dechirp.radar.radar import Radar
@@ -45,8 +45,8 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     -------
     DataArray (azimuth, range), W
         `azimuth` (rad) left positive, in even steps of its sine; `range` (m) with
-        range-Doppler coupling left in. A target on a bin has the power of its echo in one
-        element. Of uncalibrated samples, in full scale squared.
+        range-Doppler coupling left in; both from the middle of the array. A target on a bin has
+        the power of its echo in one element. Of uncalibrated samples, in full scale squared.
 
     Raises
     ------
@@ -125,7 +125,8 @@ def angle_spectrum(
     Returns
     -------
     DataArray (elevation, azimuth)
-        In rad, in even steps of their sines; one value where the array does not tell it. The
+        In rad from the middle of the array, where detections have them from the origin; in even
+        steps of their sines; one value where the array does not tell it. The
         attribute `estimator` says which made it. Beams are powers in one element, in W;
         spectra of other estimators have scales of their own.
 
@@ -180,9 +181,9 @@ def _tone(
     """
     frame, chirp = radar.frame, radar.frame.chirp
     offset_m = 0.0 if radar.calibration is None else radar.calibration.range_offset_m
-    range_m = found.range.values + offset_m
-    past_m = past_middle_m(found.azimuth.values, found.elevation.values, radar)
-    range_m -= np.where(is_sure(found.fold.values, frame), past_m, 0.0)
+    angles = found.azimuth.values, found.elevation.values
+    middle = middle_m(*angles, found.fold.values, radar)
+    range_m = range_from_m(middle, found.range.values, *angles) + offset_m
     # Sources of one detection share their place but for rounding, and their ratios add up.
     places = np.stack([range_m.round(9), np.nan_to_num(found.velocity.values)])
     tones_at, of = np.unique(places, axis=1, return_inverse=True)

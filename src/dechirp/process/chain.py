@@ -1,7 +1,8 @@
 """The processing chain, from the samples of a frame to its detections."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 import xarray as xr
@@ -11,24 +12,23 @@ from dechirp.core.conventions import CUBE_AXES, axis
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import must_fit
 from dechirp.core.values import value
-from dechirp.process import ramps
-from dechirp.process.ambiguity import folds, responses, unknown
 from dechirp.process.angle.aperture import FieldOfView
 from dechirp.process.angle.base import DirectionEstimator
 from dechirp.process.angle.fft import Fft
 from dechirp.process.cfar.base import Cfar, Noise
 from dechirp.process.cfar.cell_averaging import CellAveraging
 from dechirp.process.estimates import estimates, noise_about, principal_hz
+from dechirp.process.folds import intervals, ramps
+from dechirp.process.folds.ambiguity import folds, responses, unknown
+from dechirp.process.folds.pairing import Peaks, Unfolded, paired
 from dechirp.process.interpolation import between_bins
-from dechirp.process.intervals import unfolded
-from dechirp.process.pairing import Peaks, Unfolded, paired
 from dechirp.process.peaks import clear_of_sidelobes, highest
 from dechirp.process.range_walk import RangeWalk, growth, undone_by
 from dechirp.process.refine import refine
 from dechirp.process.sources import (
     aperture_of,
-    is_sure,
-    past_middle_m,
+    from_origin,
+    middle_m,
     sources,
     tells_directions,
     undirected,
@@ -59,7 +59,8 @@ class Chain:
     """Points of the Doppler transform, zero-padded above n_chirps; none: n_chirps."""
     range_walk: RangeWalk | None = None
     """How targets that cross range cells within a frame are kept in one, where v M T of the
-    largest velocity exceeds half a cell; none: not at all."""
+    largest velocity exceeds half a cell; none: not at all. Segmented leaves lobes 75 dB below a
+    target, keystone none."""
     cfar: Cfar = Cfar(estimator=CellAveraging(), false_alarm_probability=1e-6)
     angle: DirectionEstimator | None = Fft()
     """How directions are estimated; none: not at all. The default is left out where the array
@@ -182,22 +183,27 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
         time : s
             Mid-frame, mid-window: the instant to which the estimates refer.
         range : m, velocity : m/s
-            From the origin, or where no direction or fold is known from the middle of the array.
-            Receding positive; refined on unwindowed samples, range-Doppler coupling removed;
-            unfolded where `fold` is known, else of the fold about zero velocity.
-            A frame of one chirp tells no velocity: NaN, and the range of a target at rest.
+            Range from the origin, or where no direction or fold is known from the middle of the
+            array; velocity is the change of the range from that middle. Receding positive;
+            refined on unwindowed samples, range-Doppler coupling removed; unfolded where `fold`
+            is known, else of the fold about zero velocity. A frame of one chirp tells no
+            velocity: NaN, and the range of a target at rest.
         snr : ratio
             After integration over all samples, chirps and channels, without the window's
             loss: what the standard errors rest on. Noise from the corners of the training
             ring, which the sidelobes of the target do not reach; a ring of few cells (2 x 2
             on each side) makes it half a dB too high in the mean.
         range_std : m, velocity_std : m/s
-            Standard errors, from the Cramer-Rao bound at that ratio.
+            Standard errors: the Cramer-Rao bound at that ratio, and for the noise of so many
+            channels, whose powers are added, 1 + channels / snr times its variance.
         azimuth : rad, elevation : rad
             Of each source that the estimator finds in a detection, left and up positive: one
             row each, strongest first, the ratio shared out by power. NaN where not estimated.
-            They go with the velocity of their row: another fold would turn the transmitters
-            against each other, and with them the angle.
+            From the origin, where the fold is known, else from the middle of the array. A line
+            tells the cone on which a target lies: its angle is that of a target on the level of
+            the line (the other angle 0), and so is the way from the middle to the origin.
+            They go with the velocity of their row: another fold would turn several
+            transmitters against each other, and with them the angle.
         azimuth_std : rad, elevation_std : rad
             Standard errors, from the Cramer-Rao bound.
         fold, fold_confidence
@@ -219,30 +225,29 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     PhysicsWarning
         If a frame has more than 2,000 peaks: the strongest are kept.
     """
-    chain = (chain or Chain()).fitted(radar)
     _must_be_of(cube, radar)
-    starts_s = (
-        cube.coords["frame"].values
-        if "frame" in cube.coords
-        else [radar.frame.start_s(index) for index in range(cube.sizes["frame"])]
-    )
-    samples = cube.variable.transpose(*CUBE_AXES).values
-    kind = np.complex64 if radar.frame.chirp.sampling == "complex" else np.float32
-    columns = [
-        _detect_frame(
-            channels(np.ascontiguousarray(samples[i], kind), radar.frame),
-            radar.at(i),
-            chain,
-            i,
-            float(start_s),
-        )
-        for i, start_s in enumerate(starts_s)
-    ]
+    one_by_one = (cube.isel(frame=slice(at, at + 1)) for at in range(cube.sizes["frame"]))
+    return detect_each(one_by_one, radar, chain)
+
+
+def detect_each(
+    cubes: Iterable[xr.DataArray], radar: Radar, chain: Chain | None = None, *, first: int = 0
+) -> xr.Dataset:
+    """Detections in cubes of one frame each, as `detect`; `first`: the number of the first one.
+
+    A cube is asked for when the one before is done with. Of frames with intervals in turn, the
+    amplitudes of all peaks are kept until the last: only then are folds, and directions, told.
+    """
+    chain = (chain or Chain()).fitted(radar)
+    seen = (_seen(cube, radar, chain, number) for number, cube in enumerate(cubes, first))
+    frames: Iterable[_Seen] = seen
+    if radar.frame.n_intervals > 1 and radar.frame.n_chirps > 1:
+        frames = _agreed(list(seen), radar.frame)
+    columns = [_columns(one, chain) for one in frames]
     merged = {name: np.concatenate([c[name] for c in columns]) for name in _UNITS}
-    found = xr.Dataset(
+    return xr.Dataset(
         {name: ("detection", merged[name], {"units": units}) for name, units in _UNITS.items()}
     )
-    return found if radar.frame.n_intervals == 1 else unfolded(found, radar)
 
 
 _UNITS = {
@@ -262,44 +267,104 @@ _UNITS = {
 }
 
 
-def _detect_frame(
-    samples: np.ndarray, radar: Radar, chain: Chain, index: int, start_s: float
-) -> dict[str, np.ndarray]:
-    """Columns of the detections in one frame, (chirp, channel, sample)."""
+class _Seen(NamedTuple):
+    """Peaks of one frame, with their Doppler frequencies."""
+
+    number: int
+    time_s: float
+    """Mid-frame."""
+    radar: Radar
+    """With the interval of the frame."""
+    found: Unfolded
+
+
+def _seen(cube: xr.DataArray, radar: Radar, chain: Chain, number: int) -> _Seen:
+    """What one frame alone tells, (frame, chirp, rx, sample)."""
+    _must_be_of(cube, radar)
+    start_s = cube.frame.item() if "frame" in cube.coords else radar.frame.start_s(number)
+    radar = radar.at(number)
     frame = radar.frame
+    kind = np.complex64 if frame.chirp.sampling == "complex" else np.float32
+    sent = cube.variable.transpose(*CUBE_AXES).values[0]
+    samples = channels(np.ascontiguousarray(sent, kind), frame)
     if frame.falls:
         n_rx, one_sided = radar.array.n_rx, radar.one_sided()
         up, down = (
             _peaks(np.ascontiguousarray(samples[:, half]), one_sided, chain)
             for half in (slice(n_rx), slice(n_rx, None))
         )
-        found, radar = paired(up, down, frame), one_sided
+        found = paired(up, down, frame)
     else:
         found = _unfolded(_peaks(samples, radar, chain), radar, chain)
+    return _Seen(number, float(start_s) + frame.mid_frame_s, radar, found)
+
+
+def _agreed(frames: list[_Seen], frame: Frame) -> Iterator[_Seen]:
+    """The same with the folds that frames of intervals in turn tell together."""
+    alone, principal = [], []
+    for one in frames:
+        own = one.radar.frame
+        found = _of_fold(one.found, principal_hz(one.found.peaks.tones, own), own)
+        tones = found.peaks.tones
+        at = estimates(tones.fast, found.doppler_hz, found.peaks.snr, own, one.radar.n_summed)
+        alone.append(
+            intervals.Alone(
+                number=one.number,
+                time_s=one.time_s,
+                range_m=at["range"],
+                velocity_m_per_s=at["velocity"],
+                range_std_m=at["range_std"],
+                velocity_std_m_per_s=at["velocity_std"],
+                folds=found.folds,
+            )
+        )
+        principal.append(found)
+    for one, found, told in zip(frames, principal, intervals.folds(alone, frame), strict=True):
+        own = one.radar.frame
+        doppler_hz = found.doppler_hz + np.nan_to_num(told.certain) / own.repetition_s
+        yield one._replace(found=_of_fold(found, doppler_hz, own)._replace(folds=told))
+
+
+def _of_fold(found: Unfolded, doppler_hz: np.ndarray, frame: Frame) -> Unfolded:
+    """The same peaks at other Doppler frequencies: a triangle's beats tell the range in any."""
+    peaks = found.peaks
+    if frame.falls:
+        turn = 2 * np.pi / frame.chirp.sample_rate_hz
+        fast = peaks.tones.fast + turn * (doppler_hz - found.doppler_hz)
+        peaks = peaks._replace(tones=replace(peaks.tones, fast=fast))
+    return found._replace(peaks=peaks, doppler_hz=doppler_hz)
+
+
+def _columns(seen: _Seen, chain: Chain) -> dict[str, np.ndarray]:
+    """Columns of the detections in one frame, a row for each source."""
+    found, radar, frame = seen.found, seen.radar, seen.radar.frame
     tones, doppler_hz, noise = found.peaks.tones, found.doppler_hz, found.peaks.amplitude_noise
+    if frame.falls:
+        radar = radar.one_sided()
     if chain.angle is None:
-        seen = undirected(len(doppler_hz))
+        told = undirected(len(doppler_hz))
     else:
         view = aperture_of(radar, chain.field_of_view)
-        seen = sources(tones.amplitude, doppler_hz, noise, radar, chain.angle, view)
-    of = seen.detection
-    snr = found.peaks.snr[of] * seen.share
+        told = sources(tones.amplitude, doppler_hz, noise, radar, chain.angle, view)
+    of = told.detection
+    snr = found.peaks.snr[of] * told.share
     columns = {
-        "frame": np.full(len(of), index),
-        "time": np.full(len(of), start_s + frame.mid_frame_s),
-        **estimates(tones.fast[of], doppler_hz[of], snr, frame),
-        "azimuth": seen.azimuth_rad,
-        "elevation": seen.elevation_rad,
-        "azimuth_std": seen.azimuth_std_rad,
-        "elevation_std": seen.elevation_std_rad,
+        "frame": np.full(len(of), seen.number),
+        "time": np.full(len(of), seen.time_s),
+        **estimates(tones.fast[of], doppler_hz[of], snr, frame, seen.radar.n_summed),
+        "azimuth": told.azimuth_rad,
+        "elevation": told.elevation_rad,
+        "azimuth_std": told.azimuth_std_rad,
+        "elevation_std": told.elevation_std_rad,
         "fold": found.folds.certain[of],
         "fold_confidence": found.folds.confidence[of],
     }
-    past_m = past_middle_m(seen.azimuth_rad, seen.elevation_rad, radar)
-    # Where the fold is not known, the transmitters may be turned against each other.
-    columns["range"] += np.where(is_sure(columns["fold"], frame), past_m, 0.0)
     if radar.calibration is not None:
         columns["range"] -= radar.calibration.range_offset_m
+    at = told.azimuth_rad, told.elevation_rad
+    columns["range"], columns["azimuth"], columns["elevation"] = from_origin(
+        columns["range"], *at, middle_m(*at, columns["fold"], radar)
+    )
     return columns
 
 

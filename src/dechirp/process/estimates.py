@@ -9,6 +9,7 @@ from dechirp.process.cfar.base import Ring
 from dechirp.process.refine import Tones
 from dechirp.radar.accuracy import standard_errors
 from dechirp.radar.frame import Frame
+from dechirp.theory.bounds import summed_snr
 
 
 def noise_about(power: np.ndarray, found: np.ndarray, ring: Ring, n_channels: int) -> np.ndarray:
@@ -56,7 +57,7 @@ def principal_hz(tones: Tones, frame: Frame) -> np.ndarray:
 
 
 def estimates(
-    fast: np.ndarray, doppler_hz: np.ndarray, snr: np.ndarray, frame: Frame
+    fast: np.ndarray, doppler_hz: np.ndarray, snr: np.ndarray, frame: Frame, n_channels: int
 ) -> dict[str, np.ndarray]:
     """Range and velocity of tones, with standard errors.
 
@@ -64,12 +65,15 @@ def estimates(
     S tau + f_D and the slow-time frequency f_D = 2 v (f - S tau) / c, f the mean of the sampled
     frequencies. So their difference is free of range-Doppler coupling and of the residual video
     phase, if f_D is unfolded. One chirp alone tells no velocity: NaN, and the range is that of
-    a target at rest.
+    a target at rest. Standard errors are those of the highest point of the sum of so many
+    channels' periodograms, see `theory.bounds.summed_snr`.
     """
     chirp = frame.chirp
     beat_hz = fast * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
     wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - beat_hz)
-    range_std, velocity_std = standard_errors(frame, snr=snr, wavelength_m=wavelength_m)
+    range_std, velocity_std = standard_errors(
+        frame, snr=summed_snr(snr=snr, n_channels=n_channels), wavelength_m=wavelength_m
+    )
     velocity = doppler_hz * wavelength_m / 2
     return {
         "range": chirp.range_m(1.0) * beat_hz,

@@ -20,11 +20,11 @@ velocity is undone, not its own.
 References
 ----------
 R. P. Perry, R. C. DiPietro and R. L. Fante, SAR imaging of moving targets, IEEE Trans. AES
-35(1), 1999: the keystone.
+35(1), 1999: the keystone. K. Fourmont, Non-equispaced fast Fourier transforms with applications
+to tomography, J. Fourier Analysis and Applications 9(5), 2003: tapers of segments.
 """
 
 from functools import partial
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -35,9 +35,11 @@ from dechirp.radar.chirp import Chirp, Sampling
 
 # Complex numbers that one block of samples fills at most in the chirp transform.
 _BLOCK = 2**20
-# Segments for each range cell of the farthest walk: at its edges a segment is then 36 degrees
-# out of step, which costs a target at the largest velocity 0.2 dB.
-_SEGMENTS_PER_CELL = 2.5
+# A segment reaches over so many middles of segments, two to each range cell of the farthest walk.
+# Between middles phases turn by a quarter of a cycle at the most. With this taper that leaves
+# lobes 75 dB below a target.
+_REACH = 4.0
+_TAPER = 0.75 * np.pi * _REACH
 
 
 RangeWalk = Literal["keystone", "segmented"]
@@ -98,31 +100,48 @@ def segmented(
     *,
     growth: float,
 ) -> np.ndarray:
-    """Transform one frame as `keystone`, undoing the walk in steps, segment by segment.
+    r"""Transform one frame as `keystone`, undoing the walk in steps, segment by segment.
 
     Within a segment of chirps a target stays in its cell; segments are put in step for each
-    velocity and added. The time grows with the walk of the largest velocity, by a fast
-    transform for each segment. The steps leave lobes 40 dB below a strong target, at other
-    velocities and ranges, that exceed a threshold; the keystone leaves none.
+    velocity and added. They overlap under Kaiser-Bessel tapers h, whose transform is divided
+    out, as in non-uniform Fourier transforms (Fourmont 2003):
+
+    .. math:: e^{i \theta m} \approx \frac{1}{H(\theta)} \sum_s h(m - m_s) e^{i \theta m_s}
+
+    Segments side by side would make jumps of phase, and those lobes 30 dB below a target at
+    other velocities and ranges; of these 75 dB below are left. The time grows with the walk of
+    the largest velocity: two fast transforms for each cell, and five more.
     """
     tapered = _tapered(samples, sampling, over_range, over_velocity)
-    n_chirps, n_bins = over_velocity.n_points, over_velocity.n_bins
+    n_bins = over_velocity.n_bins
     more = _scales(over_range.n_points, growth) - 1
-    bins = np.fft.ifftshift(_bins(n_bins))
-    # At the largest velocity a target walks lambda M / 4 within the frame: so many cells.
-    n_cells = n_chirps / 2 * np.ptp(more)
-    edges = np.linspace(0, n_chirps, 2 + int(_SEGMENTS_PER_CELL * n_cells)).round().astype(int)
+    chirps, bins = _from_middle(over_velocity.n_points), np.fft.ifftshift(_bins(n_bins))
+    # At the largest velocity a target walks lambda M / 4 within the frame: M ptp(more) / 2 cells.
+    apart = 1 / np.ptp(more)
+    n_sides = int(chirps[-1] / apart + _REACH / 2)
+    rates = -2 * np.pi / n_bins * more
     out = np.zeros((n_bins, *samples.shape[1:]), np.complex64)
     alone = np.empty_like(tapered)
-    for start, stop in pairwise(np.unique(edges)):
-        alone[:] = 0
-        alone[start:stop] = tapered[start:stop]
+    for middle in apart * np.arange(-n_sides, n_sides + 1):
+        np.multiply(tapered, _taper((chirps - middle) / apart)[:, None, None], out=alone)
         spectrum = scipy.fft.fft(alone, n_bins, axis=0)
-        middle = (start + stop - n_chirps) / 2
-        spectrum *= _turns(bins, -2 * np.pi / n_bins * middle * more)
+        spectrum *= _turns(bins, middle * rates)
         out += spectrum
+    out /= _taper_sum(np.outer(bins, rates * apart))[:, None, :]
     out = np.fft.fftshift(out, axes=0)
     return _over_range(out, sampling, over_range)
+
+
+def _taper(away: np.ndarray) -> np.ndarray:
+    """Kaiser-Bessel taper of a segment, so many steps between segments from its middle."""
+    within = np.maximum(1 - (2 * away / _REACH) ** 2, 0.0)
+    return np.where(within > 0, np.i0(_TAPER * np.sqrt(within)), 0.0).astype(np.float32)
+
+
+def _taper_sum(turn: np.ndarray) -> np.ndarray:
+    """What a tone that turns so far from segment to segment, in rad, is raised by in their sum."""
+    root = np.sqrt(_TAPER**2 - (_REACH / 2 * turn) ** 2)
+    return np.asarray(_REACH * np.sinh(root) / root, np.float32)
 
 
 def _from_middle(n: int) -> np.ndarray:

@@ -4,7 +4,6 @@ import numpy as np
 
 from dechirp.core.findings import Finding
 from dechirp.core.units import decibels
-from dechirp.process.angle import repeats
 from dechirp.process.angle.aperture import aperture
 from dechirp.process.cfar.base import Cfar, Noise
 from dechirp.process.cfar.leakage import guard_loss
@@ -49,7 +48,7 @@ def remarks(radar: Radar, chain: Chain) -> list[Finding]:
             )
         )
     if chain.angle is not None and tells_directions(radar):
-        found += repeats.remark(aperture(radar, chain.field_of_view))
+        found += chain.angle.remarks(aperture(radar, chain.field_of_view))
     return found
 
 

@@ -73,20 +73,62 @@ def undirected(n: int) -> Sources:
     return Sources(np.arange(n), np.ones(n), *np.full((4, n), np.nan))
 
 
-def past_middle_m(azimuth_rad: np.ndarray, elevation_rad: np.ndarray, radar: Radar) -> np.ndarray:
-    """How much farther sources are from the origin than from the middle of the array, (n,).
+def middle_m(
+    azimuth_rad: np.ndarray, elevation_rad: np.ndarray, fold: np.ndarray, radar: Radar
+) -> np.ndarray:
+    """Where ranges and directions of sources are measured from, (n, 3): the middle of the array.
 
-    Elements measure in the mean the range from the middle of them; 15 mm beside the origin, it
-    is 13 mm off for a source at 60 degrees. 0 where no azimuth is known; elevations that are
-    not known count as 0.
+    An angle that is not told counts as 0, as in the steering of an array on a line, and so does
+    the middle along its axis. Where no angle is told, or the fold that it takes is not known,
+    nothing says what to bring to the origin: 0.
     """
-    unit = towards(azimuth_rad, np.nan_to_num(elevation_rad))
-    return np.asarray(np.nan_to_num(unit @ radar.elements_m.mean(axis=0) / 2))
+    middle = radar.elements_m.mean(axis=0) / 2
+    told = np.stack([np.isfinite(azimuth_rad), np.isfinite(elevation_rad)], axis=-1)
+    known = told.any(axis=1) & is_sure(fold, radar.frame)
+    axes = np.column_stack([np.ones(len(told), bool), told]) & known[:, None]
+    return np.where(axes, middle, 0.0)
+
+
+def from_origin(
+    range_m: np.ndarray, azimuth_rad: np.ndarray, elevation_rad: np.ndarray, middle_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ranges and directions from the origin, (n,) each, of sources seen from elsewhere, (n, 3).
+
+    Angles that are not told stay so, see `middle_m`. Ranges no longer than the way to the origin
+    are of leakage and constant offsets: these are at no place, and stay as they are.
+    """
+    x, y, z = (middle_m + range_m[:, None] * _towards(azimuth_rad, elevation_rad)).T
+    is_place = _is_place(range_m, middle_m)
+    return (
+        np.where(is_place, np.sqrt(x**2 + y**2 + z**2), range_m),
+        np.where(is_place & np.isfinite(azimuth_rad), np.arctan2(y, x), azimuth_rad),
+        np.where(
+            is_place & np.isfinite(elevation_rad), np.arctan2(z, np.hypot(x, y)), elevation_rad
+        ),
+    )
+
+
+def range_from_m(
+    middle_m: np.ndarray, range_m: np.ndarray, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
+) -> np.ndarray:
+    """How far from there sources are that are seen from the origin, (n,): undoes `from_origin`."""
+    at_m = range_m[:, None] * _towards(azimuth_rad, elevation_rad) - middle_m
+    is_place = _is_place(range_m, middle_m)
+    return np.where(is_place, np.linalg.norm(at_m, axis=1), range_m)
+
+
+def _is_place(range_m: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
+    away_m = np.linalg.norm(middle_m, axis=1)
+    return np.asarray((away_m > 0) & (range_m > away_m))
+
+
+def _towards(azimuth_rad: np.ndarray, elevation_rad: np.ndarray) -> np.ndarray:
+    return towards(np.nan_to_num(azimuth_rad), np.nan_to_num(elevation_rad))
 
 
 def is_sure(fold: np.ndarray, frame: Frame) -> np.ndarray:
     """Whether directions are those of a fold that is known, or that needs none, (n,)."""
-    return np.asarray(~np.isnan(fold) | (frame.n_slots == 1))
+    return np.asarray(~np.isnan(fold) | (frame.multiplexing is None))
 
 
 def snapshots(
@@ -94,11 +136,26 @@ def snapshots(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the virtual elements hear, (n, 1, n_elements), and the noise in one of them, (n,).
 
-    From amplitudes in the channels, see `sources`: motion and code undone, calibrated.
+    From amplitudes in the channels, see `sources`: motion and code undone, calibrated. Slots of
+    one transmitter are brought in phase by themselves: no fold turns its elements.
     """
-    heard = elements(amplitudes, radar.frame, doppler_hz) * radar.element_gain
+    if radar.frame.multiplexing is None:
+        heard = _in_phase(amplitudes, radar.frame.n_slots)
+    else:
+        heard = elements(amplitudes, radar.frame, doppler_hz)
+    heard = heard * radar.element_gain
     noise = noise_power * element_noise(radar.frame) * np.mean(np.abs(radar.element_gain) ** 2)
     return heard[:, None], np.asarray(noise)
+
+
+def _in_phase(amplitudes: np.ndarray, n_slots: int) -> np.ndarray:
+    """Mean of the slots, (n, n_rx), turned by the phases that add up to the most."""
+    if n_slots == 1:
+        return amplitudes
+    by_slot = amplitudes.reshape(len(amplitudes), n_slots, -1)
+    alike = by_slot @ by_slot.conj().swapaxes(1, 2)
+    turns = np.linalg.eigh(alike).eigenvectors[:, :, -1].conj()
+    return np.asarray(np.einsum("nl,nlr->nr", turns, by_slot) / np.sqrt(n_slots))
 
 
 def sources(

@@ -71,8 +71,8 @@ def spectrogram(
     Raises
     ------
     InvalidSetting
-        If the interval holds no range row, a window does not fit into the frames, or the cube
-        is not that radar's.
+        If the interval holds no range row, a window does not fit into the frames, the cube
+        is not that radar's, or its frames have other intervals or ramps that fall.
     NotEnoughMemory
         If the profiles would not fit.
 
@@ -80,10 +80,10 @@ def spectrogram(
     ----------
     V. C. Chen, The Micro-Doppler Effect in Radar, 2011, chapter 1.
     """
-    _must_be_of(cube, radar)
+    must_be_of(cube, radar)
     frame, chirp = radar.frame, radar.frame.chirp
     over_range = Transform(window=range_window, n_points=chirp.n_samples, n_bins=chirp.n_samples)
-    starts_s = _starts_s(cube, radar)
+    starts_s = frame_starts_s(cube, radar)
     runs = _runs(starts_s, radar)
     most = min(len(run) for run in runs) * frame.n_chirps
     n_window = frame.n_chirps if n_window is None else n_window
@@ -173,7 +173,8 @@ def _rows(
     return rows
 
 
-def _starts_s(cube: xr.DataArray, radar: Radar) -> np.ndarray:
+def frame_starts_s(cube: xr.DataArray, radar: Radar) -> np.ndarray:
+    """When the frames of a cube begin, (n_frames,): its own times, or the radar's."""
     if "frame" in cube.coords:
         return np.asarray(cube.coords["frame"].values, dtype=float)
     return np.array([radar.frame.start_s(index) for index in range(cube.sizes["frame"])])
@@ -188,9 +189,25 @@ def _runs(starts_s: np.ndarray, radar: Radar) -> list[range]:
     return [range(first, last) for first, last in pairwise(ends)]
 
 
-def _must_be_of(cube: xr.DataArray, radar: Radar) -> None:
-    """Raise `InvalidSetting` unless the cube could be that radar's."""
+def must_be_of(cube: xr.DataArray, radar: Radar) -> None:
+    """Raise `InvalidSetting` unless the cube could be that radar's, of ramps that all rise."""
     frame = radar.frame
+    if frame.falls:
+        raise InvalidSetting(
+            "radar.frame.modulation",
+            got="triangular: rising and falling ramps see a moving target at two ranges",
+            need="ramps that all rise",
+            fix="Take every other chirp, cube.isel(chirp=slice(None, None, 2)), with"
+            " radar.one_sided(): the rising ramps.",
+        )
+    if frame.n_intervals > 1:
+        raise InvalidSetting(
+            "radar.frame.interval_s",
+            got=f"a list of {frame.n_intervals}, one for each frame in turn",
+            need="one interval: the velocities of a row are those of one",
+            fix=f"Take the frames of one interval, cube.isel(frame=slice(0, None,"
+            f" {frame.n_intervals})), with radar.at(0).",
+        )
     sizes = (frame.n_sent, radar.array.n_rx, frame.chirp.n_samples)
     need = dict(zip(CUBE_AXES[1:], sizes, strict=True))
     got = {str(name): size for name, size in cube.sizes.items()}

@@ -41,7 +41,7 @@ def channels(samples: np.ndarray, frame: Frame) -> np.ndarray:
     The beat of a falling ramp is -S tau + f_D. Its samples backwards are those of a rising one
     that moves the other way within each chirp: S tau - f_D. So the echoes of both kinds lie at
     their velocity, and f_D / S apart in delay on each side of their range, see
-    `process.pairing`; and the frequency sent grows with the sample in both.
+    `process.folds.pairing`; and the frequency sent grows with the sample in both.
     """
     if frame.n_slots == 1:
         return samples

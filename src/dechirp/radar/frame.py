@@ -1,5 +1,6 @@
 """A frame: chirps in equal rounds at equal intervals, processed together."""
 
+import math
 from dataclasses import replace
 from functools import cached_property
 
@@ -211,6 +212,16 @@ class Frame:
         cycles = np.outer(np.arange(1, most + 1), self.turning_s / self.repetition_s)
         again = np.flatnonzero(np.all(abs(cycles - np.rint(cycles)) <= _ALIKE, axis=1))
         return 1 + int(again[0]) if again.size else most
+
+    def n_folds_in_turn(self, index: int) -> int:
+        """Folds of the velocity in one frame that frames of all intervals tell together.
+
+        As many as the greatest common divisor of the repetitions goes into its own, 64 at most;
+        1 where all frames have the same interval.
+        """
+        frames = [self.at(place) for place in range(self.n_intervals)]
+        together_s = math.gcd(*(round(one.repetition_s * 1e12) for one in frames)) * 1e-12
+        return min(round(self.at(index).repetition_s / together_s), _MOST_FOLDS)
 
     @property
     def falls(self) -> bool:

@@ -9,7 +9,6 @@ import numpy as np
 from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.directions import hole
-from dechirp.radar.frame import Frame
 from dechirp.radar.patterns.table import TablePattern
 from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, folded, frequencies
@@ -25,6 +24,15 @@ _DARK_M2 = 1e-12
 _MOST_TOLD = 20
 
 
+class _Told(NamedTuple):
+    """Folds of the velocity about zero that are told apart, in all."""
+
+    n_folds: int
+    by_ramps: int
+    """Those of them that the ramps of one transmitter tell."""
+    by: str
+
+
 class _View(NamedTuple):
     """All scatterers at one instant, seen from the radar."""
 
@@ -35,6 +43,7 @@ class _View(NamedTuple):
     """(n_scatterers, 3)."""
     velocity_m_per_s: np.ndarray
     """(n_scatterers, 3), of the target of each."""
+    told: _Told
     place: Place
     """Of each: with the velocity of its target, without that of a part that moves in it."""
     is_dark: np.ndarray
@@ -69,9 +78,9 @@ def surprises(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]
     n_told: Counter[int] = Counter()
     others: dict[int, set[int]] = {}
     for frame in looked_at(scene, n_frames) if scene.targets else ():
-        view = _view(scene, radar, frame, "" if n_frames == 1 else f" in frame {frame}")
+        view = _view(scene, radar, frame, n_frames)
         for kind, find in enumerate(
-            (_fast, _folding, _late, _behind, _unseen, _within, _around, _dark)
+            (_fast, _smeared, _folding, _late, _behind, _unseen, _within, _around, _dark)
         ):
             surprise = find(view)
             scatterers = np.flatnonzero(surprise.befalls)
@@ -108,7 +117,9 @@ def _in_bodies(scene: Scene) -> Iterator[Finding]:
             yield from target.body.findings(f"scene.targets.{name}.body")
 
 
-def _view(scene: Scene, radar: Radar, frame: int, when: str) -> _View:
+def _view(scene: Scene, radar: Radar, frame: int, n_frames: int) -> _View:
+    when = "" if n_frames == 1 else f" in frame {frame}"
+    told = _told(radar, frame, n_frames)
     start_s, radar = radar.frame.start_s(frame), radar.at(frame)
     time_s = [start_s + radar.frame.mid_frame_s]
     position_m = scene.positions_m(time_s)[0]
@@ -120,23 +131,71 @@ def _view(scene: Scene, radar: Radar, frame: int, when: str) -> _View:
         wavelength_m = radar.frame.chirp.wavelength_m
         is_dark = target_cross_sections_m2(scene, time_s, wavelength_m)[0] < _DARK_M2
     place = Place(range_m, along / range_m)
-    return _View(scene, radar, when, position_m, velocity, place, is_dark)
+    return _View(scene, radar, when, position_m, velocity, told, place, is_dark)
 
 
 def _fast(view: _View) -> _Surprise:
     """Velocities that fold."""
-    frame = view.radar.frame
-    folds = _told(frame)
-    turns = frequencies(view.place, view.radar).doppler_hz * frame.repetition_s / folds
-    most = folds * frame.max_velocity_m_per_s
+    frame, told = view.radar.frame, view.told
+    turns = frequencies(view.place, view.radar).doppler_hz * frame.repetition_s
+    span = frame.max_velocity_m_per_s
+
+    def finding(setting: str, i: int) -> Finding:
+        is_told = -0.5 <= turns[i] / told.n_folds < 0.5
+        most = (told.by_ramps if is_told else told.n_folds) * span
+        return Finding(
+            level="note" if is_told else "warning",
+            setting=f"{setting}.velocity",
+            got=_folds(view, i, told.by_ramps if is_told else told.n_folds),
+            need=f"between -{most:.4g} and {most:.4g} m/s to be unambiguous",
+            fix=f"Nothing is to be done: {told.by} tell velocities up to {told.n_folds * span:.4g}"
+            " m/s; detections are unfolded, but for those with a fold_confidence below 0.99."
+            if is_told
+            else "Shorten the interval between chirps, or read the folded velocity.",
+        )
+
+    turns_told = turns / told.by_ramps
     return _Surprise(
-        (frame.n_chirps > 1) & (not frame.falls) & ((turns < -0.5) | (turns >= 0.5)),
+        (frame.n_chirps > 1) & (not frame.falls) & ((turns_told < -0.5) | (turns_told >= 0.5)),
+        finding,
+    )
+
+
+def _told(radar: Radar, index: int, n_frames: int) -> _Told:
+    """Folds in a frame that ramps, transmitters or other frames tell; triangles tell all."""
+    frame = radar.frame.at(index)
+    by_ramps = 1 if frame.modulation is None else frame.n_folds
+    in_turn = radar.frame.n_folds_in_turn(index)
+    if n_frames > 1 and in_turn > 1:
+        return _Told(in_turn, min(by_ramps, in_turn), "frames of other intervals")
+    code, across_m = frame.multiplexing, radar.array.virtual_m[:, 1:]
+    if code is not None and not code.mixed and np.ptp(across_m, axis=0).any():
+        return _Told(frame.n_folds, 1, "transmitters, by how they turn against each other,")
+    return _Told(by_ramps, by_ramps, "ramps that differ")
+
+
+# In one map echoes are found that walk through so many cells more than it is made for.
+_WALKED = 1.0
+
+
+def _smeared(view: _View) -> _Surprise:
+    """Velocities that fold in the maps of triangles, and walk through them."""
+    frame, chirp = view.radar.frame, view.radar.frame.chirp
+    doppler_hz = frequencies(view.place, view.radar).doppler_hz
+    folds = np.round(doppler_hz * frame.repetition_s)
+    a_fold = frame.n_chirps * chirp.sampled_bandwidth_hz / chirp.mean_sampled_frequency_hz
+    most = frame.max_velocity_m_per_s
+    return _Surprise(
+        np.full(len(folds), frame.falls and frame.n_chirps > 1) & (abs(folds) * a_fold > _WALKED),
         lambda setting, i: Finding(
             level="warning",
             setting=f"{setting}.velocity",
-            got=_folds(view, i),
-            need=f"between -{most:.4g} and {most:.4g} m/s to be unambiguous",
-            fix="Shorten the interval between chirps, or read the folded velocity.",
+            got=f"{_said(_at(view, i))}{view.when}, which walks {abs(folds[i]) * a_fold:.2g} range"
+            " cells within the frame more than the velocity to which it folds in the maps of the"
+            " rising and of the falling ramps: its peaks are smeared, and seldom pair",
+            need=f"between -{most:.4g} and {most:.4g} m/s, or at most {_WALKED:g} cell, not to be"
+            " lost",
+            fix="Send fewer chirps, shorten the interval, or sweep less.",
         ),
     )
 
@@ -150,7 +209,7 @@ def _folding(view: _View) -> _Surprise:
         lambda setting, i: Finding(
             level="warning",
             setting=f"{setting}.position",
-            got=_folds(view, i),
+            got=_folds(view, i, view.told.n_folds),
             need=f"between 0 and {chirp.max_range_m:.4g} m, range-Doppler coupling included, to"
             " be unambiguous",
             fix="Sample faster or lower the slope, or read the folded range.",
@@ -158,14 +217,13 @@ def _folding(view: _View) -> _Surprise:
     )
 
 
-def _told(frame: Frame) -> int:
-    """Folds of velocity that ramps of one transmitter tell; those of several need a direction."""
-    return 1 if frame.modulation is None else frame.n_folds
+def _at(view: _View, i: int) -> Place:
+    return Place(view.place.range_m[i], view.place.velocity_m_per_s[i])
 
 
-def _folds(view: _View, i: int) -> str:
-    there = Place(view.place.range_m[i], view.place.velocity_m_per_s[i])
-    found = folded(there, view.radar, folds=_told(view.radar.frame))
+def _folds(view: _View, i: int, folds: int) -> str:
+    there = _at(view, i)
+    found = folded(there, view.radar, folds=folds)
     return f"{_said(there)}{view.when} folds to {_said(found)}"
 
 

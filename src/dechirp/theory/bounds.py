@@ -43,6 +43,30 @@ def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
         return np.asarray(6.0 / (chi * (float(n_points) ** 2 - 1.0)))
 
 
+def summed_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
+    r"""Ratio at which the bound is the variance that a sum of periodograms reaches.
+
+    .. math:: \chi' = \frac{\chi^2}{\chi + K}
+
+    with chi the ratio summed over K channels, each of its own unknown amplitude. Where the
+    powers of the channels are added, the slope of the sum at the true frequency is
+
+    .. math:: 2 \,\mathrm{Im} \sum_k (N a_k + w_k)^* v_k
+
+    with w and v the noise in the sums of y e^{-i omega n} and of n y e^{-i omega n}, n counted
+    from the middle: independent, of variances N and N (N^2 - 1) / 12 times that of a sample.
+    Signal times noise gives the bound, 6 / (chi (N^2 - 1)); noise times noise adds K / chi of
+    it, while the mean curvature stays that of the signal (its noise cancels). So the variance
+    is (1 + K / chi) times the bound: 1.12 for 12 channels at 20 dB. Within 15 % from 15 dB on,
+    at 12 channels too; what is left is of higher order. A map shows fewer targets then: those
+    that noise lifts over a threshold have ratios that are told too high.
+    """
+    chi = positive_ratios("snr", snr)
+    whole("n_channels", n_channels, at_least=1)
+    with np.errstate(over="ignore"):  # 0 below a ratio of 1e-308
+        return np.asarray(chi / (1.0 + n_channels / chi))
+
+
 def range_std_m(
     *, snr: ArrayLike, n_samples: int, sample_rate_hz: float, slope_hz_per_s: float
 ) -> np.ndarray:

@@ -7,9 +7,9 @@ import numpy as np
 
 from dechirp.core.checks import positive
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.threads import in_threads
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Receiver
-from dechirp.echoes.kernels.threads import in_threads
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import echo_powers_w

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 import scipy.fft
 
+from dechirp.core.threads import in_threads
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels import direct
 from dechirp.echoes.kernels.axes import FastTime
@@ -29,7 +30,6 @@ from dechirp.echoes.kernels.series import (
     parts_of,
     shifts_of,
 )
-from dechirp.echoes.kernels.threads import in_threads
 from dechirp.echoes.kernels.tones import (
     ECONOMISED,
     MOST_FIELDS,

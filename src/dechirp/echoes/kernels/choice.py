@@ -13,11 +13,11 @@ import numba
 import numpy as np
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.threads import in_threads, slices
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.engine import FINEST, Engine
 from dechirp.echoes.kernels import direct, nonuniform, product
 from dechirp.echoes.kernels.base import Scatterers, Sent
-from dechirp.echoes.kernels.threads import in_threads, slices
 
 Kernel = Literal["direct", "product", "nonuniform"]
 

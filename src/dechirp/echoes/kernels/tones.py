@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from dechirp.core.threads import in_threads, slices
 from dechirp.echoes.kernels.base import Sent
 from dechirp.echoes.kernels.economised import economised
 from dechirp.echoes.kernels.series import (
@@ -22,7 +23,6 @@ from dechirp.echoes.kernels.series import (
     expand_block,
     shifts_of,
 )
-from dechirp.echoes.kernels.threads import in_threads, slices
 
 _compiled = numba.njit(
     cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"}

@@ -58,7 +58,7 @@ def read_calibration(path: str | Path) -> Calibration:
                 _mistake(
                     file,
                     wrong.setting.removeprefix("Calibration."),
-                    got=wrong.got,
+                    got=shown(wrong.got),
                     need=wrong.need,
                     fix=wrong.fix,
                 )

@@ -76,7 +76,7 @@ def assumed(n_rx: int, n_tx: int = 1) -> Finding:
         setting="radar.array.rx" if n_tx == 1 else "radar.array",
         got=f"{got} along y",
         need="their true positions, for directions only; range and velocity do not use them",
-        fix="Give the device, or the radar with its array.",
+        fix="Give the device (--device NAME), or the radar with its array.",
     )
 
 

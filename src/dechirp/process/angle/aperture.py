@@ -180,8 +180,13 @@ class Aperture:
         with p in wavelengths, phi the azimuth and theta the elevation. The beat signal is
         Tx x conj(Rx), so its phase falls where the way is shorter: minus.
         """
-        unit = direction_bounds.towards(azimuth_rad, elevation_rad)
-        return np.asarray(np.exp(-2j * np.pi * (unit @ self.positions.T)))
+        phase = (
+            -2 * np.pi * (direction_bounds.towards(azimuth_rad, elevation_rad) @ self.positions.T)
+        )
+        out = np.empty(phase.shape, complex)
+        np.cos(phase, out=out.real)  # a quarter of the time of a complex exponential
+        np.sin(phase, out=out.imag)
+        return out
 
     def derivatives(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike = 0.0) -> np.ndarray:
         """Derivatives of `steering` by the angles that the array tells, (..., n_told, n_elements).

@@ -8,8 +8,9 @@ import numpy as np
 from dechirp.core.checks import ratios, whole
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
+from dechirp.core.findings import Finding
 from dechirp.core.values import value
-from dechirp.process.angle import likelihood, order, peaks
+from dechirp.process.angle import likelihood, order, peaks, repeats
 from dechirp.process.angle.aperture import Aperture
 
 # Spectra of so many directions and looks at once: 32 MiB of beams.
@@ -50,12 +51,12 @@ class DirectionEstimator(Family):
     def angles(self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray) -> Angles:
         """Directions in each of n snapshots, in any order; see `directions`."""
 
+    def remarks(self, aperture: Aperture) -> list[Finding]:
+        """What a user should know about directions that are found with an array."""
+        return repeats.remark(aperture)
+
     def standard_errors(
-        self,
-        snapshots: np.ndarray,
-        aperture: Aperture,
-        noise_power: np.ndarray,
-        angles: Angles,
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray, angles: Angles
     ) -> np.ndarray:
         """Of each direction, (n, most, n_told): the Cramer-Rao bound at the estimates."""
         return likelihood.standard_errors(snapshots, aperture, noise_power, *angles)

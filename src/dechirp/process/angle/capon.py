@@ -2,27 +2,34 @@
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
+from scipy.linalg import lapack
 
 from dechirp.core.checks import positive
 from dechirp.core.values import value
 from dechirp.process.angle.aperture import Aperture
 from dechirp.process.angle.covariance import Windows
+from dechirp.process.angle.differences import (
+    Differences,
+    differences,
+    over_grid,
+    powers,
+    powers_of_each,
+)
 from dechirp.process.angle.smoothed import SmoothedEstimator
 
-# Of the mean power: what single precision leaves of a triangular factor.
+# Of the mean power: what single precision leaves of a covariance.
 _LEAST_LOADING = 1e-5
-# Directions at a time: the work for 128 elements then stays within 32 KiB.
-_TILE = 64
+# Phases of ways towards directions at a time: 16 MiB.
+_MOST_NUMBERS = 2**20
 
 
-class Factors(NamedTuple):
-    """Triangular factors of the covariances, made real, and what they are of."""
+class Inverses(NamedTuple):
+    """Inverse covariances, summed over the pairs of elements that see the same phases."""
 
-    lower: np.ndarray
-    """(n, p, p) float32."""
-    over: Windows
+    sums: np.ndarray
+    """(n, n_differences) complex."""
+    between: Differences
 
 
 @value
@@ -48,85 +55,62 @@ class Capon(SmoothedEstimator):
 
     def prepared(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
-    ) -> Factors:
-        """Cholesky's factor of each covariance."""
+    ) -> Inverses:
+        """Inverse of each covariance, in double precision: a beam is a small rest of its terms."""
         over = self.over(aperture)
         n, n_looks, _ = snapshots.shape
-        size = over.size if over.backward else 2 * over.size
-        lower = np.empty((n, size, size), np.float32)
+        between = differences(aperture, _elements(over))
+        sums = np.empty((n, len(between.pairs[0])), np.complex128)
         for rows in over.blocks(n, n_looks):
             x = snapshots[rows].astype(np.complex64)
-            data = over.real_data(x) if over.backward else _doubled(over.data(x))
-            covariance = data @ np.swapaxes(data, 1, 2) / data.shape[2]
-            power = np.einsum("nii->n", covariance) / size
+            data = over.real_data(x) if over.backward else over.data(x)
+            covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
+            power = np.einsum("nii->n", covariance).real / over.size
             # A snapshot of zeros has no direction, but must not end the others.
             loading = np.fmax(self.loading * noise_power[rows], _LEAST_LOADING * power + 1e-30)
             np.einsum("nii->ni", covariance)[:] += loading[:, None]
-            lower[rows] = np.linalg.cholesky(covariance)
-        return Factors(lower, over)
+            sums[rows] = between.sums(_inverted(covariance))
+        return Inverses(sums, between)
 
-    def at(self, prepared: Factors, steering: np.ndarray) -> np.ndarray:
+    def at(self, prepared: Inverses, steering: np.ndarray) -> np.ndarray:
         """Power in the beam towards each direction, as of one element."""
-        columns = np.swapaxes(steering[..., prepared.over.elements], -1, -2)
-        sets = columns.reshape(-1, *columns.shape[-2:])
-        if prepared.over.backward:
-            each = _turned(sets)
-        else:
-            each = np.concatenate([sets.real, sets.imag], axis=1)
-        return np.asarray(1 / _solved(prepared.lower, np.ascontiguousarray(each, np.float32)))
+        sums, between = prepared
+        if steering.ndim == 3:
+            return np.asarray(1 / powers_of_each(sums, steering, between.pairs))
+        each = max(1, _MOST_NUMBERS // sums.shape[1])
+        parts = [
+            powers(sums, between.towards(steering[first : first + each]))
+            for first in range(0, len(steering), each)
+        ]
+        return 1 / np.concatenate(parts, axis=1)
+
+    def over_grid(self, prepared: Inverses, aperture: Aperture) -> np.ndarray:
+        """The same at all directions of the grid."""
+        towards = over_grid(aperture, _elements(self.over(aperture)))
+        if towards is not None:
+            return np.asarray(1 / powers(prepared.sums, towards))
+        grid = aperture.grid
+        return np.concatenate(
+            [
+                self.at(prepared, aperture.steering(grid.azimuth_rad, elevation))
+                for elevation in grid.elevation_rad
+            ],
+            axis=1,
+        )
 
 
-def _doubled(data: np.ndarray) -> np.ndarray:
-    """Real columns with the covariance of complex ones, real parts above imaginary parts."""
-    real, imaginary = 2**0.5 * data.real, 2**0.5 * data.imag
-    there = np.concatenate([real, imaginary], axis=1)
-    return np.concatenate([there, np.concatenate([-imaginary, real], axis=1)], axis=2)
+def _elements(over: Windows) -> tuple[int, ...]:
+    return tuple(over.elements.tolist())
 
 
-def _turned(steering: np.ndarray) -> np.ndarray:
-    """Steering vectors of symmetric windows as columns of `Windows.real_data`, (n, size, m).
-
-    From the middle of a window, elements that mirror each other have opposite phases.
-    """
-    size = steering.shape[1]
-    half = size // 2
-    middle = np.exp(-0.5j * np.angle(steering[:, :1] * steering[:, -1:])).astype(steering.dtype)
-    centred = steering * middle
-    top, between = centred[:, :half], centred[:, half : size - half]
-    return np.concatenate([2**0.5 * top.real, between.real, 2**0.5 * top.imag], axis=1)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _solved(lower: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Squared lengths of lower^-1 a, (n, m), for columns a of (n or 1, size, m)."""
-    n, size, _ = lower.shape
-    sets, _, m = columns.shape
-    out = np.zeros((n, m), np.float32)
-    x = np.zeros((size, _TILE), np.float32)
-    for i in range(n):
-        own = i if sets > 1 else 0
-        for start in range(0, m, _TILE):
-            width = min(_TILE, m - start)
-            for row in range(size):
-                u = x[row]
-                u[:width] = columns[own, row, start : start + width]
-                # Four rows before it at a time: a number is loaded and stored once for four.
-                column = 0
-                while column + 4 <= row:
-                    l0, l1 = lower[i, row, column], lower[i, row, column + 1]
-                    l2, l3 = lower[i, row, column + 2], lower[i, row, column + 3]
-                    x0, x1, x2, x3 = x[column], x[column + 1], x[column + 2], x[column + 3]
-                    for a in range(_TILE):
-                        u[a] -= l0 * x0[a] + l1 * x1[a] + l2 * x2[a] + l3 * x3[a]
-                    column += 4
-                while column < row:
-                    factor, before = lower[i, row, column], x[column]
-                    for a in range(_TILE):
-                        u[a] -= factor * before[a]
-                    column += 1
-                scale = np.float32(1.0) / lower[i, row, row]
-                for a in range(_TILE):
-                    u[a] *= scale
-                for a in range(width):
-                    out[i, start + a] += u[a] * u[a]
+def _inverted(covariances: np.ndarray) -> np.ndarray:
+    """Lower halves of the inverses of Hermitian (n, size, size), in double precision."""
+    factor, invert = lapack.dpotrf, lapack.dpotri
+    if np.iscomplexobj(covariances):
+        factor, invert = lapack.zpotrf, lapack.zpotri
+    out = np.ascontiguousarray(covariances, np.result_type(covariances, float))
+    for matrix in out:
+        # Upper halves of the transposed, which lie in memory as LAPACK reads them.
+        upper = factor(matrix.T, overwrite_a=True, clean=False)[0]
+        matrix[:] = invert(upper, overwrite_c=True)[0].T
     return out

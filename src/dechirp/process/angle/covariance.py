@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numba
 import numpy as np
 
 from dechirp.core.checks import number
@@ -85,6 +86,14 @@ class Windows:
             return forward
         return np.concatenate([forward, forward[:, ::-1].conj()], axis=2)
 
+    def seen(self, rows: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
+        """Rows (n, k, size) times `data`, (n, k, columns)."""
+        forward = self.forward(snapshots)
+        if not self.backward:
+            return np.asarray(rows @ forward)
+        backward = rows[..., ::-1].conj() @ forward
+        return np.concatenate([rows @ forward, backward.conj()], axis=2)
+
     def forward(self, snapshots: np.ndarray) -> np.ndarray:
         """The columns of `data` that are not read backwards."""
         at_points = snapshots @ self.share.T.astype(snapshots.real.dtype)
@@ -97,12 +106,29 @@ class Windows:
         Sums and differences of elements that mirror each other make it real: a quarter of the
         work (D. A. Linebarger, R. D. DeGroat and E. M. Dowling, IEEE Trans. SP 42(8), 1994).
         """
-        forward = self.forward(snapshots)
+        forward = np.swapaxes(self.forward(snapshots), 1, 2)  # a window a row, as it lies
         half = self.size // 2
-        top, bottom = forward[:, :half], forward[:, : -half - 1 : -1]
-        middle = forward[:, half : self.size - half]
-        turned = np.concatenate([top + bottom, 2**0.5 * middle, 1j * (bottom - top)], axis=1)
-        return np.concatenate([turned.real, turned.imag], axis=2)
+        top, bottom = forward[..., :half], forward[..., : -half - 1 : -1]
+        middle = 2**0.5 * forward[..., half : self.size - half]
+        n_rows = forward.shape[1]
+        turned = np.empty((len(forward), 2 * n_rows, self.size), forward.real.dtype)
+        real, imaginary = turned[:, :n_rows], turned[:, n_rows:]
+        both, apart = top + bottom, bottom - top
+        for out, part in ((real, "real"), (imaginary, "imag")):
+            out[..., :half] = getattr(both, part)
+            out[..., half : self.size - half] = getattr(middle, part)
+        real[..., self.size - half :] = -apart.imag
+        imaginary[..., self.size - half :] = apart.real
+        return np.swapaxes(turned, 1, 2)
+
+    def vectors_back(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors over the elements, (n, size, k), of real ones over rows of `real_data`."""
+        half = self.size // 2
+        even, odd = vectors[:, :half], vectors[:, self.size - half :]
+        top = (even + 1j * odd) / 2**0.5
+        return np.concatenate(
+            [top, vectors[:, half : self.size - half], top[:, ::-1].conj()], axis=1
+        )
 
     def noise_variance(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Variance of Re(left^H W right), (...), W being `data` of white noise of unit power.
@@ -110,16 +136,35 @@ class Windows:
         `left` is (..., size) and `right` (..., columns). The noise of an element is in several
         windows, conjugated in those read backwards: what it adds to all is summed, then squared.
         """
-        n_windows, n_points = len(self.points), len(self.share)
-        halves = right.reshape(*right.shape[:-1], 2 if self.backward else 1, -1, n_windows)
-        weights = np.zeros((*right.shape[:-1], halves.shape[-2], n_points), complex)
-        for window, points in enumerate(self.points):
-            column = halves[..., window, None]  # (..., half, look, 1)
-            weights[..., points] += column[..., 0, :, :] * left[..., None, :].conj()
-            if self.backward:
-                weights[..., points] += column[..., 1, :, :].conj() * left[..., None, ::-1]
+        n_halves, n_windows = 2 if self.backward else 1, len(self.points)
+        columns = right.reshape(-1, n_halves, right.shape[-1] // (n_halves * n_windows), n_windows)
         per_point = np.sum(self.share**2, axis=1)
-        return np.asarray(np.sum(np.abs(weights) ** 2 * per_point, axis=(-1, -2)) / 2)
+        rows = np.ascontiguousarray(left.reshape(-1, self.size))
+        return _variances(rows, columns, self.points, per_point).reshape(left.shape[:-1])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _variances(
+    left: np.ndarray, right: np.ndarray, points: np.ndarray, per_point: np.ndarray
+) -> np.ndarray:
+    """`Windows.noise_variance` of (m, size) and (m, halves, looks, windows), (m,)."""
+    m, n_halves, n_looks, n_windows = right.shape
+    size = left.shape[1]
+    out = np.zeros(m)
+    for i in range(m):
+        for look in range(n_looks):
+            weights = np.zeros(len(per_point), np.complex128)
+            for window in range(n_windows):
+                forward = right[i, 0, look, window]
+                for e in range(size):
+                    weights[points[window, e]] += forward * np.conj(left[i, e])
+                if n_halves == 2:
+                    backward = np.conj(right[i, 1, look, window])
+                    for e in range(size):
+                        weights[points[window, e]] += backward * left[i, size - 1 - e]
+            for p in range(len(per_point)):
+                out[i] += (weights[p].real ** 2 + weights[p].imag ** 2) * per_point[p] / 2
+    return out
 
 
 @lru_cache(maxsize=32)

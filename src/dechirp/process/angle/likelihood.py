@@ -4,6 +4,8 @@ Sources are unknown numbers in white noise, so the likelihood of directions is w
 squares leave of the snapshots (the conditional or deterministic model).
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -15,6 +17,19 @@ _RIDGE = 1e-9
 _MOST_ITERATIONS = 20
 # Of a grid step: a beam has eight, and at 20 dB an error is a hundred times larger.
 _CLOSE = 1e-4
+
+
+class Search(NamedTuple):
+    """What the climb to a maximum knows of the array."""
+
+    positions: np.ndarray
+    """(n_elements, 3)."""
+    told: np.ndarray
+    """(n_told,) which of azimuth and elevation are sought."""
+    limit: np.ndarray
+    """(n_told,) largest sines."""
+    close: np.ndarray
+    """(n_told,) steps of sines that are the last."""
 
 
 def powers(
@@ -57,7 +72,7 @@ def maximised(
     data, positions, told, angles = _prepared(snapshots, aperture, azimuth_rad, elevation_rad)
     limit = np.array(aperture.field_of_view.sines)[told]
     close = _CLOSE * np.array(aperture.steps)[told]
-    angles = np.arcsin(_maximised(data, positions, told, np.sin(angles), limit, close))
+    angles = np.arcsin(_maximised(data, np.sin(angles), Search(positions, told, limit, close)))
     return angles[..., 0], angles[..., 1]
 
 
@@ -99,33 +114,20 @@ def _of_all(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _maximised(
-    snapshots: np.ndarray,
-    positions: np.ndarray,
-    told: np.ndarray,
-    sines: np.ndarray,
-    limit: np.ndarray,
-    close: np.ndarray,
-) -> np.ndarray:
+def _maximised(snapshots: np.ndarray, sines: np.ndarray, search: Search) -> np.ndarray:
     """Sines (n, most, 2) after Levenberg and Marquardt's steps."""
     out = sines.copy()
     for i in range(len(sines)):
         known = np.flatnonzero(~np.isnan(sines[i, :, 0]))
         if known.size:
-            out[i][known] = _climbed(snapshots[i], positions, told, sines[i][known], limit, close)
+            out[i][known] = _climbed(snapshots[i], sines[i][known], search)
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _climbed(
-    snapshots: np.ndarray,
-    positions: np.ndarray,
-    told: np.ndarray,
-    sines: np.ndarray,
-    limit: np.ndarray,
-    close: np.ndarray,
-) -> np.ndarray:
+def _climbed(snapshots: np.ndarray, sines: np.ndarray, search: Search) -> np.ndarray:
     """Sines (k, 2) of the sources of one detection after the steps."""
+    positions, told, limit, close = search
     at, still = sines, np.zeros((len(sines), len(told)))
     at = _moved(at, still, told, limit)
     gradient, information, left = _slope(snapshots, positions, told, at)

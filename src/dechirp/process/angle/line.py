@@ -4,6 +4,7 @@ from abc import abstractmethod
 
 import numpy as np
 
+from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.process.angle import order, perturbation, subspace
 from dechirp.process.angle.aperture import Aperture
@@ -15,8 +16,10 @@ from dechirp.process.angle.covariance import Smoothing, Windows, fits, line_wind
 class LineEstimator(DirectionEstimator):
     """Finds phases per element of a uniform line; no grid, no search.
 
-    Of other arrays it takes the longest row or column of evenly spaced elements. A row tells
-    the azimuth of a target at elevation 0, a column the elevation of one at azimuth 0.
+    Of other arrays it takes the longest row or column of evenly spaced elements. A column tells
+    the elevation whatever the azimuth; a row tells the azimuth of a target at elevation 0, and
+    of one above or below its cone, arcsin(cos elevation sin azimuth), nearer to boresight. The
+    other angle is NaN, and a finding says so where the array would tell it.
     """
 
     smoothing: Smoothing = Smoothing()
@@ -31,6 +34,35 @@ class LineEstimator(DirectionEstimator):
     def over(self, aperture: Aperture) -> tuple[Windows, int]:
         """Windows on the line, and whether it tells azimuth (0) or elevation (1)."""
         return line_windows(aperture, self.smoothing, type(self).__name__)
+
+    def remarks(self, aperture: Aperture) -> list[Finding]:
+        """Also a warning where the array tells two angles, of which a line tells one."""
+        found = super().remarks(aperture)
+        if not all(aperture.tells):
+            return found
+        axis = self.over(aperture)[1]
+        if axis == 0:
+            field = aperture.field_of_view
+            high = field.elevation_rad
+            left = min(field.azimuth_rad, np.pi / 3)
+            short = np.degrees(left - np.arcsin(np.cos(high) * np.sin(left)))
+            costs = (
+                f"reads a row of the array, which takes elevations as 0, so azimuths come out"
+                f" nearer to boresight: at azimuth {np.degrees(left):.3g} and elevation"
+                f" {np.degrees(high):.3g} deg by {short:.2g} deg"
+            )
+        else:
+            costs = "reads a column of the array, which tells no azimuth"
+        return [
+            *found,
+            Finding(
+                level="warning",
+                setting="chain.angle.kind",
+                got=f"{self.kind()} {costs}",
+                need="a method for planes, where targets are not all at one height",
+                fix="Take fft, bartlett, capon, music or maximum-likelihood for both angles.",
+            ),
+        ]
 
     def angles(self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray) -> Angles:
         """Those of the likeliest turns within the field of view."""

@@ -100,11 +100,7 @@ class Monopulse(DirectionEstimator):
         return np.take_along_axis(azimuth, best, 1), np.take_along_axis(elevation, best, 1)
 
     def standard_errors(
-        self,
-        snapshots: np.ndarray,
-        aperture: Aperture,
-        noise_power: np.ndarray,
-        angles: Angles,
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray, angles: Angles
     ) -> np.ndarray:
         """Those of the phases, to first order, and through the arc sine those of the angles."""
         told = np.flatnonzero(aperture.tells)

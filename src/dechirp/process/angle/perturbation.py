@@ -55,6 +55,6 @@ def inverse_amplitudes(windows: Windows, snapshots: np.ndarray, steering: np.nda
     `steering` is (n, size, k), that of the first window.
     """
     n, n_looks, _ = snapshots.shape
-    inverse = np.linalg.pinv(steering)
-    seen = [inverse[rows] @ windows.data(snapshots[rows]) for rows in windows.blocks(n, n_looks)]
-    return np.swapaxes(np.linalg.pinv(np.concatenate(seen)), 1, 2)
+    inverse = np.linalg.pinv(steering).astype(snapshots.dtype)
+    seen = [windows.seen(inverse[i], snapshots[i]) for i in windows.blocks(n, n_looks)]
+    return np.swapaxes(np.linalg.pinv(np.concatenate(seen).astype(complex)), 1, 2)

@@ -27,17 +27,8 @@ def strongest(windows: Windows, snapshots: np.ndarray, k: int) -> tuple[np.ndarr
             x = x.astype(np.complex128)
         data = windows.real_data(x) if windows.backward else windows.data(x)
         values[rows], found = (_all if windows.size <= _ALL else _iterated)(data, k)
-        vectors[rows] = _complex(found) if windows.backward else found
+        vectors[rows] = windows.vectors_back(found) if windows.backward else found
     return values, vectors
-
-
-def _complex(vectors: np.ndarray) -> np.ndarray:
-    """Turn vectors back, (n, size, k), see `Windows.real_data`."""
-    size = vectors.shape[1]
-    half = size // 2
-    even, odd = vectors[:, :half], vectors[:, size - half :]
-    top = (even + 1j * odd) / 2**0.5
-    return np.concatenate([top, vectors[:, half : size - half], top[:, ::-1].conj()], axis=1)
 
 
 def _all(data: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:

@@ -78,6 +78,7 @@ class Ring:
         training, guard = self.n_training, self.n_guard
         return training.range, training.velocity, guard.range, guard.velocity
 
+    @lru_cache(maxsize=256)  # noqa: B019
     def offsets(self, place: int) -> np.ndarray:
         """Training cells from a cell under test in row `place` of the box, (n_training, 2).
 
@@ -271,6 +272,8 @@ class Cfar:
         if (self.n_training, self.n_guard) != (_USUAL_TRAINING, _USUAL_GUARD):
             return self
         room = {"range": (n_range - 1) // 2, "velocity": (n_velocity - 1) // 2}
+        if room["range"] >= self.ring.half_range and room["velocity"] >= self.ring.half_velocity:
+            return self
         guard, training = {}, {}
         for axis, half in room.items():
             most = getattr(self.n_guard, axis) + getattr(self.n_training, axis)

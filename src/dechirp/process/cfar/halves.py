@@ -6,13 +6,47 @@ the ends of the range, where the ring moves off the cell, it moves as well, so t
 stay about as large as each other.
 """
 
+from abc import abstractmethod
 from functools import lru_cache
+from typing import ClassVar
 
 import numba
 import numpy as np
 
-from dechirp.process.cfar.base import Ring
+from dechirp.core.values import value
+from dechirp.process.cfar.base import NoiseEstimator, Ring
 from dechirp.process.cfar.ring_means import column_sums, runs, slide
+
+
+@value
+class OfHalves(NoiseEstimator):
+    """Takes the mean of one of the two halves, whichever is chosen by its size."""
+
+    chosen: ClassVar[np.ufunc]
+    """Of two means, the one that is taken."""
+
+    @abstractmethod
+    def law(
+        self, false_alarm_probability: float, *, n_training: tuple[int, int], n_summed: int
+    ) -> float:
+        """Factor for independent cells, of halves of any size."""
+
+    def statistic(self, cells: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        """The chosen one of the means of both halves."""
+        return np.asarray(self.chosen(*mean_of_each(cells, offsets)))
+
+    def threshold(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
+        """The same about each cell, times the factor of its row."""
+        first, second = half_means(power, ring)
+        self.chosen(first, second, out=first)
+        return np.multiply(first, factors, out=first)
+
+    def independent_factor(
+        self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
+    ) -> float:
+        """Exact for halves of any size."""
+        sizes = sizes_of_each(offsets)
+        return self.law(false_alarm_probability, n_training=sizes, n_summed=n_channels)
 
 
 def halves(offsets: np.ndarray) -> np.ndarray:

@@ -36,8 +36,10 @@ def candidates(
     `n_cells`, N, and `n_low` are of the training cells of each row of the map, (range,).
     """
     highest = np.empty(power.shape[1], np.float32)
-    cut = _cut(power, n_low[power.shape[1] // 2] / n_cells[power.shape[1] // 2], sizes, highest)
-    means = ring_means(cut, np.ones(power.shape[1], np.float32), *sizes)
+    share = n_low[power.shape[1] // 2] / n_cells[power.shape[1] // 2]
+    means = ring_means(
+        _cut(power, share, sizes, highest), np.ones(power.shape[1], np.float32), *sizes
+    )
     # Sums are good to 5e-6; a bound that is too low by 1e-5 of them is one for certain.
     of_sum = (factors * n_cells / n_low * (1 - 1e-5)).astype(np.float32)
     of_level = (factors * (n_cells - n_low) / n_low * highest).astype(np.float32)
@@ -151,7 +153,26 @@ def kth_smallest(cells: np.ndarray, n: int, k: int) -> np.float32:
 
 
 def order_statistics(power: np.ndarray, sizes: Sizes, ranks: np.ndarray) -> np.ndarray:
-    """The ranks[j]-th smallest training cell of each cell in row j of the range."""
+    """The ranks[j]-th smallest training cell of each cell in row j of the range.
+
+    An eighth of the range at a time: the order of cells takes four times their memory.
+    """
+    n_r = power.shape[1]
+    half = sizes[0] + sizes[2]
+    width = 2 * half + 1
+    out = np.empty(power.shape, np.float32)
+    step = max(-(-n_r // 8), 2 * width)
+    for first in range(0, n_r, step):
+        last = min(first + step, n_r)
+        # With all cells of their boxes, at the ends of the range as in the whole map.
+        low = min(max(first - half, 0), n_r - width)
+        high = max(min(last + half, n_r), low + width)
+        found = _of_part(np.ascontiguousarray(power[:, low:high]), sizes, ranks[low:high])
+        out[:, first:last] = found[:, first - low : last - low]
+    return out
+
+
+def _of_part(power: np.ndarray, sizes: Sizes, ranks: np.ndarray) -> np.ndarray:
     order = np.argsort(power, axis=None).astype(np.int32)
     place = np.empty(power.shape, np.int32)
     place.ravel()[order] = np.arange(power.size, dtype=np.int32)

@@ -137,7 +137,8 @@ def _line(
         label = "truth" if number == 0 else None
         axes.axvline(np.sin(at), color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label=label)
     _sine_axis(axes.xaxis, sines)
-    axes.set(xlim=sines[[0, -1]], ylim=(_FLOOR_DB, 3))
+    beside = 0.0 if len(sines) > 1 else 0.01  # a field of view narrower than a beam is one point
+    axes.set(xlim=(sines[0] - beside, sines[-1] + beside), ylim=(_FLOOR_DB, 3))
     axes.set_ylabel("spectrum, dB below its highest point")
 
 

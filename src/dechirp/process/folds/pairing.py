@@ -7,7 +7,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import gammainccinv
 
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.process.ambiguity import Folds
+from dechirp.process.folds.ambiguity import Folds
 from dechirp.process.refine import Tones
 from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import frequency_variance

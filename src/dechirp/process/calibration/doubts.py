@@ -6,8 +6,8 @@ import numpy as np
 
 from dechirp.core.findings import Finding
 from dechirp.core.units import decibels
-from dechirp.process.element_errors import ElementErrors
-from dechirp.process.reflector import Reflector
+from dechirp.process.calibration.element_errors import ElementErrors
+from dechirp.process.calibration.reflector import Reflector
 from dechirp.radar.radar import Radar
 
 _WEAK = 100.0  # of signal over noise: 4 degrees

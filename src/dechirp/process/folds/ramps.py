@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import gammaincinv, logsumexp
 
-from dechirp.process.ambiguity import Folds, hypotheses
+from dechirp.process.folds.ambiguity import Folds, hypotheses
 from dechirp.process.virtual import turns
 from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import frequency_variance

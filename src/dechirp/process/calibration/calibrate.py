@@ -12,9 +12,9 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT, decibels
 from dechirp.core.values import value
-from dechirp.process.calibration_doubts import doubts, element_name
-from dechirp.process.element_errors import ElementErrors, element_errors
-from dechirp.process.reflector import reflector
+from dechirp.process.calibration.doubts import doubts, element_name
+from dechirp.process.calibration.element_errors import ElementErrors, element_errors
+from dechirp.process.calibration.reflector import reflector
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
 
@@ -83,10 +83,10 @@ def calibrate(
 
     Notes
     -----
-    `process.element_errors` says what cannot be told apart. The residual is what is left after
-    correction at the angles used; one angle in one frame has no surplus of numbers, so that
-    it is the noise alone. It is not the error at other angles: channels that differ from
-    angle to angle, by patterns and coupling, show where several angles were used.
+    `process.calibration.element_errors` says what cannot be told apart. The residual is what is
+    left after correction at the angles used; one angle in one frame has no surplus of numbers,
+    so that it is the noise alone. It is not the error at other angles: channels that differ
+    from angle to angle, by patterns and coupling, show where several angles were used.
     """
     _must_be_an_array(radar)
     placed = _placed(cubes, azimuth_rad, elevation_rad, range_m)

@@ -1,0 +1,172 @@
+"""Slow time: the phase of a range cell tells movements far smaller than the cell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import dechirp as dc
+from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.process.slow_time import (
+    by_frame,
+    displacement,
+    displacement_spectrum,
+    range_track,
+    slow_time,
+    strongest_line,
+)
+
+CHIRP = dc.Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=30e12,
+    adc_start_s=5e-6,
+    ramp_duration_s=60e-6,
+    sample_rate_hz=5e6,
+    n_samples=128,
+    sampling="complex",
+)
+RADAR = dc.Radar(
+    frame=dc.Frame(chirp=CHIRP, n_chirps=256, interval_s=1e-3),
+    array=dc.Array(tx_m=[(0, 0, 0)], rx_m=[(0, 0, 0), (0, 0.002, 0)]),
+)
+WAVELENGTH_M = SPEED_OF_LIGHT / CHIRP.mean_sampled_frequency_hz
+
+
+def times_s(radar=RADAR):
+    frame = radar.frame
+    return np.arange(frame.n_chirps) * frame.interval_s + frame.chirp.mid_window_s
+
+
+def cube_of(range_m, radar=RADAR, *, amplitude=1.0, noise=0.0, seed=0):
+    """The beat of a target at given ranges, (round,), in closed form, and white noise."""
+    chirp = radar.frame.chirp
+    n = np.arange(chirp.n_samples)
+    sent_hz = chirp.start_frequency_hz + chirp.slope_hz_per_s * (
+        chirp.adc_start_s + n / chirp.sample_rate_hz
+    )
+    phase = 4 * np.pi / SPEED_OF_LIGHT * np.multiply.outer(range_m, sent_hz)
+    rng = np.random.default_rng(seed)
+    shape = (len(range_m), radar.array.n_rx, chirp.n_samples)
+    if chirp.sampling == "complex":
+        wave = amplitude * np.exp(1j * phase)[:, None] * np.ones(shape)
+        drawn = rng.normal(size=(2, *shape)) * noise / np.sqrt(2)
+        samples = (wave + drawn[0] + 1j * drawn[1]).astype(np.complex64)
+    else:
+        wave = np.sqrt(2) * amplitude * np.cos(phase)[:, None] * np.ones(shape)
+        samples = (wave + rng.normal(size=shape) * noise).astype(np.float32)
+    return xr.DataArray(samples[None], dims=("frame", "chirp", "rx", "sample"))
+
+
+def shaking(amplitude_m, frequency_hz, middle_m=6.03):
+    return middle_m + amplitude_m * np.sin(2 * np.pi * frequency_hz * times_s())
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+def test_the_phase_tells_a_movement_of_micrometres(sampling):
+    radar = replace(RADAR, frame=replace(RADAR.frame, chirp=replace(CHIRP, sampling=sampling)))
+    range_m = shaking(5e-6, 30.0)
+    moved = displacement(slow_time(cube_of(range_m, radar), radar, 6.0), radar)
+    # 1e-8 m is 3e-5 rad: single precision, and the mirror image of real samples
+    np.testing.assert_allclose(moved.values[:, 0], range_m - range_m[0], atol=1e-8)
+    np.testing.assert_allclose(moved.time.values, times_s(), atol=1e-12)
+    assert moved.attrs["units"] == "m"
+
+
+def test_a_trace_has_the_amplitude_of_the_echo_and_moving_away_is_positive():
+    range_m = np.linspace(6.0, 6.05, 256)  # 0.2 mm a chirp, of 0.97 mm that may be
+    trace = slow_time(cube_of(range_m, amplitude=0.5), RADAR, range_m)
+    np.testing.assert_allclose(abs(trace.values), 0.5, rtol=1e-5)
+    moved = displacement(trace, RADAR)
+    np.testing.assert_allclose(moved.values[:, 1], range_m - range_m[0], atol=2e-7)
+
+
+def test_noise_moves_a_displacement_as_theory_says():
+    noise = 1.0
+    cube = cube_of(np.full(256, 6.0), noise=noise, seed=3)
+    moved = displacement(slow_time(cube, RADAR, 6.0), RADAR).values
+    snr = CHIRP.n_samples / (1.5 * noise**2)  # a Hann window costs 1.5
+    theory_m = WAVELENGTH_M / (4 * np.pi * np.sqrt(2 * snr))
+    measured_m = np.std(moved, axis=0)
+    # 256 values: 4.4 % standard error; five of them, and 1 % of the second order
+    np.testing.assert_allclose(measured_m, theory_m, rtol=0.23)
+
+
+def test_a_range_is_followed_across_cells_to_the_same_displacement():
+    range_m = 4.0 + 1.5e-4 * np.arange(256)  # 4 cm, a fifth of a cell of 0.195 m
+    cube = cube_of(range_m, noise=0.05, seed=4)
+    track = range_track(cube, RADAR, (3.0, 6.0))
+    # standard error of one chirp: c / 2S fs sqrt(6 / snr / N) / 2 pi is 3.4 mm at 26 dB, 2 rx
+    assert float(abs(track - range_m).max()) < 6 * 3.4e-3
+    moved = displacement(slow_time(cube, RADAR, track.values), RADAR)
+    fixed = displacement(slow_time(cube, RADAR, 4.02), RADAR)
+    np.testing.assert_allclose(moved.values, fixed.values, atol=6 * 2.2e-6)
+
+
+def test_a_line_is_measured_between_bins():
+    # 41.37 Hz: 10.59 bins of 3.9 Hz
+    moved = displacement(slow_time(cube_of(shaking(2e-6, 41.37)), RADAR, 6.0), RADAR)
+    line = strongest_line(displacement_spectrum(moved), (10.0, 400.0))
+    # the mirror image of the line at -41 Hz, 21 bins off, is 1e-4 of it under a Hann window
+    np.testing.assert_allclose(line.frequency.values, 41.37, atol=0.004)
+    np.testing.assert_allclose(line.amplitude.values, 2e-6, rtol=1e-3)
+    assert (line.floor < 0.01 * line.amplitude).all()
+
+
+def test_a_straight_movement_is_no_line():
+    range_m = 6.0 + 1e-3 * times_s()
+    spectrum = displacement_spectrum(
+        displacement(slow_time(cube_of(range_m), RADAR, 6.0), RADAR), window="rectangular"
+    )
+    assert float(spectrum.max()) < 1e-8
+
+
+def test_means_over_frames_have_a_value_a_frame_and_less_noise():
+    radar = replace(RADAR, frame=replace(RADAR.frame, n_chirps=16, period_s=0.1))
+    cubes = [cube_of(np.full(16, 6.0), radar, noise=1.0, seed=seed) for seed in range(64)]
+    cube = xr.concat(cubes, "frame")
+    each = slow_time(cube, radar, 6.0)
+    trace = by_frame(each)
+    assert trace.dims == ("time", "channel") and trace.sizes["time"] == 64
+    np.testing.assert_allclose(np.diff(trace.time.values), 0.1, rtol=1e-9)
+    first_s = float(trace.time[0])
+    assert first_s == pytest.approx(7.5 * 1e-3 + CHIRP.mid_window_s, abs=1e-12)
+    # the same sums in another order
+    np.testing.assert_allclose(
+        trace.values, each.values.reshape(64, 16, 2).mean(axis=1), rtol=1e-4, atol=1e-6
+    )
+    assert displacement_spectrum(displacement(trace, radar)).sizes["frequency"] == 33
+
+
+def test_steps_of_half_a_turn_are_told():
+    range_m = 6.0 + 0.24 * WAVELENGTH_M * np.arange(256)
+    with pytest.warns(dc.PhysicsWarning, match="three eighths of a turn in 100%"):
+        displacement(slow_time(cube_of(range_m), RADAR, range_m), RADAR)
+
+
+@pytest.mark.parametrize("range_m", [-1.0, 1e4, np.nan, [1.0, 2.0], np.ones((2, 2)), "far", None])
+def test_ranges_outside_the_rows_are_refused(range_m):
+    with pytest.raises(dc.InvalidSetting, match="range_m"):
+        slow_time(cube_of(np.full(256, 6.0)), RADAR, range_m)
+
+
+@pytest.mark.parametrize("range_m", [(5.0, 5.001), (7.0, 3.0), (1.0,), (np.nan, 3.0), "near"])
+def test_an_interval_without_rows_is_refused(range_m):
+    with pytest.raises(dc.InvalidSetting, match="range_m"):
+        range_track(cube_of(np.full(256, 6.0)), RADAR, range_m)
+
+
+def test_uneven_times_and_narrow_intervals_are_refused():
+    moved = displacement(slow_time(cube_of(shaking(2e-6, 40.0)), RADAR, 6.0), RADAR)
+    gaps = moved.isel(time=np.r_[0:100, 140:256])
+    with pytest.raises(dc.InvalidSetting, match="by_frame"):
+        displacement_spectrum(gaps)
+    with pytest.raises(dc.InvalidSetting, match="four or more"):
+        displacement_spectrum(moved.isel(time=slice(3)))
+    with pytest.raises(dc.InvalidSetting, match="frequency_hz"):
+        strongest_line(displacement_spectrum(moved), (40.0, 41.0))
+
+
+def test_the_cube_of_another_radar_is_refused():
+    with pytest.raises(dc.InvalidSetting, match="cube"):
+        slow_time(cube_of(np.full(256, 6.0)).isel(rx=[0]), RADAR, 6.0)
