@@ -79,6 +79,10 @@ if TYPE_CHECKING:
     from dechirp.process.cfar.trimmed_mean import TrimmedMean
     from dechirp.process.cfar.two_step import TwoStep
     from dechirp.process.chain import Chain, detect, power_map, threshold_map
+    from dechirp.process.fixed_point.agreement import agreement, agreement_over_bits
+    from dechirp.process.fixed_point.chain import fixed_point_map
+    from dechirp.process.fixed_point.noise import ratios_over_bits
+    from dechirp.process.fixed_point.words import WordLengths
     from dechirp.process.slow_time import (
         by_frame,
         displacement,
@@ -128,6 +132,7 @@ if TYPE_CHECKING:
     from dechirp.scene.target import Target
     from dechirp.scene.truth import truth
     from dechirp.scene.waypoints import Waypoint
+    from dechirp.store.hex_vectors import read_vectors, read_words, write_vectors
 
 _WHERE = {
     "core.errors": "DechirpError InvalidFile InvalidSetting NotEnoughMemory RecordingError",
@@ -188,6 +193,10 @@ _WHERE = {
     "process.cfar.trimmed_mean": "TrimmedMean",
     "process.cfar.two_step": "TwoStep",
     "process.chain": "Chain detect power_map threshold_map",
+    "process.fixed_point.agreement": "agreement agreement_over_bits",
+    "process.fixed_point.chain": "fixed_point_map",
+    "process.fixed_point.noise": "ratios_over_bits",
+    "process.fixed_point.words": "WordLengths",
     "process.slow_time": "by_frame displacement displacement_spectrum range_track slow_time"
     " strongest_line",
     "process.spectrogram": "spectrogram",
@@ -231,6 +240,7 @@ _WHERE = {
     "scene.target": "Target",
     "scene.truth": "truth",
     "scene.waypoints": "Waypoint",
+    "store.hex_vectors": "read_vectors read_words write_vectors",
 }
 _MODULE = {name: module for module, names in _WHERE.items() for name in names.split()}
 
@@ -338,6 +348,9 @@ __all__ = [
     "Wall",
     "Waypoint",
     "WhiteNoise",
+    "WordLengths",
+    "agreement",
+    "agreement_over_bits",
     "angle_spectrum",
     "by_frame",
     "calibrate",
@@ -347,6 +360,7 @@ __all__ = [
     "device",
     "displacement",
     "displacement_spectrum",
+    "fixed_point_map",
     "inspect",
     "load",
     "open",
@@ -354,6 +368,9 @@ __all__ = [
     "power_map",
     "range_azimuth_map",
     "range_track",
+    "ratios_over_bits",
+    "read_vectors",
+    "read_words",
     "reference",
     "run",
     "simulate",
@@ -364,6 +381,7 @@ __all__ = [
     "ti_cfg_text",
     "truth",
     "verify",
+    "write_vectors",
 ]
 
 

@@ -70,7 +70,9 @@ def test_the_python_that_is_shown_runs(monkeypatch):
     assert names["spectrum"].dims == ("elevation", "azimuth")
 
 
-@pytest.mark.parametrize("page", ["angles.md", "scenes.md", "recordings.md"])
+@pytest.mark.parametrize(
+    "page", ["angles.md", "fixed-point.md", "scenes.md", "slow-time.md", "recordings.md"]
+)
 def test_links_between_pages_lead_somewhere(page):
     text = (DOCS / page).read_text(encoding="utf-8")
     for name, section in re.findall(r"\]\(([\w./-]+)(?:#([\w-]+))?\)", text):

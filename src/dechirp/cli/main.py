@@ -138,6 +138,11 @@ def _app() -> App:
         help="Measure gains and places of an array's elements with a reflector at known angles.",
     )
     app.command(
+        "dechirp.cli.fixed_point:fixed_point",
+        name="fixed-point",
+        help="Take one frame through the chain in words of given lengths; write test vectors.",
+    )
+    app.command(
         "dechirp.cli.list:list_members",
         name="list",
         help="List what settings choose by kind: detectors, impairments, formats.",

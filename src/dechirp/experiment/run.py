@@ -7,6 +7,7 @@ from time import perf_counter
 
 import xarray as xr
 
+from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.values import value
 from dechirp.echoes.echo import simulate
@@ -138,6 +139,30 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
             "process": finished - opened,
         },
     )
+
+
+def one_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar]:
+    """Samples of one frame, (chirp, rx, sample), and the radar as it was in it.
+
+    Raises
+    ------
+    InvalidSetting
+        If there is no frame of that number.
+    DechirpError
+        If a setting cannot work, the recording cannot be read, or memory would not hold it.
+    """
+    source, radar, _ = _source(scenario, lambda done, of: None)
+    numbers = _numbers(source)
+    if number not in numbers:
+        raise InvalidSetting(
+            "frame",
+            got=number,
+            need=f"a frame from {numbers.start} to {numbers.stop - 1}",
+            fix="Frames count from 0; n_frames says how many are simulated.",
+        )
+    frames = _one_by_one(source)
+    chosen = next(one for here, one in zip(numbers, frames, strict=True) if here == number)
+    return chosen.isel(frame=0), radar.at(number)
 
 
 def _fewer_cells(usual: Cfar, taken: Cfar) -> tuple[Finding, ...]:

@@ -1,0 +1,129 @@
+"""Test vectors on disk: every word of the chain comes back, and only what was written."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.process.fixed_point.chain import blocks, fixed_point_map
+from dechirp.process.fixed_point.samples import whole_samples
+from dechirp.process.fixed_point.tables import tables
+from dechirp.process.fixed_point.words import WordLengths
+from dechirp.store.hex_vectors import FILES, check_out, read_vectors, read_words, write_vectors
+
+WORDS = WordLengths(range_bits=18, doppler_bits=14, twiddle_bits=17, scaling="none")
+
+
+def small(radar: dc.Radar, sampling: str) -> dc.Radar:
+    chirp = replace(radar.frame.chirp, n_samples=48, sampling=sampling)
+    return replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=16))
+
+
+CHAIN = dc.Chain(n_range_bins=64)
+SCENE = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(5, 0, 0))])
+
+
+def frame_of(radar: dc.Radar):
+    return dc.simulate(SCENE, radar, seed=1).isel(frame=0)
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+@pytest.mark.parametrize("words", [WORDS, WordLengths()], ids=["overflowing", "default"])
+def test_every_word_comes_back(tmp_path, radar, sampling, words):
+    radar = small(radar, sampling)
+    frame = frame_of(radar)
+
+    written = write_vectors(tmp_path / "v", frame, radar, CHAIN, words)
+    found = read_vectors(tmp_path / "v")
+
+    plan = tables(radar, CHAIN.fitted(radar), words)
+    for block in blocks(whole_samples(frame, radar, words)[0], radar, plan):
+        assert np.array_equal(found.pop(block.name), block.integers), block.name
+    for name, table in (
+        ("range_weights", plan.range_window),
+        ("doppler_weights", plan.doppler_window),
+        ("range_twiddles", plan.range_twiddles),
+        ("doppler_twiddles", plan.doppler_twiddles),
+        ("logarithms", plan.logarithms),
+        ("factors", plan.factors),
+    ):
+        assert np.array_equal(found.pop(name), table), name
+    assert not found
+    assert {path.name for path in (tmp_path / "v").iterdir()} == set(written) <= set(FILES)
+
+
+def test_the_last_vectors_are_what_the_map_has(tmp_path, radar):
+    radar = small(radar, "complex")
+    write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN)
+    found, expected = read_vectors(tmp_path / "v"), fixed_point_map(frame_of(radar), radar, CHAIN)
+
+    for name in ("power", "log_power", "threshold", "detected"):
+        assert np.array_equal(found[name], expected[name].values)
+
+
+def test_words_are_twos_complement_with_as_many_digits_as_their_bits_need(tmp_path, radar):
+    radar = small(radar, "complex")
+    write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN, WORDS)
+    about = json.loads((tmp_path / "v" / "vectors.json").read_text())
+
+    first = read_vectors(tmp_path / "v")["range_fft"][0, 0, :, 1]
+    lines = (tmp_path / "v" / "range_fft_q.hex").read_text().splitlines()
+    assert first.min() < 0
+    assert lines[:64] == [f"{int(x) & 0x3FFFF:05x}" for x in first]
+    entry = next(one for one in about["vectors"] if one["name"] == "range_fft")
+    assert (entry["bits"], entry["shape"]) == (18, [16, 2, 64])
+    assert sum(entry["overflows"]) > 0
+
+
+def test_vectors_that_were_changed_or_lost_are_refused(tmp_path, radar):
+    radar = small(radar, "complex")
+    folder = tmp_path / "v"
+    write_vectors(folder, frame_of(radar), radar, CHAIN)
+    lines = (folder / "power.hex").read_text().splitlines(keepends=True)
+
+    (folder / "power.hex").write_text("".join(["0" * 11 + "7\n", *lines[1:]]))
+    with pytest.raises(RecordingError, match="SHA-256"):
+        read_vectors(folder)
+    (folder / "power.hex").write_text("xxxxxxxxxxxx\n" + "".join(lines[1:]))
+    with pytest.raises(RecordingError, match=r"power.hex.*never wrote"):
+        read_vectors(folder)
+    (folder / "power.hex").unlink()
+    with pytest.raises(RecordingError, match="No such file"):
+        read_vectors(folder)
+    (folder / "vectors.json").write_text("[]")
+    with pytest.raises(RecordingError, match="folder of vectors"):
+        read_vectors(folder)
+    (folder / "vectors.json").write_text('{"format_version": 9, "vectors": []}')
+    with pytest.raises(RecordingError, match="version 9"):
+        read_vectors(folder)
+
+
+def test_words_of_a_simulator_are_read_and_too_long_ones_refused(tmp_path):
+    path = tmp_path / "out.hex"
+    path.write_text("// 0x00000000\n7f\n80\nff\n")
+
+    assert read_words(path, bits=8, signed=True).tolist() == [127, -128, -1]
+    assert read_words(path, bits=8, signed=False).tolist() == [127, 128, 255]
+    with pytest.raises(RecordingError, match="a word of 8 bits"):
+        read_words(path, bits=7, signed=False)
+
+
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path, radar):
+    radar = small(radar, "complex")
+    (tmp_path / "own.txt").write_text("mine")
+    with pytest.raises(DechirpError, match=r"own\.txt"):
+        write_vectors(tmp_path, frame_of(radar), radar, CHAIN)
+    assert [path.name for path in tmp_path.iterdir()] == ["own.txt"]
+
+    write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN)
+    check_out(tmp_path / "v")
+    write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN)
+
+
+def test_a_frame_that_is_refused_leaves_no_folder(tmp_path, radar):
+    with pytest.raises(dc.InvalidSetting, match="set n_range_bins to 64"):
+        write_vectors(tmp_path / "v", frame_of(small(radar, "complex")), small(radar, "complex"))
+    assert not (tmp_path / "v").exists()
