@@ -53,12 +53,18 @@ if TYPE_CHECKING:
     from dechirp.echoes.impairments.typical_77ghz import Typical77Ghz
     from dechirp.echoes.impairments.wall import Wall
     from dechirp.echoes.impairments.white_noise import WhiteNoise
+    from dechirp.evaluate.gospa import gospa
+    from dechirp.evaluate.identity import identities
+    from dechirp.evaluate.nees import mean_nees_interval, nees
+    from dechirp.evaluate.ospa import ospa_m
     from dechirp.experiment.inspection import Inspection, inspect
     from dechirp.experiment.run import Result, run
     from dechirp.experiment.scenario import Scenario, Source, load, reference
     from dechirp.experiment.verify.certificate import Certificate, verify
     from dechirp.formats.recording import Recording, open
     from dechirp.formats.settings.write_ti_cfg import ti_cfg_text
+    from dechirp.objects.files import read_objects, write_objects
+    from dechirp.objects.object_list import object_list
     from dechirp.process.angle.aperture import FieldOfView
     from dechirp.process.angle.bartlett import Bartlett
     from dechirp.process.angle.capon import Capon
@@ -78,11 +84,19 @@ if TYPE_CHECKING:
     from dechirp.process.cfar.smallest_of import SmallestOf
     from dechirp.process.cfar.trimmed_mean import TrimmedMean
     from dechirp.process.cfar.two_step import TwoStep
-    from dechirp.process.chain import Chain, detect, power_map, threshold_map
+    from dechirp.process.chain import Chain
+    from dechirp.process.cluster import Dbscan, Reach, cluster
+    from dechirp.process.detect import detect
     from dechirp.process.fixed_point.agreement import agreement, agreement_over_bits
     from dechirp.process.fixed_point.chain import fixed_point_map
     from dechirp.process.fixed_point.noise import ratios_over_bits
     from dechirp.process.fixed_point.words import WordLengths
+    from dechirp.process.maps import power_map, threshold_map
+    from dechirp.process.mitigation.interference_autoregression import InterferenceAutoregression
+    from dechirp.process.mitigation.interference_zeroing import InterferenceZeroing
+    from dechirp.process.mitigation.leakage_subtraction import LeakageSubtraction
+    from dechirp.process.mitigation.mean_subtraction import MeanSubtraction
+    from dechirp.process.mitigation.moving_target_indication import MovingTargetIndication
     from dechirp.process.slow_time import (
         by_frame,
         displacement,
@@ -133,6 +147,12 @@ if TYPE_CHECKING:
     from dechirp.scene.truth import truth
     from dechirp.scene.waypoints import Waypoint
     from dechirp.store.hex_vectors import read_vectors, read_words, write_vectors
+    from dechirp.tracking.ego import EgoMotion, ego_motion, labelled
+    from dechirp.tracking.false_alarms import FalseAlarms
+    from dechirp.tracking.live import LiveTracker
+    from dechirp.tracking.mounting import mounting
+    from dechirp.tracking.tracker import Tracker
+    from dechirp.tracking.tracks import track
 
 _WHERE = {
     "core.errors": "DechirpError InvalidFile InvalidSetting NotEnoughMemory RecordingError",
@@ -167,12 +187,18 @@ _WHERE = {
     "echoes.impairments.typical_77ghz": "Typical77Ghz",
     "echoes.impairments.wall": "Wall",
     "echoes.impairments.white_noise": "WhiteNoise",
+    "evaluate.gospa": "gospa",
+    "evaluate.identity": "identities",
+    "evaluate.nees": "mean_nees_interval nees",
+    "evaluate.ospa": "ospa_m",
     "experiment.inspection": "Inspection inspect",
     "experiment.run": "Result run",
     "experiment.scenario": "Scenario Source load reference",
     "experiment.verify.certificate": "Certificate verify",
     "formats.recording": "Recording open",
     "formats.settings.write_ti_cfg": "ti_cfg_text",
+    "objects.files": "read_objects write_objects",
+    "objects.object_list": "object_list",
     "process.angle.aperture": "FieldOfView",
     "process.angle.bartlett": "Bartlett",
     "process.angle.capon": "Capon",
@@ -192,11 +218,19 @@ _WHERE = {
     "process.cfar.smallest_of": "SmallestOf",
     "process.cfar.trimmed_mean": "TrimmedMean",
     "process.cfar.two_step": "TwoStep",
-    "process.chain": "Chain detect power_map threshold_map",
+    "process.chain": "Chain",
+    "process.cluster": "Dbscan Reach cluster",
+    "process.detect": "detect",
     "process.fixed_point.agreement": "agreement agreement_over_bits",
     "process.fixed_point.chain": "fixed_point_map",
     "process.fixed_point.noise": "ratios_over_bits",
     "process.fixed_point.words": "WordLengths",
+    "process.maps": "power_map threshold_map",
+    "process.mitigation.interference_autoregression": "InterferenceAutoregression",
+    "process.mitigation.interference_zeroing": "InterferenceZeroing",
+    "process.mitigation.leakage_subtraction": "LeakageSubtraction",
+    "process.mitigation.mean_subtraction": "MeanSubtraction",
+    "process.mitigation.moving_target_indication": "MovingTargetIndication",
     "process.slow_time": "by_frame displacement displacement_spectrum range_track slow_time"
     " strongest_line",
     "process.spectrogram": "spectrogram",
@@ -241,6 +275,12 @@ _WHERE = {
     "scene.truth": "truth",
     "scene.waypoints": "Waypoint",
     "store.hex_vectors": "read_vectors read_words write_vectors",
+    "tracking.ego": "EgoMotion ego_motion labelled",
+    "tracking.false_alarms": "FalseAlarms",
+    "tracking.live": "LiveTracker",
+    "tracking.mounting": "mounting",
+    "tracking.tracker": "Tracker",
+    "tracking.tracks": "track",
 }
 _MODULE = {name: module for module, names in _WHERE.items() for name in names.split()}
 
@@ -265,14 +305,17 @@ __all__ = [
     "CornerReflector",
     "CosinePattern",
     "Coupling",
+    "Dbscan",
     "DcOffset",
     "Ddma",
     "DechirpError",
     "Design",
     "Device",
     "Ego",
+    "EgoMotion",
     "Engine",
     "Esprit",
+    "FalseAlarms",
     "Fft",
     "FieldOfView",
     "Finding",
@@ -288,6 +331,8 @@ __all__ = [
     "IfFilter",
     "Inspection",
     "Interference",
+    "InterferenceAutoregression",
+    "InterferenceZeroing",
     "Interferer",
     "InvalidFile",
     "InvalidSetting",
@@ -295,10 +340,14 @@ __all__ = [
     "IterativeAdaptive",
     "Jitter",
     "Leakage",
+    "LeakageSubtraction",
+    "LiveTracker",
     "MaximumLikelihood",
+    "MeanSubtraction",
     "Mesh",
     "Mismatch",
     "Monopulse",
+    "MovingTargetIndication",
     "Music",
     "NotEnoughMemory",
     "OrderedStatistic",
@@ -320,6 +369,7 @@ __all__ = [
     "RainBackscatter",
     "Rays",
     "RcsTable",
+    "Reach",
     "Recording",
     "RecordingError",
     "Requirements",
@@ -339,6 +389,7 @@ __all__ = [
     "Target",
     "Tdm",
     "ThermalNoise",
+    "Tracker",
     "Triangular",
     "TrimmedMean",
     "Truck",
@@ -354,21 +405,32 @@ __all__ = [
     "angle_spectrum",
     "by_frame",
     "calibrate",
+    "cluster",
     "codes",
     "design",
     "detect",
     "device",
     "displacement",
     "displacement_spectrum",
+    "ego_motion",
     "fixed_point_map",
+    "gospa",
+    "identities",
     "inspect",
+    "labelled",
     "load",
+    "mean_nees_interval",
+    "mounting",
+    "nees",
+    "object_list",
     "open",
+    "ospa_m",
     "plan",
     "power_map",
     "range_azimuth_map",
     "range_track",
     "ratios_over_bits",
+    "read_objects",
     "read_vectors",
     "read_words",
     "reference",
@@ -379,8 +441,10 @@ __all__ = [
     "strongest_line",
     "threshold_map",
     "ti_cfg_text",
+    "track",
     "truth",
     "verify",
+    "write_objects",
     "write_vectors",
 ]
 

@@ -28,8 +28,7 @@ def write(path, cube, radar):
         (cube.isel(frame=slice(i, i + 1)) for i in range(cube.sizes["frame"])),
         n_frames=cube.sizes["frame"],
         radar=radar,
-        detections=xr.Dataset(),
-        truth=None,
+        groups={"detections": xr.Dataset()},
     )
 
 

@@ -16,7 +16,8 @@ from dechirp.experiment.run import run
 from dechirp.experiment.scenario import Scenario
 from dechirp.process.cfar.base import Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain, power_map
+from dechirp.process.chain import Chain
+from dechirp.process.maps import power_map
 from dechirp.radar.array import Array
 from dechirp.radar.budget import received_power_w
 from dechirp.radar.chirp import Chirp

@@ -16,6 +16,7 @@ from dechirp.formats.base import Fit, Format
 from dechirp.process.angle.aperture import Aperture
 from dechirp.process.angle.base import DirectionEstimator
 from dechirp.process.cfar.base import NoiseEstimator
+from dechirp.process.mitigation.base import Mitigation
 from dechirp.radar.modulations.base import Modulation
 from dechirp.radar.multiplexing.base import Multiplexing
 from dechirp.radar.patterns.base import Pattern
@@ -27,6 +28,7 @@ from noise import noise_cube
 FAMILIES = [
     NoiseEstimator,
     DirectionEstimator,
+    Mitigation,
     Impairment,
     Format,
     Modulation,
@@ -36,6 +38,7 @@ FAMILIES = [
 ]
 # Of three transmitters; the phases turn the second and the third by thirds of a circle.
 GIVEN = {
+    "max_range_m": 3.0,
     "rate_m_per_s": 7e-6,
     "water_kg_per_m3": 5e-4,
     "rms_s": 1e-10,

@@ -147,6 +147,20 @@ def test_turns_are_the_roots_of_the_null_spectrum_nearest_to_the_unit_circle(siz
         assert apart.max() < 1e-8
 
 
+def test_roots_in_the_middle_do_not_end_the_others():
+    # A subspace of few elements: most coefficients are 0, and as many roots meet in the middle.
+    rng = np.random.default_rng(712)
+    for size in range(2, 14):
+        for n_heard in range(1, size):
+            basis = np.zeros((20, size, 1), complex)
+            heard = [rng.choice(size, n_heard, replace=False) for _ in basis]
+            for one, rows in zip(basis, heard, strict=True):
+                one[rows, 0] = rng.normal(size=n_heard) + 1j * rng.normal(size=n_heard)
+            basis /= np.linalg.norm(basis, axis=1, keepdims=True)
+            found = RootMusic().turns(basis)
+            assert np.isfinite(found).all() and (np.abs(found) < 1).all()
+
+
 @pytest.mark.parametrize("member", ALL)
 def test_elements_at_one_place_are_averaged_and_their_noise_counts_so(member):
     # Of two transmitters with five receivers each, three elements coincide.

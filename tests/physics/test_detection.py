@@ -296,3 +296,11 @@ def test_cells_that_were_set_are_kept_and_default_ones_become_fewer(radar):
     )
     own = replace(default, n_training=dc.Cells(range=10, velocity=9))
     assert dc.Chain(cfar=own).fitted(short).cfar == own
+
+
+def test_what_is_no_cube_or_has_no_frames_is_refused(radar):
+    cube = dc.simulate(dc.Scene(), radar, seed=8)
+    with pytest.raises(dc.InvalidSetting, match="cube is of the kind ndarray"):
+        dc.detect(cube.values, radar)
+    with pytest.raises(dc.InvalidSetting, match="cube is without frames"):
+        dc.detect(cube.isel(frame=slice(0, 0)), radar)

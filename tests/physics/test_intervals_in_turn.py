@@ -222,6 +222,23 @@ def test_directions_are_those_of_the_fold_that_frames_agree_on(radar, how, veloc
     assert np.all(abs(found.range - truth.range.values) < 6 * found.range_std + 2e-4)
 
 
+@pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+@pytest.mark.parametrize("how", SHARED)
+def test_one_frame_tells_what_it_would_of_a_radar_with_its_interval_alone(radar, how):
+    """Three transmitters in turn tell one fold, two ramps another: 12 m/s, left of boresight."""
+    radar = row_in_turn(radar, **SHARED[how])
+    azimuth = np.radians(20)
+    towards = np.array([np.cos(azimuth), np.sin(azimuth), 0])
+    target = dc.Target(
+        position_m=tuple(20 * towards), velocity_m_per_s=tuple(12 * towards), rcs_m2=10
+    )
+    cube = dc.simulate(dc.Scene(targets=[target]), radar, n_frames=1, seed=1)
+    found = dc.detect(cube, radar)
+    assert found.identical(dc.detect(cube, radar.at(0)))
+    assert abs(found.azimuth.item() - azimuth) < 6 * found.azimuth_std.item() + np.radians(0.05)
+    assert abs(found.velocity.item() - 12) < 6 * found.velocity_std.item()
+
+
 @pytest.mark.parametrize(
     ("how", "n_frames", "velocity", "level", "says"),
     [

@@ -156,6 +156,49 @@ def test_an_interval_without_rows_is_refused(range_m):
         range_track(cube_of(np.full(256, 6.0)), RADAR, range_m)
 
 
+def test_a_walk_of_many_turns_is_told_to_micrometres():
+    range_m = 1.0 + np.linspace(0, 20, 60_000)  # 10,300 turns, 0.33 mm from value to value
+    turned = np.exp(4j * np.pi / WAVELENGTH_M * range_m).astype(np.complex64)
+    trace = xr.DataArray(turned, dims="time", coords={"time": 1e-3 * np.arange(60_000)})
+    moved = displacement(trace, RADAR)
+    # single precision of the samples: 1e-7 rad of 0.15 mm each
+    np.testing.assert_allclose(moved.values, range_m - range_m[0], atol=1e-9)
+
+
+def test_a_line_keeps_its_frequency_in_a_part_of_the_spectrum():
+    moved = displacement(slow_time(cube_of(shaking(2e-6, 41.37)), RADAR, 6.0), RADAR)
+    spectrum = displacement_spectrum(moved)
+    part = strongest_line(spectrum.sel(frequency=slice(20, 200)), (25.0, 100.0))
+    xr.testing.assert_allclose(part, strongest_line(spectrum, (25.0, 100.0)))
+
+
+def test_a_line_beyond_the_interval_is_not_taken_for_one_in_it():
+    """It has 2 um at 41.37 Hz, and tenths of that still in the bins above 43 Hz."""
+    moved = displacement(slow_time(cube_of(shaking(2e-6, 41.37)), RADAR, 6.0), RADAR)
+    spectrum = displacement_spectrum(moved)
+    # The lobes of a Hann window fall by 18 dB an octave: 3e-3 from five bins off.
+    beyond = strongest_line(spectrum, (43.0, 200.0))
+    assert (beyond.amplitude < 1e-2 * 2e-6).all()
+    flank = strongest_line(spectrum, (43.0, 56.0))
+    assert np.isnan(flank.frequency).all() and np.isnan(flank.amplitude).all()
+
+
+def test_what_another_step_returns_is_refused():
+    trace = slow_time(cube_of(shaking(2e-6, 40.0)), RADAR, 6.0)
+    moved = displacement(trace, RADAR)
+    with pytest.raises(
+        dc.InvalidSetting, match="trace is of .* must be a trace over time, complex"
+    ):
+        displacement(moved, RADAR)
+    with pytest.raises(dc.InvalidSetting, match="what slow_time or by_frame returns"):
+        displacement(trace.isel(time=0), RADAR)
+    with pytest.raises(dc.InvalidSetting, match="what displacement returns"):
+        displacement_spectrum(trace)
+    mean = displacement_spectrum(moved).mean("channel", keep_attrs=False)
+    with pytest.raises(dc.InvalidSetting, match="keep_attrs"):
+        strongest_line(mean, (10.0, 400.0))
+
+
 def test_uneven_times_and_narrow_intervals_are_refused():
     moved = displacement(slow_time(cube_of(shaking(2e-6, 40.0)), RADAR, 6.0), RADAR)
     gaps = moved.isel(time=np.r_[0:100, 140:256])

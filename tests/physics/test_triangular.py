@@ -212,6 +212,24 @@ def test_noise_has_no_partner(radar):
     assert len(paired(up, lost, radar.frame).doppler_hz) == 0
 
 
+@pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+def test_what_only_the_rising_ramps_hear_leaves_the_others_paired(radar):
+    radar = triangles(radar)
+    both = [ahead(20, 6.0), ahead(45, -33.0, 10.0)]
+    cube = dc.simulate(dc.Scene(targets=both), radar, seed=3)
+    more = dc.simulate(dc.Scene(targets=[*both, ahead(32, 12.0, 10.0)]), radar, seed=3)
+    cube[:, ::2] = more[:, ::2]  # of every two chirps the first one rises
+    found = dc.detect(cube, radar)
+    truth = dc.truth(dc.Scene(targets=both), radar).isel(frame=0)
+
+    order = np.argsort(found.range.values)
+    assert found.sizes["detection"] == 2
+    for name in ("range", "velocity"):
+        off = abs(found[name].values[order] - truth[name].values)
+        # Five standard errors, and the way to the second receiver.
+        assert np.all(off < 5 * found[f"{name}_std"].values[order] + 1e-4)
+
+
 def test_what_does_not_know_of_falling_ramps_is_refused(radar):
     radar = triangles(radar, n_chirps=4)
     scene = dc.Scene(targets=[ahead(20, 0)])

@@ -13,7 +13,8 @@ from dechirp.process.angle.fft import Fft
 from dechirp.process.calibration.calibrate import calibrate
 from dechirp.process.cfar.base import Cells, Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain, detect
+from dechirp.process.chain import Chain
+from dechirp.process.detect import detect
 from dechirp.radar.array import Array
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.known import device

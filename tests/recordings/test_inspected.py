@@ -13,7 +13,7 @@ from recordings.opened import RECORDINGS, opened
 # spectrum of the turntable is its own mirror image: one mixer, with phases calibrated.
 WRONG = {
     "20180613-190347.bin": {"iq", "recording.interference"},
-    "20181128-214451.bin": {"recording.interference"},
+    "20181128-214451.bin": {"recording.interference", "recording.ghost"},
     "giulioCammina.json": {"recording.iq_image"},
     **{key: {"recording.iq"} for key in RECORDINGS["mimo12_known_angles_mat"]},
 }

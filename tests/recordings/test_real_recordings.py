@@ -16,7 +16,8 @@ from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.process.cfar.base import Cells, Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain, detect
+from dechirp.process.chain import Chain
+from dechirp.process.detect import detect
 
 OPENRADAR = Path(__file__).parents[2] / "examples" / "radar.yaml"
 

@@ -23,7 +23,9 @@ from dechirp.process.angle.fft import Fft
 from dechirp.process.angle.music import Music
 from dechirp.process.cfar.base import Cells, Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain, detect, power_map
+from dechirp.process.chain import Chain
+from dechirp.process.detect import detect
+from dechirp.process.maps import power_map
 from recordings.directions import of_reflectors, on_the_turntable
 from recordings.opened import KTH, RECORDINGS, opened
 from recordings.slow_movements import (

@@ -21,9 +21,14 @@ def document(
         "radar": radar_document(result.radar),
         "frames": result.n_frames,
         "detections": records(result.detections),
-        "clusters": None,
-        "tracks": None,
-        "truth": None if result.truth is None else records(result.truth),
+        **{
+            name: None if table is None else records(table)
+            for name, table in (
+                ("clusters", result.clusters),
+                ("tracks", result.tracks),
+                ("truth", result.truth),
+            )
+        },
         "findings": [plain(finding) for finding in result.findings],
         "timing_s": timing_s,
         "files": {name: str(path) for name, path in files.items()},

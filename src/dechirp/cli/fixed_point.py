@@ -51,11 +51,11 @@ def fixed_point(
     from dechirp.config import files
     from dechirp.core.errors import DechirpError
     from dechirp.experiment.run import one_frame
-    from dechirp.process.chain import power_map, threshold_map
     from dechirp.process.fixed_point.agreement import agreement
     from dechirp.process.fixed_point.chain import fixed_point_map
     from dechirp.process.fixed_point.tables import padded
     from dechirp.process.fixed_point.words import WordLengths
+    from dechirp.process.maps import power_map, threshold_map
     from dechirp.store.hex_vectors import check_out, write_vectors
     from dechirp.store.tables import json_text
 

@@ -1,5 +1,7 @@
 """`dechirp run`: a scenario or a recording in, detections and a report out."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +19,7 @@ def run(
     /,
     *,
     out: Path = Path("dechirp-run"),
+    objects: list[Path] | None = None,
     as_json: Json = False,
     quiet: Quiet = False,
     seed: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
@@ -31,6 +34,9 @@ def run(
         Scenario (YAML), or recording (file or folder); the reference scenario without it.
     out
         Folder for the results. Earlier results in it are replaced as a whole.
+    objects
+        File for the object list, tracks if there are any, else clusters or detections: .blf, .asc,
+        .log (CAN FD), .osi, .pcd, .ply, .csv or .parquet; may be repeated.
     seed
         Seed of the noise, in place of the scenario's.
     changes
@@ -39,9 +45,12 @@ def run(
     from dechirp.cli.show import progress
     from dechirp.cli.sources import scenario_of
     from dechirp.experiment.run import run as run_scenario
+    from dechirp.objects.files import check_path
     from dechirp.store.results import check_out
 
     check_out(out)
+    for file in objects or ():
+        check_path(file)
     scenario = scenario_of(
         source,
         changes=changes or [],
@@ -52,12 +61,27 @@ def run(
     )
     with progress("steps", quiet=quiet) as report:
         result = run_scenario(scenario, progress=report)
+    if objects:
+        result = _tell_others(result, objects)
     document = _write(result, source=source, out=out)
     if as_json:
         print(document, end="")
     elif not quiet:
         _show(result, out)
     return 0
+
+
+def _tell_others(result: "Result", files: Sequence[Path]) -> "Result":
+    """Write the object list to each file; the result with what was said of it."""
+    from dechirp.core.findings import heard
+    from dechirp.experiment.run import object_list_of
+    from dechirp.objects.files import write_objects
+
+    with heard() as said:
+        made = object_list_of(result)
+        for file in files:
+            write_objects(made, file)
+    return replace(result, findings=(*result.findings, *said))
 
 
 def _write(result: "Result", *, source: Path | None, out: Path) -> str:
@@ -73,7 +97,10 @@ def _write(result: "Result", *, source: Path | None, out: Path) -> str:
     yaml = dump(result.scenario, without=() if simulated else ("n_frames", "impairments"))
     page = render(result, yaml=yaml)
     timing_s = {**result.timing_s, "report": perf_counter() - started}
-    made = document(result, source=source, files=files_in(out), timing_s=timing_s)
+    others = {"ego": result.ego, "clusters": result.clusters, "tracks": result.tracks}
+    there = {name: table for name, table in others.items() if table is not None}
+    files = files_in(out, there)
+    made = document(result, source=source, files=files, timing_s=timing_s)
     texts = {"report.html": page, "scenario.yaml": yaml, "run.json": json_text(made)}
     write_results(
         out,
@@ -83,6 +110,7 @@ def _write(result: "Result", *, source: Path | None, out: Path) -> str:
         radar=result.radar,
         detections=result.detections,
         truth=result.truth,
+        others=there,
     )
     return texts["run.json"]
 

@@ -1,5 +1,8 @@
 """What a user should know about a result that is nevertheless a result."""
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Literal
 
 from dechirp.core.values import value
@@ -24,3 +27,18 @@ class PhysicsWarning(UserWarning):
 
     Made of a `Finding`, whose sentence it says.
     """
+
+
+@contextmanager
+def heard() -> Iterator[list[Finding]]:
+    """Hear what is warned of inside: findings are in the list afterwards, all else is passed on."""
+    found: list[Finding] = []
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        yield found
+    for one in warned:
+        (said,) = getattr(one.message, "args", ("",))[:1] or ("",)
+        if isinstance(said, Finding):
+            found.append(said)
+        else:
+            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)

@@ -13,9 +13,10 @@ from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.settings.calibration import read_calibration
 from dechirp.formats.settings.read import read_radar
-from dechirp.process.chain import Chain, power_map
+from dechirp.process.chain import Chain
 from dechirp.process.health.findings import findings as judged
 from dechirp.process.health.measures import measure
+from dechirp.process.maps import power_map
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.known import device as known_device

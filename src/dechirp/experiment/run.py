@@ -8,16 +8,20 @@ from time import perf_counter
 import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.findings import Finding, PhysicsWarning, heard
 from dechirp.core.values import value
 from dechirp.echoes.echo import simulate
+from dechirp.experiment.followed import follow
 from dechirp.experiment.link import added_noise_w, link_budget
-from dechirp.experiment.scenario import Scenario, check_chain
+from dechirp.experiment.scenario import Scenario, called, check_chain, check_following
 from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
+from dechirp.objects.object_list import object_list
 from dechirp.process import near_field
 from dechirp.process.cfar.base import Cfar
-from dechirp.process.chain import detect_each, power_map, threshold_map
+from dechirp.process.detect import detect_each
+from dechirp.process.maps import power_map, threshold_map
+from dechirp.process.mitigation.cleaned import Removed, summary
 from dechirp.process.peaks import MOST_PEAKS
 from dechirp.process.remarks import remarks
 from dechirp.radar.budget import BudgetLine
@@ -38,14 +42,19 @@ class Result:
     threshold: xr.DataArray
     """Threshold of each of its cells."""
     detections: xr.Dataset
-    clusters: None = None
-    tracks: None = None
+    ego: xr.Dataset | None = None
+    """The radar's own motion over frames, from its detections; None where not asked for."""
+    clusters: xr.Dataset | None = None
+    """None where not asked for, as tracks."""
+    tracks: xr.Dataset | None = None
     truth: xr.Dataset | None
     """None for a recording."""
     budget: tuple[BudgetLine, ...] | None
     """Of the first target; None for a recording."""
     findings: tuple[Finding, ...]
     timing_s: dict[str, float]
+    times_s: tuple[float, ...]
+    """Middle of each frame that was processed."""
 
     @property
     def cube(self) -> xr.DataArray:
@@ -102,16 +111,26 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     opened = perf_counter()
     chain = scenario.chain.fitted(radar)
     numbers = _numbers(source)
+    times_s: list[float] = []
+    took_out: list[tuple[Removed, ...]] = []
 
     def counted() -> Iterator[xr.DataArray]:
         for done, cube in enumerate(_one_by_one(source), 1):
+            number = numbers.start + done - 1
+            start_s = cube.frame.item() if "frame" in cube.coords else radar.frame.start_s(number)
+            times_s.append(start_s + radar.frame.at(number).mid_frame_s)
             yield cube
             if progress is not None:
                 progress(n_simulated + done, n_simulated + len(numbers))
 
     with warnings.catch_warnings(record=True) as crowded:
         warnings.simplefilter("always", PhysicsWarning)
-        detections = detect_each(counted(), radar, chain, first=numbers.start)
+        detections = detect_each(
+            counted(), radar, chain, first=numbers.start, took_out=took_out.append
+        )
+    fitted = replace(scenario, chain=chain)
+    with called("tracker", instead_of="Tracker"):
+        followed = follow(detections, times_s, fitted, radar, first=numbers.start)
     # Only now: held through the detection, these two maps would be a fourth cube in memory.
     first = next(_one_by_one(source)).isel(frame=0)
     of_first = radar.at(numbers.start)
@@ -119,12 +138,15 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     threshold = threshold_map(power, of_first, chain)
     finished = perf_counter()
     return Result(
-        scenario=replace(scenario, chain=chain),
+        scenario=fitted,
         radar=radar,
         source=source,
         power=power,
         threshold=threshold,
-        detections=detections,
+        detections=followed.detections,
+        ego=followed.ego,
+        clusters=followed.clusters,
+        tracks=followed.tracks,
         truth=None if scenario.scene is None else _truth(scenario, radar),
         budget=None if scenario.scene is None else link_budget(scenario, radar),
         findings=(
@@ -133,12 +155,29 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
             *remarks(radar, chain),
             *near_field.remark(radar, detections),
             *_crowded(len(crowded)),
+            *(summary(took_out) if took_out else ()),
+            *followed.findings,
         ),
+        times_s=tuple(times_s),
         timing_s={
             "simulate" if scenario.scene is not None else "open": opened - started,
             "process": finished - opened,
         },
     )
+
+
+def object_list_of(result: Result) -> xr.Dataset:
+    """Object list of a result: of its tracks, else of its clusters, else of its detections.
+
+    Warns
+    -----
+    PhysicsWarning
+        If detections have no direction, so that nobody can tell where they are.
+    """
+    if result.tracks is not None:
+        return object_list(result.tracks)
+    rows = result.detections if result.clusters is None else result.clusters
+    return object_list(rows, result.times_s, first=result.first_frame)
 
 
 def one_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar]:
@@ -207,8 +246,7 @@ def _source(
     """The simulated cube or the recording, its radar, and what is to be said about it."""
     if scenario.scene is not None:
         assert scenario.radar is not None
-        with warnings.catch_warnings(record=True) as warned:
-            warnings.simplefilter("always")
+        with heard() as findings:
             cube = simulate(
                 scenario.scene,
                 scenario.radar,
@@ -218,7 +256,7 @@ def _source(
                 engine=scenario.engine,
                 progress=simulated,
             )
-        return cube, scenario.radar, tuple(_findings(warned))
+        return cube, scenario.radar, tuple(findings)
     assert scenario.recording is not None
     told = scenario.recording
     recording = open_recording(
@@ -235,19 +273,8 @@ def _source(
     )
     recording.must_hold_samples()
     check_chain(scenario.chain, recording.radar)
+    check_following(scenario, recording.radar)
     return recording, recording.radar, recording.findings
-
-
-def _findings(warned: list[warnings.WarningMessage]) -> Iterator[Finding]:
-    """What warnings say about physics; the others are passed on."""
-    for warning in warned:
-        (said,) = getattr(warning.message, "args", ("",))[:1] or ("",)
-        if isinstance(said, Finding):
-            yield said
-        else:
-            warnings.warn_explicit(
-                warning.message, warning.category, warning.filename, warning.lineno
-            )
 
 
 def _numbers(source: xr.DataArray | Recording) -> range:

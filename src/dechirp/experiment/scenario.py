@@ -29,6 +29,8 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.possible import must_be_possible
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
+from dechirp.tracking.ego import EgoMotion
+from dechirp.tracking.tracker import Tracker
 
 READERS: Readers = {Radar: read_radar, Calibration: read_calibration}
 """How to read what a scenario may name the file of, instead of holding it."""
@@ -87,8 +89,11 @@ class Scenario:
     impairments: tuple[Impairment, ...] = (ThermalNoise(),)
     """What hardware does to simulated echoes, in this order."""
     chain: Chain = Chain()
-    tracker: None = None
-    """Tracker: none is available yet."""
+    ego_motion: EgoMotion | None = None
+    """How the radar's own motion is found from its detections, and with it what stands still,
+    which is not tracked; none: it is not."""
+    tracker: Tracker | None = None
+    """How detections, or clusters where there are any, become tracks; none: they do not."""
 
     def __post_init__(self) -> None:
         fix = "Write [ThermalNoise()], with both brackets, even for one alone."
@@ -114,18 +119,30 @@ class Scenario:
             )
         if self.scene is not None and self.radar is not None:
             self._check_scene(self.scene, self.radar)
+        for name, kind in (("ego_motion", EgoMotion), ("tracker", Tracker)):
+            if not isinstance(getattr(self, name), kind | None):
+                raise InvalidSetting(
+                    f"Scenario.{name}",
+                    got=getattr(self, name),
+                    need=f"settings of the kind {kind.__name__}, or none",
+                    fix=f"Give {kind.__name__}(), or leave it out.",
+                )
+        if self.tracker is not None and self.scene is not None:
+            with called("tracker", instead_of="Tracker"):
+                self.tracker.must_confirm_within(self.n_frames)
         if self.radar is not None:
             check_chain(self.chain, self.radar)
+            check_following(self, self.radar)
 
     def _check_scene(self, scene: Scene, radar: Radar) -> None:
-        with _called("radar.hardware", instead_of="Radar.hardware"):
+        with called("radar.hardware", instead_of="Radar.hardware"):
             radar.known_hardware()
         must_be_possible(scene, radar, n_frames=self.n_frames)
         truth(scene, radar)  # refuses a body whose origin is the radar
         kinds = [impairment.kind() for impairment in self.impairments]
         for index, impairment in enumerate(self.impairments):
             label = kinds[index] if kinds.count(kinds[index]) == 1 else str(index)
-            with _called(f"impairments.{label}."), warnings.catch_warnings():
+            with called(f"impairments.{label}."), warnings.catch_warnings():
                 warnings.simplefilter("ignore", PhysicsWarning)  # findings of the run
                 for one in by_stage([impairment], radar).all:
                     one.check(scene, radar)
@@ -137,12 +154,15 @@ def check_chain(chain: Chain, radar: Radar) -> None:
     There must be a bin for each sample and chirp, room for training cells that were set, and
     directions to tell if an estimator was, by elements that will do for it.
     """
-    with _called("chain.n_range_bins", instead_of="Transform.n_bins"):
+    for method in chain.mitigation:
+        with called(f"chain.mitigation.{method.kind()}", instead_of=type(method).__name__):
+            method.passed(np.zeros(1), radar.frame.at(0))  # raises where a frame is too short
+    with called("chain.n_range_bins", instead_of="Transform.n_bins"):
         over_range = chain.over_range(radar.frame.chirp)
-    with _called("chain.n_velocity_bins", instead_of="Transform.n_bins"):
+    with called("chain.n_velocity_bins", instead_of="Transform.n_bins"):
         over_velocity = chain.over_velocity(radar.frame)
     n_rows = searched_rows(radar.frame.chirp, over_range)
-    with _called("chain.cfar", instead_of="Cfar"):
+    with called("chain.cfar", instead_of="Cfar"):
         chain.cfar.fitted(over_velocity.n_bins, n_rows).ring.fits(over_velocity.n_bins, n_rows)
     angle = chain.fitted(radar).angle
     if angle is not None:
@@ -150,14 +170,28 @@ def check_chain(chain: Chain, radar: Radar) -> None:
         if angle != Fft():  # which takes any array; another is asked about a snapshot of zeros
             heard = np.zeros((1, 1, seen.n_elements), complex)
             with (
-                _called("chain", instead_of="Chain"),
-                _called("chain.angle", instead_of=type(angle).__name__),
+                called("chain", instead_of="Chain"),
+                called("chain.angle", instead_of=type(angle).__name__),
             ):
                 angle.directions(heard, seen, np.zeros(1))
 
 
+def check_following(scenario: Scenario, radar: Radar) -> None:
+    """Raise `InvalidSetting` where tracks or own motion are asked for of what tells no azimuth."""
+    if scenario.chain.fitted(radar).angle is not None:
+        return
+    for name in ("ego_motion", "tracker"):
+        if getattr(scenario, name) is not None:
+            raise InvalidSetting(
+                name,
+                got="asked for, of detections without directions",
+                need="an array that tells azimuth, and a direction estimator",
+                fix=f"Set chain.angle and give the radar more elements, or set {name} to null.",
+            )
+
+
 @contextmanager
-def _called(path: str, *, instead_of: str = "") -> Iterator[None]:
+def called(path: str, *, instead_of: str = "") -> Iterator[None]:
     """Call a setting, or what lies in it, as this scenario does: by its path."""
     try:
         yield

@@ -16,7 +16,7 @@ from dechirp.radar.radar import Radar
 def remarks(radar: Radar, chain: Chain) -> list[Finding]:
     """What a user should know about the maps this chain makes for a radar."""
     noise, training, guard = chain.noise(radar), chain.cfar.n_training, chain.cfar.n_guard
-    found = []
+    found = [remark for method in chain.mitigation for remark in method.remark(radar)]
     if training.range:
         found += _guard_remarks("range", guard.range, noise.over_range, chain.cfar, noise)
     if training.velocity:

@@ -186,13 +186,26 @@ def displacement(trace: xr.DataArray, radar: Radar) -> xr.DataArray:
     DataArray (time, ...), m
         lambda / (4 pi) times the phase, unwrapped over time; away from the radar positive.
 
+    Raises
+    ------
+    InvalidSetting
+        If the trace is not complex over time.
+
     Warns
     -----
     PhysicsWarning
         If more than 1 % of the steps from value to value are near half a turn: movements of a
         quarter of a wavelength and more between them, or noise, make turns that are not there.
     """
-    phase = np.angle(trace.values)
+    if "time" not in trace.dims or not np.iscomplexobj(trace):
+        raise InvalidSetting(
+            "trace",
+            got=_kind(trace),
+            need="a trace over time, complex: its phase tells the movement",
+            fix="Give what slow_time or by_frame returns.",
+        )
+    # Double precision: single loses micrometres over the turns of a metre.
+    phase = np.angle(trace.values.astype(np.complex128))
     places = trace.get_axis_num("time")
     steps = abs((np.diff(phase, axis=places) + np.pi) % (2 * np.pi) - np.pi)
     wavelength_m = SPEED_OF_LIGHT / radar.frame.chirp.mean_sampled_frequency_hz
@@ -235,8 +248,15 @@ def displacement_spectrum(moved: xr.DataArray, *, window: Window = "hann") -> xr
     Raises
     ------
     InvalidSetting
-        If times are not at equal steps, or fewer than four.
+        If times are not at equal steps, or fewer than four, or the movement is not real over time.
     """
+    if "time" not in moved.dims or np.iscomplexobj(moved):
+        raise InvalidSetting(
+            "moved",
+            got=_kind(moved),
+            need="a movement over time, real",
+            fix="Give what displacement returns of a trace.",
+        )
     times_s = moved.coords["time"].values
     steps_s = np.diff(times_s)
     if len(times_s) < 4 or np.ptp(steps_s) > 1e-2 * np.mean(steps_s):
@@ -284,15 +304,25 @@ def strongest_line(spectrum: xr.DataArray, frequency_hz: tuple[float, float]) ->
     Returns
     -------
     Dataset over the other axes of the spectrum
-        `frequency` (Hz) and `amplitude` (m), interpolated between bins through the window;
+        `frequency` (Hz) and `amplitude` (m) of the highest bin that is higher than those beside
+        it, interpolated between bins through the window; NaN where there is none;
         `floor` (m): the median over the interval, 0.83 of what noise has in the mean of squares.
 
     Raises
     ------
     InvalidSetting
-        If the interval holds fewer than three bins.
+        If the interval holds fewer than three bins, or the spectrum has lost its attributes.
     """
+    if not {"window", "n_times"} <= set(spectrum.attrs):
+        raise InvalidSetting(
+            "spectrum",
+            got=_kind(spectrum) + " without the attributes window and n_times",
+            need="a spectrum with the window that it was taken with",
+            fix="Give what displacement_spectrum returns; after sums of it, with its attributes:"
+            " mean('channel', keep_attrs=True).",
+        )
     bins_hz = spectrum.coords["frequency"].values
+    step_hz = (bins_hz[-1] - bins_hz[0]) / max(len(bins_hz) - 1, 1)
     ends_hz = numbers("frequency_hz", frequency_hz)
     rows = np.array([], dtype=int)
     if ends_hz.shape == (2,):
@@ -301,30 +331,40 @@ def strongest_line(spectrum: xr.DataArray, frequency_hz: tuple[float, float]) ->
         raise InvalidSetting(
             "frequency_hz",
             got=frequency_hz,
-            need=f"an interval that holds three bins, {bins_hz[1]:.3g} Hz apart up to"
+            need=f"an interval that holds three bins, {step_hz:.3g} Hz apart up to"
             f" {bins_hz[-1]:.4g} Hz",
             fix="Give the lowest frequency, then the highest; record longer for finer bins.",
         )
     n_points = spectrum.attrs["n_times"]
     transform = Transform(window=spectrum.attrs["window"], n_points=n_points, n_bins=n_points)
     values = spectrum.transpose("frequency", ...).values
-    top = rows[0] + np.argmax(values[rows], axis=0)
+    # Not the flank of a line beyond an end of the interval.
+    beside = np.maximum(
+        values[np.maximum(rows - 1, 0)], values[np.minimum(rows + 1, len(values) - 1)]
+    )
+    is_top = values[rows] >= beside
+    top = rows[0] + np.argmax(np.where(is_top, values[rows], -1.0), axis=0)
     inner = np.clip(top, 1, len(bins_hz) - 2)
     before, at, after = (
         np.take_along_axis(values, (inner + beside)[None], axis=0)[0] for beside in (-1, 0, 1)
     )
     off = offsets(before**2, at**2, after**2, transform)
     kept = np.sqrt(np.vectorize(lambda bins: transform.straddle(bins / n_points))(off))
+    is_any = is_top.any(axis=0)
     others = [name for name in spectrum.dims if name != "frequency"]
     found = {
-        "frequency": ((inner + off) * bins_hz[1], "Hz"),
-        "amplitude": (at / kept, "m"),
+        "frequency": (np.where(is_any, bins_hz[0] + (inner + off) * step_hz, np.nan), "Hz"),
+        "amplitude": (np.where(is_any, at / kept, np.nan), "m"),
         "floor": (np.median(values[rows], axis=0), "m"),
     }
     return xr.Dataset(
         {name: (others, value, {"units": units}) for name, (value, units) in found.items()},
         coords={name: spectrum.coords[name] for name in others if name in spectrum.coords},
     )
+
+
+def _kind(array: xr.DataArray) -> str:
+    return f"of {dict(array.sizes)} and the type {array.dtype}"
 
 
 def _of_rounds(cube: xr.DataArray, radar: Radar) -> dict[str, xr.Variable | xr.DataArray]:

@@ -7,6 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
+from dechirp.radar.cells import in_cells, in_one_fold
 from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, folded, frequencies, seen, wrapped
 from dechirp.scene.rcs import cross_sections_m2
@@ -102,12 +103,15 @@ def match(
         own = index == at
         rows, one = detections.isel(detection=own), radar.at(int(truth.frame[at]))
         span[own] = 2 * one.frame.max_velocity_m_per_s
-        found = _cells(
-            Place(rows.range.values, rows.velocity.values),
-            _Towards(*(_estimated(rows, name) for name in ("azimuth", "elevation"))),
-            one,
+        place = Place(rows.range.values, rows.velocity.values)
+        angles = _Towards(*(_estimated(rows, name) for name in ("azimuth", "elevation")))
+        found, there = (
+            in_one_fold(
+                in_cells(r.range_m, r.velocity_m_per_s, u.azimuth_rad, u.elevation_rad, one),
+                one.frame.n_chirps,
+            )
+            for r, u in ((place, angles), (places, towards))
         )
-        there = _cells(places, towards, one)
         nearest = _nearest(found, there, owners, one)
         again = (nearest < 0) & _turned(rows, one)
         found[again, 2:] = np.nan
@@ -172,26 +176,3 @@ def _nearest(found: np.ndarray, places: np.ndarray, owners: np.ndarray, radar: R
         apart, nearest = tree.query(found[np.ix_(own, axes)], p=np.inf)
         out[own] = np.where(apart <= _CELLS, owners[nearest % len(owners)], -1)
     return out
-
-
-def _cells(place: Place, towards: _Towards, radar: Radar) -> np.ndarray:
-    """Beat, Doppler and the sines of directions, in resolution cells, (n, 4).
-
-    Those of the map, on which folds make no odds. NaN for what is not estimated: the velocity
-    of one chirp among it, which then has the beat of a target at rest.
-    """
-    frame, chirp = radar.frame, radar.frame.chirp
-    at = frequencies(Place(place.range_m, np.nan_to_num(place.velocity_m_per_s)), radar)
-    turns = at.doppler_hz * frame.repetition_s * frame.n_chirps % frame.n_chirps
-    azimuth, elevation = towards
-    level = np.cos(np.nan_to_num(elevation))
-    lengths = np.ptp(radar.array.virtual_m, axis=0)[1:] / chirp.wavelength_m
-    return np.stack(
-        [
-            at.beat_hz / chirp.sample_rate_hz * chirp.n_samples,
-            np.where(np.isnan(place.velocity_m_per_s), np.nan, turns),
-            np.sin(azimuth) * level * lengths[0],
-            np.sin(elevation) * lengths[1],
-        ],
-        axis=-1,
-    )

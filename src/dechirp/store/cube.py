@@ -1,6 +1,6 @@
 """The samples of an experiment on disk, with its truth and its detections (zarr 3)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,7 @@ def write_cube(
     *,
     n_frames: int,
     radar: Radar,
-    detections: xr.Dataset,
-    truth: xr.Dataset | None,
+    groups: Mapping[str, xr.Dataset | None],
 ) -> None:
     """Write a new store, one frame after the other, so that one is held at a time.
 
@@ -44,8 +43,8 @@ def write_cube(
     radar : Radar
         Becomes the attribute `radar`, as a settings file writes it; its calibration, where it
         has one, is also a group of that name, over `element`.
-    detections, truth
-        Become groups of these names.
+    groups : mapping
+        Detections, truth and what else there is: become groups of these names.
     """
     attributes = {"format_version": FORMAT_VERSION, "radar": read_tree(dump(radar), "").plain}
     store = zarr.create_group(path, zarr_format=3, attributes=attributes)
@@ -72,8 +71,7 @@ def write_cube(
     if chirp_times_s:
         _add_array(store, "chirp_time", xr.DataArray(chirp_times(np.array(chirp_times_s))))
     calibration = None if radar.calibration is None else _calibration(radar.calibration)
-    groups = (("detections", detections), ("truth", truth), ("calibration", calibration))
-    for name, dataset in groups:
+    for name, dataset in {**groups, "calibration": calibration}.items():
         if dataset is not None:
             _add_group(path, name, dataset)
 

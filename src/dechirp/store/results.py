@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import xarray as xr
 
@@ -13,6 +14,7 @@ from dechirp.store.whole import must_be_replaceable, whole_folder
 _TEXTS = ("report.html", "scenario.yaml", "run.json")
 _MARK = "run.json"
 FILES = (*_TEXTS, "detections.csv", "detections.json", "cube.zarr")
+_IF_ASKED = ("ego.csv", "clusters.csv", "tracks.csv")
 
 
 def check_out(out: Path) -> None:
@@ -20,7 +22,7 @@ def check_out(out: Path) -> None:
 
     It must be absent, empty or hold nothing but earlier results, and its place be writable.
     """
-    must_be_replaceable(out, mark=_MARK, ours=FILES)
+    must_be_replaceable(out, mark=_MARK, ours=(*FILES, *_IF_ASKED))
 
 
 def write_results(
@@ -32,8 +34,9 @@ def write_results(
     radar: Radar,
     detections: xr.Dataset,
     truth: xr.Dataset | None,
+    others: Mapping[str, xr.Dataset] = MappingProxyType({}),
 ) -> dict[str, Path]:
-    """Write `FILES` into a folder, in place of earlier results; all of them or none.
+    """Write results into a folder, in place of earlier ones; all of them or none.
 
     Parameters
     ----------
@@ -45,6 +48,8 @@ def write_results(
         The cube, n_frames pieces of one frame each; one is held at a time.
     radar, detections, truth
         Kept with the cube; the detections also as CSV and JSON.
+    others : mapping
+        What else there is of `ego`, `clusters` and `tracks`: kept with the cube, and as CSV.
 
     Returns
     -------
@@ -67,12 +72,13 @@ def write_results(
             frames,
             n_frames=n_frames,
             radar=radar,
-            detections=detections,
-            truth=truth,
+            groups={"detections": detections, "truth": truth, **others},
         )
-    return files_in(out)
+        for name, table in others.items():
+            (made / f"{name}.csv").write_text(csv_text(table), encoding="utf-8")
+    return files_in(out, others)
 
 
-def files_in(out: Path) -> dict[str, Path]:
-    """Path of each file of the results in a folder, by its name."""
-    return {name: out / name for name in FILES}
+def files_in(out: Path, others: Iterable[str] = ()) -> dict[str, Path]:
+    """Path of each file of the results in a folder, by its name; see `write_results`."""
+    return {name: out / name for name in (*FILES, *(f"{other}.csv" for other in others))}

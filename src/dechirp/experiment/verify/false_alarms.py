@@ -22,7 +22,8 @@ from dechirp.experiment.verify.looks import (
 from dechirp.experiment.verify.sensitivity import report_threshold
 from dechirp.experiment.verify.trials import Job
 from dechirp.process.cfar.base import Ring
-from dechirp.process.chain import Chain, power_map, threshold_map
+from dechirp.process.chain import Chain
+from dechirp.process.maps import power_map, threshold_map
 from dechirp.theory import intervals
 from dechirp.theory.windows import Window
 

@@ -13,7 +13,8 @@ from dechirp.core.values import value
 from dechirp.echoes.echo import clean_echoes
 from dechirp.echoes.impairments.white_noise import add_white_noise
 from dechirp.experiment.scenario import reference
-from dechirp.process.chain import Chain, detect
+from dechirp.process.chain import Chain
+from dechirp.process.detect import detect
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target

@@ -13,7 +13,8 @@ from dechirp.echoes.echo import clean_echoes
 from dechirp.experiment.verify.claim import Claim, share
 from dechirp.experiment.verify.looks import named, radar, white_noise
 from dechirp.experiment.verify.trials import Job, trials_for_probability
-from dechirp.process.chain import Chain, detect
+from dechirp.process.chain import Chain
+from dechirp.process.detect import detect
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target

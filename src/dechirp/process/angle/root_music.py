@@ -79,8 +79,11 @@ def _within_circle(coefficients: np.ndarray) -> np.ndarray:
                 at -= step
                 if abs(at) > 1:
                     at = 1 / np.conj(at)
-                # On the circle itself a pair is one, and in the middle the other has no place.
-                z[j] = at * (1 - 1e-15) if abs(at) > 1e-9 else 1e-9
+                # On the circle itself a pair is one, and in the middle the other has no place;
+                # roots there stay apart.
+                z[j] = (
+                    at * (1 - 1e-15) if abs(at) > 1e-9 else 1e-9 * np.exp(2j * np.pi * j / degree)
+                )
             if longest < _LAST_STEP:
                 break
     return out

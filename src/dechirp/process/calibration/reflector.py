@@ -7,8 +7,9 @@ import xarray as xr
 from scipy.special import gammainccinv, gammaincinv
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.process.chain import Chain, power_map
+from dechirp.process.chain import Chain
 from dechirp.process.interpolation import between_bins
+from dechirp.process.maps import power_map
 from dechirp.process.peaks import peaks
 from dechirp.process.refine import refine
 from dechirp.process.spectrum import independent_rows, noise_gain

@@ -8,9 +8,10 @@ import xarray as xr
 
 from dechirp.core.checks import whole
 from dechirp.core.units import decibels
-from dechirp.process.chain import Chain, power_map, threshold_map
+from dechirp.process.chain import Chain
 from dechirp.process.fixed_point.chain import fixed_point_map
 from dechirp.process.fixed_point.words import WordLengths
+from dechirp.process.maps import power_map, threshold_map
 from dechirp.radar.radar import Radar
 
 

@@ -83,7 +83,7 @@ def paired(up: Peaks, down: Peaks, frame: Frame) -> Unfolded:
     given = np.ones((len(u), 1))
     if frame.n_chirps > 1:
         turn = 2 * np.pi * repetition_s
-        as_up = down.tones.slow[d] + _slower_hz(coarse, beat_up + beat_down, frame) * turn
+        as_up = down.tones.slow[d] + _slower_hz(coarse, beat_up[u] + beat_down[d], frame) * turn
         slow = np.angle(np.exp(1j * up.tones.slow[u]) + np.exp(1j * as_up))
         fine_hz = slow / turn
         fold = np.round((doppler_hz - fine_hz) * repetition_s)[:, None] + np.arange(-2, 3)

@@ -8,6 +8,7 @@ from dechirp.process.health.disturbances import interference, odd_chirps
 from dechirp.process.health.mixer import echoes, sides
 from dechirp.process.health.receivers import order, receivers, silence
 from dechirp.process.health.recorded import Recorded
+from dechirp.process.health.walks import ghosts
 from dechirp.radar.radar import Radar
 
 
@@ -36,6 +37,7 @@ def findings(measures: xr.Dataset, radar: Radar) -> tuple[Finding, ...]:
         clipping,
         offset,
         interference,
+        ghosts,
         odd_chirps,
     )
     return tuple(finding for check in checks for finding in check(recorded))

@@ -10,6 +10,7 @@ from dechirp.process.health.bursts import bursts
 from dechirp.process.health.receiver_order import N_CELLS, line, strongest_cells
 from dechirp.process.health.survey import SILENT, Survey, survey
 from dechirp.process.health.unlike import unlike
+from dechirp.process.health.walks import walk
 from dechirp.radar.radar import Radar
 
 _CHANCE = 1e-9  # that noise alone makes a cell of the range-Doppler map stand out
@@ -57,6 +58,7 @@ def measure(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
         n_echoes = 1.0
     of_chirps = bursts(samples, lost, n_slots=n_slots, scale=scale, step=surveyed.step)
     odd = unlike(samples, lost, n_slots=n_slots, scale=scale, step=surveyed.step)
+    walks = walk(samples, lost, radar.at(0).frame, scale)  # of intervals in turn, about
     seen, snr = np.zeros((N_CELLS, n_rx), np.complex64), np.zeros(N_CELLS, np.float32)
     if alive.all() and len(radar.array.rx_m) == n_rx and line(radar.array) is not None:
         seen, snr = strongest_cells(samples, lost, spectrum, n_slots=n_slots, scale=scale)
@@ -68,6 +70,9 @@ def measure(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
         "burst_share": (("chirp",), of_chirps.share),
         "kurtosis": (("chirp",), of_chirps.kurtosis),
         "unlike": (("chirp",), odd),
+        "walk_velocity": ((), walks.velocity_m_per_s),
+        "walk_range": ((), walks.range_m),
+        "walk_chirps": (("end",), np.array([walks.first, walks.last])),
         "seen": (("cell", "rx"), seen),
         "seen_snr": (("cell",), snr),
     }

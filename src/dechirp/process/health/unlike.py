@@ -4,7 +4,7 @@ import numba
 import numpy as np
 from scipy.ndimage import median_filter
 
-from dechirp.process.health.bursts import ROUNDING
+from dechirp.process.health.quiet import ROUNDING
 
 _FEWEST_CHANGES = 4  # of one transmitter: fewer have no median to speak of
 _CHANGE = 20.0  # times the changes near a chirp, for it to be odd: 13 dB; noise gives 1 dB

@@ -1,0 +1,1 @@
+"""Judging results: rates, distances, consistency, and whose track is whose."""

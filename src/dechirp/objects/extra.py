@@ -1,0 +1,20 @@
+"""Libraries that not everybody needs: imported when they are used, or named when missing."""
+
+import importlib
+from typing import Any
+
+from dechirp.core.errors import InvalidSetting
+
+
+def library(name: str) -> Any:
+    """Import a module of the extra `io`, or raise `InvalidSetting` that says how to get it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise InvalidSetting(
+            "objects",
+            got=f"to be written or read by {name.partition('.')[0]}, while "
+            f"{error.name or name} is not installed",
+            need="the libraries of the extra io",
+            fix="Run pip install 'dechirp[io]'.",
+        ) from None

@@ -1,0 +1,1 @@
+"""Clean-up of the samples of a frame: what stands still, leakage, interference."""

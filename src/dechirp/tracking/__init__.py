@@ -1,0 +1,1 @@
+"""What moves, and how: the radar itself from one frame, objects from frame to frame."""
