@@ -42,6 +42,7 @@ KINDS = {
     "s": Kind("a time, as 35 us", "s", ("s", "ms", "us", "ns"), ("min", "h")),
     "m": Kind("a length, as 50 m", "m", ("m", "mm", "um"), ("km", "cm")),
     "m_per_s": Kind("a velocity, as 10 m/s", "m/s", ("m/s",), ("km/h", "mph", "mm/s", "mm/h")),
+    "m2_per_s3": Kind("an acceleration density, as 1 m^2/s^3", "m^2/s^3", ("m^2/s^3",)),
     "m_per_s2": Kind("an acceleration, as 3 m/s^2", "m/s^2", ("m/s^2",), ("mm/s^2",)),
     "m2": Kind("a radar cross section, as 10 dBsm", "m^2", ("m^2",), (), (("dBsm", 0),)),
     "w": Kind("a power, as 12 dBm", "W", ("W", "mW", "uW", "nW"), (), (("dBm", -30), ("dBW", 0))),
@@ -74,8 +75,8 @@ def quantity(text: str, unit: str | None, *, setting: str = "quantity") -> float
         Such as `77 GHz`. 0 needs no unit; a ratio is bare or in dB; a probability is bare.
     unit : str, optional
         Suffix of the field's name: `hz`, `hz_per_s`, `s`, `m`, `m_per_s`, `m_per_s2`, `m2`,
-        `w`, `rad`, `rad_per_s`, `k`, `pa`, `kg_per_m3`, `per_hz`, `bits_per_s`, `bytes`, or
-        `probability`; None: a ratio.
+        `m2_per_s3`, `w`, `rad`, `rad_per_s`, `k`, `pa`, `kg_per_m3`, `per_hz`, `bits_per_s`,
+        `bytes`, or `probability`; None: a ratio.
     setting : str
         What a mistake calls it.
 

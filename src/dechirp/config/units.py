@@ -11,6 +11,7 @@ import pint
 DEFINITIONS = {
     "s": "[time]",
     "s2": "s ** 2",
+    "s3": "s ** 3",
     "ms": "1e-3 s",
     "us": "1e-6 s",
     "ns": "1e-9 s",

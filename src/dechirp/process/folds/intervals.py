@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.process.folds.ambiguity import Folds
+from dechirp.radar.folds import coupling_m, span_m_per_s
 from dechirp.radar.frame import Frame
 
 # Targets change their radial velocity from frame to frame by as much in a second, as standard
@@ -74,41 +74,29 @@ def folds(frames: Sequence[Alone], frame: Frame) -> list[Folds]:
     told = []
     for own in frames:
         one = frame.at(own.number)
-        span = _span(own, one)
+        span = span_m_per_s(own.range_m, one)
         cycles = own.velocity_m_per_s / span
         fold = _hypotheses(cycles, frame.n_folds_in_turn(own.number))
-        range_m = own.range_m[:, None] - _coupling_m(one) * fold
+        range_m = own.range_m[:, None] - coupling_m(one) * fold
         velocity = own.velocity_m_per_s[:, None] + span[:, None] * fold
         log_p = np.log(_prior(own.folds, fold, None if one.falls else one.n_folds))
         for number in range(own.number - frame.n_intervals + 1, own.number + frame.n_intervals):
             other = by_number.get(number)
             if number == own.number or other is None or not other.range_m.size:
                 continue
-            other_span = _span(other, frame.at(number))
+            other_span = span_m_per_s(other.range_m, frame.at(number))
             log_p += _log_evidence(
                 range_m,
                 velocity,
                 _measured(own),
                 _measured(other),
                 other_span,
-                _coupling_m(frame.at(number)),
+                coupling_m(frame.at(number)),
                 other.range_m.size / (frame.chirp.range_bins_m()[-1] * other_span.mean()),
             )
         p = np.exp(log_p - log_p.max(axis=1, keepdims=True))
         told.append(Folds(p / p.sum(axis=1, keepdims=True), fold))
     return told
-
-
-def _span(alone: Alone, frame: Frame) -> np.ndarray:
-    """By what a fold moves the velocity of each detection, (n,)."""
-    chirp = frame.chirp
-    echo_hz = chirp.mean_sampled_frequency_hz - alone.range_m / chirp.range_m(1.0)
-    return np.asarray(SPEED_OF_LIGHT / (2 * echo_hz * frame.repetition_s))
-
-
-def _coupling_m(frame: Frame) -> float:
-    """What a fold takes off the range; nothing of that of a triangle, which both beats tell."""
-    return 0.0 if frame.falls else float(frame.chirp.range_m(1.0)) / frame.repetition_s
 
 
 def _measured(alone: Alone) -> np.ndarray:
