@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from dechirp.core.checks import numbers, probability, whole
 from dechirp.core.errors import InvalidSetting
@@ -69,7 +69,7 @@ def mean_nees_interval(
     probability("outside_probability", outside_probability)
     degrees = n_states * n_independent
     low, high = (
-        chi2.ppf(outside_probability / 2, degrees),
-        chi2.isf(outside_probability / 2, degrees),
+        chdtri(degrees, 1 - outside_probability / 2),
+        chdtri(degrees, outside_probability / 2),
     )
     return float(low / n_independent), float(high / n_independent)

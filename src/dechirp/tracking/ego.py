@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import xarray as xr
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from dechirp.core.checks import count, number, positive, probability, whole
 from dechirp.core.values import value
@@ -60,7 +60,7 @@ class EgoMotion:
     @property
     def gate(self) -> float:
         """Squares of residuals over their variances that pass."""
-        return float(chi2.ppf(self.gate_probability, 1))
+        return float(chdtri(1, 1 - self.gate_probability))
 
 
 _DEFAULT = EgoMotion()

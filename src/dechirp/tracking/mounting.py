@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from dechirp.core.checks import number
 from dechirp.core.errors import InvalidSetting
@@ -69,6 +69,6 @@ def mounting(ego: xr.Dataset, min_speed_m_per_s: float = 3.0) -> Mounting:
         information = np.sum(along**2 / variance)
         heading += np.sum(across * along / variance) / information
     scatter, n_free = float(np.sum(across**2 / variance)), int(fast.sum()) - 1
-    birge = scatter / n_free if scatter > chi2.ppf(_BY_CHANCE, n_free) else 1.0
+    birge = scatter / n_free if scatter > chdtri(n_free, 1 - _BY_CHANCE) else 1.0
     yaw = math.remainder(-heading, 2 * math.pi)
     return Mounting(yaw, math.sqrt(birge / information), n_free + 1)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import chi2
+from scipy.special import chdtri
 from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
 from stonesoup.dataassociator.probability import JPDAwithEHM2, JPDAwithLBP
 from stonesoup.models.measurement.nonlinear import CartesianToBearingRangeRate2D
@@ -81,7 +81,7 @@ class StoneSoup:
         joint = tracker.association == "joint"
         # A mixture of updates, for each detection has an error of its own.
         self._updater = PDAUpdater(None, gm_method=True) if joint else self._seen_by
-        self._gate = chi2.ppf(tracker.gate_probability, 3)
+        self._gate = chdtri(3, 1 - tracker.gate_probability)
         self._tracker = tracker
 
     def step(self, beliefs: Sequence[Belief], passed_s: float, frame: Measured) -> Step:

@@ -3,7 +3,7 @@
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from dechirp.core.checks import count, listed, not_negative, positive, probability, whole
 from dechirp.core.errors import InvalidSetting
@@ -95,7 +95,7 @@ class Tracker:
                 fix=f"Ask for at most {frames} detections, or give it {hits} frames.",
             )
         # The first detection starts the track; the others are a binomial number.
-        chance = binom.sf(hits - 2, frames - 1, self.hit_probability)
+        chance = bdtrc(hits - 2, frames - 1, self.hit_probability)
         if chance < _LEAST_CHANCE:
             raise InvalidSetting(
                 "Tracker.confirm_after",
