@@ -70,8 +70,31 @@ def test_the_python_that_is_shown_runs(monkeypatch):
     assert names["spectrum"].dims == ("elevation", "azimuth")
 
 
+@pytest.mark.parametrize("text", shown("tracks.md"))
+@pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+def test_every_way_to_follow_that_is_shown_runs(text):
+    scenario = parse(text + RADAR, Scenario)
+
+    result = dc.run(scenario)
+
+    assert (result.clusters is None) == (result.tracks is None) == (scenario.tracker is None)
+    assert scenario.tracker is not None or scenario.chain.mitigation
+
+
+def test_the_tracks_that_are_shown_in_python_are_there(monkeypatch):
+    page = (DOCS / "tracks.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(DOCS.parent)
+    names = {"dc": dc}
+    for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(code, names)
+    assert names["last"].sizes["track"] == 13
+    assert abs(names["speed"] - 30) < 0.1
+    assert {"cluster", "motion"} <= set(names["rows"])
+
+
 @pytest.mark.parametrize(
-    "page", ["angles.md", "fixed-point.md", "scenes.md", "slow-time.md", "recordings.md"]
+    "page",
+    ["angles.md", "fixed-point.md", "scenes.md", "slow-time.md", "recordings.md", "tracks.md"],
 )
 def test_links_between_pages_lead_somewhere(page):
     text = (DOCS / page).read_text(encoding="utf-8")

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from scipy.stats import chi2
 
 import dechirp as dc
 from dechirp.config.texts import dump
+from dechirp.report import tracked
 from dechirp.report.page import render
 from dechirp.theory.detection import required_snr
 
@@ -126,6 +128,59 @@ def test_detections_of_the_scenes_belong_to_their_targets(scene_result):
     assert page.count("truth, scatterers of bodies") == 2
     assert "auto: " in page and "10⁻⁵ of the root mean square" in page
     assert len(page.encode()) < 1_500_000
+
+
+def followed(result: dc.Result) -> list[str]:
+    """The target that each track is of in all frames in which it is confirmed."""
+    of_each = tracked.targets(result, result.tracks)
+    assert all(len(names) == 1 for names in of_each)
+    return [names[0] for names in of_each]
+
+
+def velocities_over_ground(result: dc.Result, name: str, times_s: np.ndarray) -> np.ndarray:
+    scene = result.scenario.scene
+    return scene.targets[scene.names.index(name)].velocities_at_m_per_s(times_s)
+
+
+def states(result: dc.Result, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """A track in the last frame, with its covariance."""
+    one = result.tracks.isel(track=number, frame=-1)
+    return np.array([one[name] for name in ("x", "vx", "y", "vy")]), one.covariance.values
+
+
+def test_each_vehicle_whose_velocity_is_told_has_one_track_and_nothing_else_has_one():
+    result = dc.run(dc.load(EXAMPLES / "highway.yaml"))
+    names, times_s = result.scenario.scene.names, result.truth.time.values
+    moving = [one for one in names if velocities_over_ground(result, one, times_s).any()]
+
+    # The oncoming van closes in faster than two transmitters in turns tell.
+    limit = 2 * result.radar.frame.max_velocity_m_per_s
+    told = [one for one in moving if abs(result.truth.velocity.sel(target=one)).max() < limit]
+    assert sorted({*moving} - {*told}) == ["oncoming-van"]
+    assert sorted(followed(result)) == sorted(told)
+    for number, name in enumerate(followed(result)):
+        state, covariance = states(result, number)
+        over_ground = velocities_over_ground(result, name, times_s[-1:])[0]
+        error = state[[1, 3]] - over_ground[:2] + [30, 0]
+        # Of 13 tracks one is beyond once in 3e5, were there nothing but its errors.
+        assert error @ np.linalg.solve(covariance[1::2, 1::2], error) < chi2.ppf(1 - 2e-7, 2), name
+    assert np.all(abs(result.ego.vx - 30) < 0.1)
+    page = render(result, yaml="")
+    assert "Tracks are of 13 of 14 targets that move over ground, one of each." in page
+
+
+def test_pedestrian_and_bicyclist_have_one_track_each():
+    result = dc.run(dc.load(EXAMPLES / "crossing.yaml"))
+
+    assert sorted(followed(result)) == ["bicyclist", "pedestrian"]
+    for number, name in enumerate(followed(result)):
+        state, _ = states(result, number)
+        where = result.scenario.scene.names.index(name)
+        middle_m = result.scenario.scene.target_positions_m(result.truth.time.values[-1:])[0, where]
+        # Within the body: a bicycle is 1.8 m long.
+        assert np.hypot(*(state[[0, 2]] - middle_m[:2])) < 0.9
+    page = render(result, yaml="")
+    assert 'id="spectrogram"' in page and 'aria-label="Tracks from above"' in page
 
 
 def test_the_scenes_hold_what_their_heads_say():

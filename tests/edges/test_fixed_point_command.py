@@ -41,6 +41,7 @@ def test_word_lengths_come_from_a_file_and_overflows_are_told(tmp_path, capsys):
     ("words", "says"),
     [
         (["--frame", "3"], "--frame is 3, but must be a frame from 0 to 0"),
+        (["--frame", "3"], "n_frames says how many"),
         (["--set", "chain.cfar.estimator.kind=ordered-statistic"], "chain.cfar.estimator"),
         (["--set", "chain.n_range_bins=3000"], "set n_range_bins to 4096"),
         (["--words", "nowhere.yaml"], "nowhere.yaml: the file is not there"),

@@ -93,6 +93,12 @@ def test_vectors_that_were_changed_or_lost_are_refused(tmp_path, radar):
     (folder / "power.hex").unlink()
     with pytest.raises(RecordingError, match="No such file"):
         read_vectors(folder)
+    entry = {"name": "power", "files": ["power.hex"], "sha256": [], "bits": 48, "signed": False}
+    for wrong in ([1], [{}], [entry], None):
+        text = json.dumps({"format_version": 1, "vectors": wrong})
+        (folder / "vectors.json").write_text(text)
+        with pytest.raises(RecordingError, match="folder of vectors"):
+            read_vectors(folder)
     (folder / "vectors.json").write_text("[]")
     with pytest.raises(RecordingError, match="folder of vectors"):
         read_vectors(folder)

@@ -307,7 +307,7 @@ def test_any_flipped_bit_leaves_its_list_out():
             damaged = [*sent]
             damaged[place] = sent[place]._replace(data=bytes(data))
 
-            with pytest.warns(dc.PhysicsWarning, match="1 whole lists"):
+            with pytest.warns(dc.PhysicsWarning, match="1 lists are whole"):
                 read = gathered(damaged, LAYOUT)
 
             assert read.frame.values.tolist() == [1] * 4

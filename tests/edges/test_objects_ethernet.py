@@ -1,6 +1,7 @@
 """Object lists as UDP datagrams: the layout, what is lost on the way, and a loopback."""
 
 import math
+import socket
 import struct
 import zlib
 
@@ -116,6 +117,23 @@ def test_what_is_lost_or_late_is_told_and_no_list_is_half(way, first):
     must_be_equal(read, found.isel(object=np.isin(found.frame, left)), SINGLE)
 
 
+def test_datagrams_that_do_not_agree_on_their_number_are_no_list():
+    (sent,) = datagrams(objects_at(2))
+    second, third = (
+        _checked(sent[:6] + struct.pack(">HHHI", n, place, 2, place) + sent[16:])
+        for n, place in ((2, 1), (3, 2))
+    )
+
+    with pytest.warns(dc.PhysicsWarning, match="0 of 2 lists are whole"):
+        assert gathered([second, third]).sizes["cycle"] == 0
+
+
+def _checked(datagram: bytes) -> bytes:
+    """The same with the CRC-32 that its page says, at byte 36."""
+    crc = zlib.crc32(datagram[:36] + bytes(4) + datagram[40:])
+    return datagram[:36] + struct.pack(">I", crc) + datagram[40:]
+
+
 def test_nothing_at_all_is_an_empty_list():
     assert gathered([]).sizes == {"object": 0, "cycle": 0}
     assert gathered(datagrams(objects_at(0))).sizes == {"object": 0, "cycle": 1}
@@ -149,6 +167,15 @@ WRONG = {
 def test_wrong_calls_are_refused(call):
     with pytest.raises(InvalidSetting):
         call()
+
+
+def test_a_line_that_is_closed_or_none_of_datagrams_is_refused():
+    with listen(0) as closed:
+        pass
+    with socket.socket() as stream:
+        for line in (closed, stream):
+            with pytest.raises(InvalidSetting, match="open UDP socket"):
+                receive(line, idle_s=0.1)
 
 
 def test_a_wait_that_is_none_is_refused():

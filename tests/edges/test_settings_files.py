@@ -311,11 +311,11 @@ def test_the_member_of_a_family_is_chosen_by_kind():
     assert only.fix == "Did you mean thermal-noise?"
 
 
-def test_what_is_not_there_yet_may_only_be_null():
+def test_what_is_left_out_by_null_has_settings_of_its_own():
     assert parse("chain: {cluster: null}", Setup) == Setup()
     only = mistake("chain: {cluster: {kind: dbscan}}", Setup)
-    assert only.setting == "chain.cluster"
-    assert only.need == "null: not available yet"
+    assert only.setting == "chain.cluster.kind"
+    assert only.need == "one of reach, min_detections"
 
 
 def test_a_probability_in_decibels_is_a_mistake():

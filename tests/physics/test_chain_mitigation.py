@@ -77,6 +77,15 @@ def test_velocities_that_are_lost_are_not_searched():
     assert not np.isinf(threshold.values[~lost]).any()
 
 
+@pytest.mark.parametrize("method", [dc.MeanSubtraction(), dc.LeakageSubtraction(max_range_m=60)])
+def test_what_moves_leaves_nothing_at_rest(method):
+    """Echoes of 60 dB: a plain mean would leave 1 / (pi k) of each at zero velocity."""
+    for seed, speed in enumerate((3.1, 5.5, 9.3, 14.2, 21.7)):
+        target = dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(speed, 0, 0), rcs_m2=1000.0)
+        result = dc.run(replace(scenario(method, targets=[target]), seed=seed))
+        assert ranges(result) == [20] and result.detections.snr.item() > 1e6
+
+
 @pytest.mark.parametrize(
     ("methods", "setting"),
     [("mean", "Chain.mitigation"), ([1], "Chain.mitigation"), (dc.MeanSubtraction(), "mitigation")],

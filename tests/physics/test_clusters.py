@@ -327,6 +327,8 @@ GOOD = table(range=[20.0, 30.0], velocity=1.0)
         (GOOD.assign(velocity=("detection", [-np.inf, 0.0])), "detections.velocity"),
         (GOOD.assign(snr=("detection", [-1.0, 1.0])), "detections.snr"),
         (GOOD.assign(frame=("detection", [0, -1])), "detections.frame"),
+        (GOOD.assign(frame=("detection", [0, 0.5])), "detections.frame"),
+        (GOOD.assign(azimuth=("detection", [np.inf, 0.0])), "detections.azimuth"),
         (GOOD.assign(range=("detection", ["a", "b"])), "detections.range"),
     ],
 )

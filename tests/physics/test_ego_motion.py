@@ -361,6 +361,8 @@ GOOD = table(azimuth=AZIMUTH, velocity=at_rest(AZIMUTH, (10, 0)))
         (GOOD.assign(azimuth_std=-GOOD.azimuth_std), "detections.azimuth_std"),
         (GOOD.assign(velocity_std=0 * GOOD.velocity_std), "detections.velocity_std"),
         (GOOD.assign(frame=GOOD.frame - 1), "detections.frame"),
+        (GOOD.assign(frame=GOOD.frame + 0.5), "detections.frame"),
+        (GOOD.assign(velocity=GOOD.velocity * 1e12), "detections.velocity"),
     ],
 )
 def test_detections_that_cannot_be_are_refused(one_element, rows, setting):

@@ -467,11 +467,22 @@ def test_a_run_that_can_never_confirm_a_track_is_refused():
         (detections([0], [40, 6, 15, 3]).drop_vars("frame"), np.arange(5.0), "without frame"),
         (detections([0], [40, 6, 15, 3]), [0.0, 1.0, np.nan], "times_s is nan"),
         (None, np.arange(5.0), "found is a table without range"),
+        (detections([0.5], [40, 6, 15, 3]), np.arange(5.0), "found.frame is 0.5"),
+        (
+            detections([0], [40, 6, 15, 3]).assign(range=("detection", ["far"])),
+            np.arange(5.0),
+            "whose range are not a number for each row",
+        ),
     ],
 )
 def test_tables_that_do_not_fit_are_refused(found, times_s, message):
     with pytest.raises(InvalidSetting, match=message):
         track(found, times_s)
+
+
+def test_what_is_no_tracker_is_refused():
+    with pytest.raises(InvalidSetting, match="tracker is a int"):
+        track(detections([0], [40, 6, 15, 3]), np.arange(5.0), 5)
 
 
 def test_without_stone_soup_a_tracker_says_what_to_install(monkeypatch):

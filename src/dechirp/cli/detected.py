@@ -1,4 +1,4 @@
-"""The detections of a run as the terminal shows them, beside the truth where there is one."""
+"""What a run found as the terminal shows it, beside the truth where there is one."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from rich.table import Table
 
 from dechirp.cli.show import table
 from dechirp.experiment.run import Result
-from dechirp.report import compare
+from dechirp.report import compare, tracked
 from dechirp.report.words import NONE, decimals_of, fixed, ratio_db
 
 # What is left out first where the terminal is narrow: the truth before what was measured.
@@ -92,6 +92,40 @@ def _of_targets(of_all: xr.DataArray, target: np.ndarray, frame: np.ndarray) -> 
     places = of_all.indexes["frame"].get_indexer(frame[has])
     out[has] = of_all.transpose("target", "frame").values[target[has], places]
     return out
+
+
+_OF_TRACKS = {
+    "number": "track",
+    "frames": "frames",
+    "x": "x, m",
+    "y": "y, m",
+    "vx": "vx, m/s",
+    "vy": "vy, m/s",
+    "target": "target",
+}
+
+
+def followed(result: Result, *, at_most: int, width: int) -> Iterator[Table | str]:
+    """Tracks, so many at most, and what is told of own motion, clusters and tracks."""
+    tracks = tracked.rows(result, at_most)
+    if tracks and result.tracks is not None:
+        n_all = result.tracks.sizes["track"]
+        found = f"{n_all} track{'' if n_all == 1 else 's'}, where they end"
+        if len(tracks) < n_all:
+            found += f": the first {len(tracks)} (all of them: tracks.csv)"
+        columns = {head: [row[name] for row in tracks] for name, head in _OF_TRACKS.items()}
+        if result.truth is None:
+            del columns["target"]
+        for name in ("frames", "target"):
+            if _width(columns) > width:
+                columns.pop(name, None)
+        made = table(found, right=columns)
+        for cells in zip(*columns.values(), strict=True):
+            made.add_row(*cells)
+        yield made
+    said = " ".join([*tracked.about(result), tracked.summary(result)]).strip()
+    if said:
+        yield said
 
 
 def missed(result: Result) -> Iterator[str]:

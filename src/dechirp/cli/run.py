@@ -44,13 +44,12 @@ def run(
     """
     from dechirp.cli.show import progress
     from dechirp.cli.sources import scenario_of
+    from dechirp.core.errors import DechirpError
     from dechirp.experiment.run import run as run_scenario
-    from dechirp.objects.files import check_path
     from dechirp.store.results import check_out
 
     check_out(out)
-    for file in objects or ():
-        check_path(file)
+    _check_objects(objects or ())
     scenario = scenario_of(
         source,
         changes=changes or [],
@@ -62,13 +61,30 @@ def run(
     with progress("steps", quiet=quiet) as report:
         result = run_scenario(scenario, progress=report)
     if objects:
-        result = _tell_others(result, objects)
-    document = _write(result, source=source, out=out)
+        try:
+            result = _tell_others(result, objects)
+        except DechirpError:  # a disk that is full: the run is not lost
+            _write(result, source=source, out=out, objects=())
+            raise
+    document = _write(result, source=source, out=out, objects=objects or ())
     if as_json:
         print(document, end="")
     elif not quiet:
-        _show(result, out)
+        _show(result, out, objects or ())
     return 0
+
+
+def _check_objects(files: Sequence[Path]) -> None:
+    """Raise `DechirpError` if an object list cannot be written to one of them."""
+    from dechirp.cli.wrong import under_option
+    from dechirp.core.errors import DechirpError
+    from dechirp.objects.files import check_path
+
+    for file in files:
+        try:
+            check_path(file)
+        except DechirpError as error:
+            raise under_option(error, dict.fromkeys(("path", "objects"), "--objects")) from None
 
 
 def _tell_others(result: "Result", files: Sequence[Path]) -> "Result":
@@ -84,7 +100,7 @@ def _tell_others(result: "Result", files: Sequence[Path]) -> "Result":
     return replace(result, findings=(*result.findings, *said))
 
 
-def _write(result: "Result", *, source: Path | None, out: Path) -> str:
+def _write(result: "Result", *, source: Path | None, out: Path, objects: Sequence[Path]) -> str:
     """Write the results, and give the JSON document that is one of them."""
     from dechirp.cli.document import document
     from dechirp.config.texts import dump
@@ -99,7 +115,7 @@ def _write(result: "Result", *, source: Path | None, out: Path) -> str:
     timing_s = {**result.timing_s, "report": perf_counter() - started}
     others = {"ego": result.ego, "clusters": result.clusters, "tracks": result.tracks}
     there = {name: table for name, table in others.items() if table is not None}
-    files = files_in(out, there)
+    files = files_in(out, there) | {file.name: file for file in objects}
     made = document(result, source=source, files=files, timing_s=timing_s)
     texts = {"report.html": page, "scenario.yaml": yaml, "run.json": json_text(made)}
     write_results(
@@ -115,14 +131,18 @@ def _write(result: "Result", *, source: Path | None, out: Path) -> str:
     return texts["run.json"]
 
 
-def _show(result: "Result", out: Path) -> None:
-    from dechirp.cli.detected import detected, missed
+def _show(result: "Result", out: Path, objects: Sequence[Path]) -> None:
+    from dechirp.cli.detected import detected, followed, missed
     from dechirp.cli.show import console, findings
 
     screen = console()
     screen.print(detected(result, at_most=20, width=screen.width))
+    for part in followed(result, at_most=20, width=screen.width):
+        screen.print(part)
     for line in missed(result):
         screen.print(line)
     for paragraph in findings(result.findings):
         screen.print(paragraph)
+    for file in objects:
+        screen.print(f"Object list: {file}", soft_wrap=True)
     screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)

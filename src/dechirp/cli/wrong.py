@@ -1,6 +1,7 @@
 """What is wrong with a call or its input, in the words that all mistakes share."""
 
 import json
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
@@ -41,7 +42,9 @@ def under_option(error: DechirpError, options: Mapping[str, str]) -> DechirpErro
     for mistake in error.mistakes:
         option = options.get(mistake.setting)
         if option is not None and mistake.file in (None, "--set"):
-            fix = mistake.fix.replace(mistake.setting, option)
+            # As a word of its own: `frame` is no part of `n_frames`.
+            name = re.compile(rf"(?<![\w.]){re.escape(mistake.setting)}(?!\w)")
+            fix = name.sub(option, mistake.fix)
             mistake = replace(  # noqa: PLW2901
                 mistake, setting=option, fix=fix, file=None, line=None, column=None
             )

@@ -15,7 +15,6 @@ _SIMPLE: dict[Any, str] = {
     int: "a whole number",
     str: "a text",
     bool: "true or false",
-    type(None): "null: not available yet",
 }
 _SUFFIXES = sorted((f"_{unit}" for unit in KINDS if unit), key=len, reverse=True)
 

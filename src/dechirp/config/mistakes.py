@@ -109,7 +109,7 @@ def _refused(error: ValueError, at: Spot) -> Iterator[Mistake]:
         spot, path = at, at.path
         cls = at.slot.value_class(at.node)
         owner, *names = mistake.setting.split(".")
-        if cls is not None and names and owner in settings(cls):
+        if cls is not None and owner in settings(cls):
             names = [owner, *names]  # the path of a setting, rather than Class.field
         elif cls is None or owner != cls.__name__:
             names = []
@@ -183,7 +183,6 @@ def _cure(at: Spot) -> str:
         float: "Write one number.",
         bool: "Write true or false, without quotes.",
         str: "Write a text.",
-        type(None): "Write null, or leave it out.",
     }
     return cures.get(hint, "Write its settings below it, indented, as NAME: VALUE.")
 

@@ -27,6 +27,7 @@ from dechirp.process.remarks import remarks
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
 from dechirp.scene.truth import truth
+from dechirp.tracking.live import LiveTracker
 
 
 @value
@@ -102,6 +103,9 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
     """
     started = perf_counter()
     n_simulated = 0 if scenario.scene is None else scenario.n_frames
+    if scenario.tracker is not None:
+        with called("tracker", instead_of="Tracker"):
+            LiveTracker(scenario.tracker)  # that it is not installed is said before, not after
 
     def simulated(done: int, of: int) -> None:
         if progress is not None:
@@ -273,7 +277,7 @@ def _source(
     )
     recording.must_hold_samples()
     check_chain(scenario.chain, recording.radar)
-    check_following(scenario, recording.radar)
+    check_following(scenario, recording.radar, len(recording.frame_numbers))
     return recording, recording.radar, recording.findings
 
 

@@ -127,12 +127,9 @@ class Scenario:
                     need=f"settings of the kind {kind.__name__}, or none",
                     fix=f"Give {kind.__name__}(), or leave it out.",
                 )
-        if self.tracker is not None and self.scene is not None:
-            with called("tracker", instead_of="Tracker"):
-                self.tracker.must_confirm_within(self.n_frames)
         if self.radar is not None:
             check_chain(self.chain, self.radar)
-            check_following(self, self.radar)
+            check_following(self, self.radar, None if self.scene is None else self.n_frames)
 
     def _check_scene(self, scene: Scene, radar: Radar) -> None:
         with called("radar.hardware", instead_of="Radar.hardware"):
@@ -155,8 +152,12 @@ def check_chain(chain: Chain, radar: Radar) -> None:
     directions to tell if an estimator was, by elements that will do for it.
     """
     for method in chain.mitigation:
-        with called(f"chain.mitigation.{method.kind()}", instead_of=type(method).__name__):
-            method.passed(np.zeros(1), radar.frame.at(0))  # raises where a frame is too short
+        path = f"chain.mitigation.{method.kind()}"
+        with (
+            called("radar.frame", instead_of="Frame"),
+            called(path, instead_of=type(method).__name__),
+        ):
+            method.must_fit(radar.frame)
     with called("chain.n_range_bins", instead_of="Transform.n_bins"):
         over_range = chain.over_range(radar.frame.chirp)
     with called("chain.n_velocity_bins", instead_of="Transform.n_bins"):
@@ -176,8 +177,15 @@ def check_chain(chain: Chain, radar: Radar) -> None:
                 angle.directions(heard, seen, np.zeros(1))
 
 
-def check_following(scenario: Scenario, radar: Radar) -> None:
-    """Raise `InvalidSetting` where tracks or own motion are asked for of what tells no azimuth."""
+def check_following(scenario: Scenario, radar: Radar, n_frames: int | None) -> None:
+    """Raise `InvalidSetting` where tracks or own motion are asked for and can never be told.
+
+    Of detections without azimuth, or in too few frames to confirm a track; `n_frames` is None
+    where that is not known yet.
+    """
+    if scenario.tracker is not None and n_frames is not None:
+        with called("tracker", instead_of="Tracker"):
+            scenario.tracker.must_confirm_within(n_frames)
     if scenario.chain.fitted(radar).angle is not None:
         return
     for name in ("ego_motion", "tracker"):

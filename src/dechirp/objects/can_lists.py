@@ -1,6 +1,5 @@
 """Object lists from CAN FD frames: whole ones, and what is missing between them."""
 
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,10 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.units import from_decibels
 from dechirp.objects.can_frames import Frame, checksum
 from dechirp.objects.can_layout import OBJECT, Layout
+from dechirp.objects.lost import say_lost
 from dechirp.objects.rows import STATUSES, made, must_be_objects
 
 
@@ -136,19 +135,15 @@ def _id(message: Any) -> tuple[int, bool]:
 
 
 def _say(lost: _Lost, n_whole: int) -> None:
-    parts = {
+    counts = {
         "lists missing by their counters": lost.lists,
         "lists not whole": lost.not_whole,
         "damaged": lost.damaged,
         "parts without a header": lost.stray,
     }
-    said = [f"{n} {what}" for what, n in parts.items() if n]
-    if said:
-        finding = Finding(
-            level="warning",
-            setting="objects",
-            got=f"{', '.join(said)}, beside {n_whole} whole lists",
-            need="every frame of every list",
-            fix="Those lists are left out. Look for errors and overload on the bus.",
-        )
-        warnings.warn(PhysicsWarning(finding), stacklevel=3)
+    say_lost(
+        counts,
+        left=f"{n_whole} lists are whole",
+        need="every frame of every list",
+        fix="Look for errors and overload on the bus.",
+    )

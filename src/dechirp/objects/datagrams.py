@@ -26,7 +26,6 @@ as network order is; floats are IEEE 754, NaN where not told.
 """
 
 import struct
-import warnings
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -35,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.objects.lost import say_lost
 from dechirp.objects.rows import (
     MEASURED,
     STATUSES,
@@ -136,7 +135,7 @@ def gathered(received: Iterable[bytes]) -> xr.Dataset:
     heard = _Heard()
     for datagram in received:
         heard.take(datagram)
-    whole = [one for one in heard.lists.values() if len(one) == one[min(one)].header.n_datagrams]
+    whole = [one for (*_, n_datagrams), one in heard.lists.items() if len(one) == n_datagrams]
     heard.say(len(whole))
     first = [one[0].header for one in whole]
     rows = [np.concatenate([one[at].rows for at in sorted(one)]) for one in whole]
@@ -161,7 +160,7 @@ class _Datagram(NamedTuple):
 class _Heard:
     """Datagrams by list, and what was wrong with others."""
 
-    lists: dict[tuple[int, int, int], dict[int, _Datagram]] = field(default_factory=dict)
+    lists: dict[tuple[int, ...], dict[int, _Datagram]] = field(default_factory=dict)
     damaged: int = 0
     twice: int = 0
     late: int = 0
@@ -175,9 +174,10 @@ class _Heard:
             self.damaged += 1
             return
         header = found.header
-        # A list is known by the sequence of its first datagram; its frame and time tell it from
-        # one of a sender that began again.
-        key = ((header.sequence - header.place) % _ROUND, header.frame, header.time_ns)
+        # A list is known by the sequence of its first datagram; its frame, time and length tell it
+        # from one of another sender, or of one that began again.
+        start = (header.sequence - header.place) % _ROUND
+        key = (start, header.frame, header.time_ns, header.n_datagrams)
         own = self.lists.setdefault(key, {})
         if header.place in own:
             self.twice += 1
@@ -197,8 +197,8 @@ class _Heard:
             return 0
         known = {
             (start + place) % _ROUND
-            for (start, _, _), own in self.lists.items()
-            for place in range(next(iter(own.values())).header.n_datagrams)
+            for start, _, _, n_datagrams in self.lists
+            for place in range(n_datagrams)
         }
         gaps = np.diff(sorted(known), append=min(known) + _ROUND) - 1
         # The largest gap lies outside the run, wherever in the round that is.
@@ -206,22 +206,18 @@ class _Heard:
 
     def say(self, n_whole: int) -> None:
         """Warn of what was wrong."""
-        parts = {
+        counts = {
             "damaged or foreign": self.damaged,
             "missing by their sequence": self.missing,
             "late": self.late,
             "twice": self.twice,
         }
-        said = [f"{n} {what}" for what, n in parts.items() if n]
-        if said:
-            finding = Finding(
-                level="warning",
-                setting="objects",
-                got=f"datagrams {', '.join(said)}; {n_whole} of {len(self.lists)} lists are whole",
-                need="every datagram once, in order",
-                fix="Lists that are not whole are left out. Look at the network's load.",
-            )
-            warnings.warn(PhysicsWarning(finding), stacklevel=3)
+        say_lost(
+            counts,
+            left=f"{n_whole} of {len(self.lists)} lists are whole",
+            need="every datagram once, in order",
+            fix="Look at the network's load.",
+        )
 
 
 def _times_s(objects: xr.Dataset) -> np.ndarray:

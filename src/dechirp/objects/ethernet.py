@@ -95,7 +95,7 @@ def receive(line: socket.socket, *, idle_s: float = 1.0, at_most_s: float = 3600
     Raises
     ------
     InvalidSetting
-        If time goes backwards from list to list.
+        If the socket is closed or no UDP socket, or time goes backwards from list to list.
 
     Warns
     -----
@@ -104,8 +104,7 @@ def receive(line: socket.socket, *, idle_s: float = 1.0, at_most_s: float = 3600
         whole are left out.
     """
     if not isinstance(line, socket.socket):
-        need, fix = "an open socket", "Give what listen() returned."
-        raise InvalidSetting("line", got=repr(line), need=need, fix=fix)
+        raise _not_a_line(repr(line))
     number("idle_s", idle_s, above=0.0, at_most=1e6)
     number("at_most_s", at_most_s, above=0.0, at_most=1e6)
     return gathered(_heard(line, idle_s, at_most_s))
@@ -113,12 +112,19 @@ def receive(line: socket.socket, *, idle_s: float = 1.0, at_most_s: float = 3600
 
 def _heard(line: socket.socket, idle_s: float, at_most_s: float) -> Iterator[bytes]:
     end_s = time.monotonic() + at_most_s
-    line.settimeout(idle_s)
     while time.monotonic() < end_s:
         try:
+            line.settimeout(idle_s)
             yield line.recv(2**16)
         except TimeoutError:
             return
+        except OSError as error:
+            raise _not_a_line(f"one that says: {error.strerror or error}") from None
+
+
+def _not_a_line(got: str) -> InvalidSetting:
+    need, fix = "an open UDP socket", "Give what listen() returned."
+    return InvalidSetting("line", got=got, need=need, fix=fix)
 
 
 def _address(host: str, port: int) -> tuple[int, tuple[object, ...]]:

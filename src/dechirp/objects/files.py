@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import xarray as xr
 
@@ -9,6 +10,7 @@ from dechirp.objects import can_logs, osi, points, tables
 from dechirp.objects.can_logs import read_can_log, write_can_log
 from dechirp.objects.osi import read_osi, write_osi
 from dechirp.objects.points import read_points, write_points
+from dechirp.objects.rows import COLUMNS, made
 from dechirp.objects.tables import read_table, write_table
 from dechirp.objects.whole import must_be_writable, named
 
@@ -68,5 +70,12 @@ def read_objects(path: str | Path) -> xr.Dataset:
 
 
 def check_path(path: str | Path) -> None:
-    """Raise `InvalidSetting` if nothing can be written there; to be asked before a long run."""
-    must_be_writable(named(path, _WRITERS))
+    """Raise `InvalidSetting` if nothing can be written there; to be asked before a long run.
+
+    A list of nothing is written elsewhere, to learn whether the libraries for it are there.
+    """
+    place = named(path, _WRITERS)
+    must_be_writable(place)
+    with TemporaryDirectory() as elsewhere:
+        empty = made(dict.fromkeys(COLUMNS, ()), (), ())
+        write_objects(empty, Path(elsewhere) / f"objects{place.suffix}")

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from dechirp.core.checks import numbers, whole
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.objects.priority import priority
+from dechirp.objects.priority import in_order
 from dechirp.objects.rows import MEASURED, counts, cycles, made, measured, must_be_objects
 
 
@@ -73,8 +73,7 @@ def object_list(
             frame = first + np.arange(len(time_s))
     else:
         raise _not_understood(f"a dataset over {', '.join(map(str, found.dims)) or 'no axis'}")
-    objects = must_be_objects(made(columns, frame, time_s))
-    return objects.isel(object=np.lexsort((priority(objects), objects["frame"].values)))
+    return in_order(must_be_objects(made(columns, frame, time_s)))
 
 
 def _of_tracks(tracks: xr.Dataset) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:

@@ -36,6 +36,7 @@ import xarray as xr
 from dechirp.core.errors import RecordingError
 from dechirp.core.units import decibels, from_decibels
 from dechirp.objects.extra import library
+from dechirp.objects.priority import in_order
 from dechirp.objects.rows import MEASURED, cycle_of, made, must_be_objects
 from dechirp.objects.whole import named, whole_file
 
@@ -109,7 +110,7 @@ def messages(objects: xr.Dataset) -> Iterator[Any]:
 
 
 def read_osi(path: str | Path) -> xr.Dataset:
-    """Read the object list in an OSI trace of `SensorData`.
+    """Read the object list in an OSI trace of `SensorData`, the most important objects first.
 
     Detections that are only told as `RadarDetection`s become rows without standard errors of x
     and y, whose velocity is the radial one along the line of sight.
@@ -136,7 +137,8 @@ def read_osi(path: str | Path) -> xr.Dataset:
     }
     columns["number"] = np.array([row["number"] for row in rows], float)
     columns["status"] = np.array([row["status"] for row in rows], "U9")
-    return must_be_objects(made(columns, np.array(frames, float), np.array(times_s)))
+    # Detections are told in the order of their numbers.
+    return in_order(must_be_objects(made(columns, np.array(frames, float), np.array(times_s))))
 
 
 def _set_head(message: Any, frame: int, time_s: float) -> None:

@@ -40,6 +40,11 @@ def priority(objects: xr.Dataset) -> np.ndarray:
     return rank
 
 
+def in_order(objects: xr.Dataset) -> xr.Dataset:
+    """The same list by frame, and in each by `priority`: the most important object first."""
+    return objects.isel(object=np.lexsort((priority(objects), objects["frame"].values)))
+
+
 def most_important(objects: xr.Dataset, at_most: int, *, why: str, fix: str) -> xr.Dataset:
     """Keep at most so many objects of each frame, by `priority`, in the order they have.
 

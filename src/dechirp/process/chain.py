@@ -14,9 +14,7 @@ from dechirp.process.cfar.cell_averaging import CellAveraging
 from dechirp.process.cluster import Dbscan
 from dechirp.process.mitigation.base import Mitigation
 from dechirp.process.range_walk import RangeWalk
-from dechirp.process.sources import (
-    tells_directions,
-)
+from dechirp.process.sources import tells_directions
 from dechirp.process.spectrum import (
     Transform,
     independent_rows,

@@ -10,7 +10,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.memory import must_fit
 from dechirp.core.values import value
 from dechirp.process.centroids import Placed, centroids, placed
-from dechirp.process.columns import columns, must_be, must_hold
+from dechirp.process.columns import columns, is_frame_number, must_be, must_hold
 from dechirp.radar.cells import in_one_fold
 from dechirp.radar.radar import Radar
 
@@ -125,9 +125,11 @@ def cluster(
     must_hold(
         told,
         {
-            "frame": (told["frame"] >= 0, "the number of a frame, 0 or more"),
+            "frame": (is_frame_number(told["frame"]), "the number of a frame, 0 or more"),
             "range": (np.isfinite(told["range"]), "a finite number"),
             "velocity": (~np.isinf(told["velocity"]), "a finite number, or NaN"),
+            "azimuth": (~np.isinf(told["azimuth"]), "a finite number, or NaN"),
+            "elevation": (~np.isinf(told["elevation"]), "a finite number, or NaN"),
             # Lists of other radars tell no ratio.
             "snr": (~((told["snr"] < 0) | np.isinf(told["snr"])), "0 or more and finite, or NaN"),
         },

@@ -50,6 +50,11 @@ def must_hold(told: Mapping[str, np.ndarray], rules: Mapping[str, tuple[np.ndarr
             )
 
 
+def is_frame_number(numbers: np.ndarray) -> np.ndarray:
+    """Where numbers are those of frames: whole, 0 or more."""
+    return np.asarray((numbers >= 0) & (numbers == np.floor(numbers)))
+
+
 def must_be(name: str, given: object, kind: type[Any], *, fix: str) -> None:
     """Raise `InvalidSetting` unless an argument is of a class."""
     if not isinstance(given, kind):

@@ -28,9 +28,7 @@ from dechirp.process.sources import (
     tells_directions,
     undirected,
 )
-from dechirp.process.spectrum import (
-    noise_gain,
-)
+from dechirp.process.spectrum import noise_gain
 from dechirp.process.virtual import channels
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar

@@ -30,7 +30,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.process.interpolation import offsets
-from dechirp.process.spectrogram import frame_starts_s, must_be_of
+from dechirp.process.spectrogram import frame_starts_s, must_be_finite, must_be_of
 from dechirp.process.spectrum import Transform, amplitude_weights, range_profiles
 from dechirp.process.virtual import channels
 from dechirp.radar.radar import Radar
@@ -70,7 +70,8 @@ def slow_time(
     Raises
     ------
     InvalidSetting
-        If a range is not within those of the rows, or the cube is not that radar's.
+        If a range is not within those of the rows, the cube is not that radar's, or some of its
+        samples are not finite.
     """
     must_be_of(cube, radar)
     frame, chirp = radar.frame, radar.frame.chirp
@@ -93,6 +94,7 @@ def slow_time(
         one = cube.isel(frame=index).transpose("chirp", "rx", "sample").values
         still = np.exp(-2j * np.pi * of_rounds[:, None] * from_middle) * weights
         traces.append(np.einsum("mkn,mn->mk", channels(one, frame), still.astype(np.complex64)))
+        must_be_finite(traces[-1])
     units = cube.attrs.get("units", "full scale")
     return xr.DataArray(
         np.concatenate(traces).astype(np.complex64),
@@ -123,7 +125,8 @@ def range_track(
     Raises
     ------
     InvalidSetting
-        If the interval holds no row, or the cube is not that radar's.
+        If the interval holds fewer than three points, the cube is not that radar's, or some of
+        its samples are not finite.
     """
     must_be_of(cube, radar)
     frame, chirp = radar.frame, radar.frame.chirp
@@ -145,6 +148,7 @@ def range_track(
         one = cube.isel(frame=index).transpose("chirp", "rx", "sample")
         profiles = channels(range_profiles(one, chirp, transform).values[..., rows], frame)
         power = (abs(profiles) ** 2).mean(axis=1)
+        must_be_finite(power)
         top = np.clip(np.argmax(power, axis=1), 1, rows.size - 2)
         round_ = np.arange(len(power))
         before, at, after = (power[round_, top + beside] for beside in (-1, 0, 1))
@@ -184,7 +188,8 @@ def displacement(trace: xr.DataArray, radar: Radar) -> xr.DataArray:
     Returns
     -------
     DataArray (time, ...), m
-        lambda / (4 pi) times the phase, unwrapped over time; away from the radar positive.
+        lambda / (4 pi) times the phase, unwrapped over time; away from the radar positive. Across
+        values of 0, as lost chirps leave them, a straight line.
 
     Raises
     ------
@@ -196,6 +201,7 @@ def displacement(trace: xr.DataArray, radar: Radar) -> xr.DataArray:
     PhysicsWarning
         If more than 1 % of the steps from value to value are near half a turn: movements of a
         quarter of a wavelength and more between them, or noise, make turns that are not there.
+        If values are 0: they have no phase.
     """
     if "time" not in trace.dims or not np.iscomplexobj(trace):
         raise InvalidSetting(
@@ -204,10 +210,10 @@ def displacement(trace: xr.DataArray, radar: Radar) -> xr.DataArray:
             need="a trace over time, complex: its phase tells the movement",
             fix="Give what slow_time or by_frame returns.",
         )
-    # Double precision: single loses micrometres over the turns of a metre.
-    phase = np.angle(trace.values.astype(np.complex128))
     places = trace.get_axis_num("time")
-    steps = abs((np.diff(phase, axis=places) + np.pi) % (2 * np.pi) - np.pi)
+    unwrapped = _unwrapped(trace.values, places)
+    _say_silent(int((trace.values == 0).sum()), trace.size)
+    steps = abs(np.diff(unwrapped, axis=places))
     wavelength_m = SPEED_OF_LIGHT / radar.frame.chirp.mean_sampled_frequency_hz
     share = np.mean(steps > _SURE_STEP) if steps.size else 0.0
     if share > 0.01:
@@ -225,9 +231,34 @@ def displacement(trace: xr.DataArray, radar: Radar) -> xr.DataArray:
             ),
             stacklevel=2,
         )
-    unwrapped = np.unwrap(phase, axis=places)
     moved_m = wavelength_m / (4 * np.pi) * (unwrapped - np.take(unwrapped, [0], axis=places))
     return trace.copy(data=moved_m).assign_attrs(units="m", long_name="displacement")
+
+
+def _unwrapped(values: np.ndarray, axis: int) -> np.ndarray:
+    """Phase without turns along an axis, a straight line across values of 0."""
+    # Double precision: single loses micrometres over the turns of a metre.
+    phase = np.moveaxis(np.angle(values.astype(np.complex128)), axis, -1)
+    told = np.moveaxis(values != 0, axis, -1)
+    for trace in np.ndindex(phase.shape[:-1]):
+        at = np.flatnonzero(told[trace])
+        if at.size:
+            over = np.arange(phase.shape[-1])
+            phase[trace] = np.interp(over, at, np.unwrap(phase[trace][at]))
+    return np.moveaxis(phase, -1, axis)
+
+
+def _say_silent(n_silent: int, n_values: int) -> None:
+    if n_silent:
+        finding = Finding(
+            level="warning",
+            setting="trace",
+            got=f"0 in {n_silent} of {n_values} values, which have no phase",
+            need="an echo in every chirp",
+            fix="Where chirps were lost a straight line takes their place; take a part of the"
+            " recording without gaps for small movements.",
+        )
+        warnings.warn(PhysicsWarning(finding), stacklevel=3)
 
 
 def displacement_spectrum(moved: xr.DataArray, *, window: Window = "hann") -> xr.DataArray:

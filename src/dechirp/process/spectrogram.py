@@ -113,7 +113,7 @@ def spectrogram(
         first_s = starts_s[run[0]] + slots_s + chirp.mid_window_s
         times_s.append(first_s + middles * frame.repetition_s)
     power = np.array(powers) / over_range.noise_bandwidth_bins
-    _must_be_finite(power)
+    must_be_finite(power)
     units = "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
     return xr.DataArray(
         power.astype(np.float32),
@@ -222,8 +222,9 @@ def must_be_of(cube: xr.DataArray, radar: Radar) -> None:
         )
 
 
-def _must_be_finite(power: np.ndarray) -> None:
-    if not np.isfinite(power).all():
+def must_be_finite(made: np.ndarray) -> None:
+    """Raise `InvalidSetting` if what was made of the samples of a cube says that some are not."""
+    if not np.isfinite(made).all():
         raise InvalidSetting(
             "cube",
             got="samples that are not finite (NaN or infinite)",

@@ -11,7 +11,7 @@ from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
 from dechirp.process.spectrogram import spectrogram
-from dechirp.report import compare, directions, tables
+from dechirp.report import compare, directions, tables, tracked
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
 from dechirp.report.figures import spectrogram as over
 from dechirp.report.summary import settings
@@ -66,6 +66,11 @@ def render(result: "Result", *, yaml: str) -> str:
         has_bodies=shown.scatterers is not None and shown.scatterers.range_m.size > 0,
         targets=tables.targets(shown),
         targets_found=tables.targets_found(shown),
+        objects=tracked.about(result),
+        tracks=tracked.rows(result, _MOST_ROWS),
+        tracks_found=tracked.summary(result),
+        most_drawn=tracked.MOST_DRAWN,
+        n_tracks=0 if result.tracks is None else result.tracks.sizes["track"],
         budget=bars.waterfall(result.budget or ()),
         settings=settings(result),
         findings=result.findings,
@@ -118,6 +123,9 @@ def _figures(shown: View) -> dict[str, Markup]:
             detected_m=found.range.values[without].tolist(),
             seen=directions.seen(shown),
         )
+    ways = tracked.from_above(shown)
+    if ways is not None:
+        drawn["tracks"] = ways
     moving_m = _ranges_of_moving_bodies_m(shown)
     if moving_m is not None:
         drawn["spectrogram"] = _spectrogram(result, moving_m)

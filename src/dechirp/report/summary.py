@@ -165,6 +165,25 @@ def _processing(result: "Result") -> list[tuple[str, str]]:
         rows.append(("directions", chain.angle.kind().replace("-", " ")))
     if chain.n_range_bins not in (None, chirp.n_samples):
         rows.append(("range transform", f"{chirp.n_samples} samples to {chain.n_range_bins} bins"))
+    return rows + _following(result)
+
+
+def _following(result: "Result") -> list[tuple[str, str]]:
+    """What goes before the transforms and after the detections, where it was asked for."""
+    chain, tracker = result.scenario.chain, result.scenario.tracker
+    rows = []
+    if chain.mitigation:
+        kinds = ", ".join(method.kind().replace("-", " ") for method in chain.mitigation)
+        rows.append(("clean-up", kinds))
+    if chain.cluster is not None:
+        reach = ", ".join(number(cells) for cells in chain.cluster.reach.of_axes[:3])
+        rows.append(("clusters, reach in range, velocity, direction", f"{reach} cells"))
+    if tracker is not None:
+        rows.append(("tracks", f"{tracker.filter} filter, {tracker.association} association"))
+        hits, frames = tracker.confirm_after
+        rows.append(
+            ("confirmed, dropped", f"{hits} in {frames} frames, {tracker.drop_after} without")
+        )
     return rows
 
 

@@ -128,12 +128,7 @@ def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
         about = json.loads(description.read_text(encoding="utf-8"))
         version, entries = about["format_version"], about["vectors"]
     except (OSError, ValueError, LookupError, TypeError) as error:
-        raise RecordingError(
-            description,
-            got=f"no description of vectors ({type(error).__name__})",
-            need="the file that write_vectors wrote",
-            fix="Name a folder of vectors.",
-        ) from None
+        raise _no_description(description, error) from None
     if version != FORMAT_VERSION:
         raise RecordingError(
             description,
@@ -141,7 +136,10 @@ def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
             need=f"of version {FORMAT_VERSION}",
             fix="Write the vectors again.",
         )
-    return {entry["name"]: _read(folder, entry) for entry in entries}
+    try:
+        return {entry["name"]: _read(folder, entry) for entry in entries}
+    except (ValueError, LookupError, TypeError) as error:
+        raise _no_description(description, error) from None
 
 
 def read_words(path: str | Path, *, bits: int, signed: bool) -> np.ndarray:
@@ -256,6 +254,15 @@ def _write_words(path: Path, integers: np.ndarray, bits: int) -> str:
             checksum.update(lines.tobytes())
             file.write(lines.tobytes())
     return checksum.hexdigest()
+
+
+def _no_description(path: Path, error: Exception) -> RecordingError:
+    return RecordingError(
+        path,
+        got=f"no description of vectors ({type(error).__name__})",
+        need="the file that write_vectors wrote",
+        fix="Name a folder of vectors.",
+    )
 
 
 def _read(folder: Path, entry: dict[str, Any]) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 
 from dechirp.core.checks import count, number, positive, probability, whole
 from dechirp.core.values import value
-from dechirp.process.columns import columns, must_be, must_hold
+from dechirp.process.columns import columns, is_frame_number, must_be, must_hold
 from dechirp.process.sources import from_origin, is_sure, middle_m
 from dechirp.radar.folds import n_told, span_m_per_s
 from dechirp.radar.radar import Radar
@@ -21,6 +21,7 @@ _OTHERS = ("time", "elevation", "elevation_std", "fold")
 # Another velocity might as well be it unless it is e^10 times less likely: 20 in chi-squares.
 _RIVAL = 20.0
 _MOST_HYPOTHESES = 200_000
+_FASTEST_M_PER_S = 1e5
 _AT_ONCE = 2**20  # residuals: 8 MiB
 
 
@@ -187,8 +188,10 @@ def _checked(detections: xr.Dataset, radar: Radar, settings: EgoMotion) -> dict[
     must_hold(
         told,
         {
-            "frame": (told["frame"] >= 0, "the number of a frame, 0 or more"),
+            "frame": (is_frame_number(told["frame"]), "the number of a frame, 0 or more"),
             "range": (np.isfinite(told["range"]), "a finite number"),
+            # Each fold up to it would be a hypothesis.
+            "velocity": (~(abs(told["velocity"]) > _FASTEST_M_PER_S), "at most 1e5 m/s, or NaN"),
             "velocity_std": (~(told["velocity_std"] <= 0), "above 0, or NaN"),
             "azimuth_std": (~(told["azimuth_std"] < 0), "0 or more, or NaN"),
         },

@@ -9,6 +9,7 @@ import xarray as xr
 from dechirp.core.checks import number
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
+from dechirp.process.columns import must_be
 from dechirp.tracking.measured import Measured, measured, rows_of, usable
 from dechirp.tracking.start import first_states
 from dechirp.tracking.tracker import Tracker
@@ -56,10 +57,7 @@ class LiveTracker:
     """
 
     def __init__(self, tracker: Tracker, *, velocity_span_m_per_s: float | None = None) -> None:
-        if not isinstance(tracker, Tracker):
-            raise InvalidSetting(
-                "tracker", got=repr(tracker), need="a Tracker", fix="Give Tracker(), its settings."
-            )
+        must_be("tracker", tracker, Tracker, fix="Give Tracker(), its settings.")
         if velocity_span_m_per_s is not None:
             number("velocity_span_m_per_s", velocity_span_m_per_s, above=0)
         self._tracker = tracker

@@ -30,18 +30,28 @@ def rows_of(found: xr.Dataset, *also: str) -> str:
     Raises
     ------
     InvalidSetting
-        If the table is neither, or has no columns of the other names.
+        If the table is neither, or lacks a column, also of the other names, or one holds no
+        numbers.
     """
     columns = set(found) if isinstance(found, xr.Dataset) else set()
-    missing = [name for name in (*NEEDED, *also) if name not in columns]
-    if missing or found["range"].ndim != 1:
+    wanted = (*NEEDED, *also)
+    missing = [name for name in wanted if name not in columns]
+    wrong = [] if missing else [name for name in wanted if not _is_column(found, name)]
+    if missing or wrong:
         raise InvalidSetting(
             "found",
-            got=f"a table without {', '.join(missing)}" if missing else "columns of several axes",
+            got=f"a table without {', '.join(missing)}"
+            if missing
+            else f"a table whose {', '.join(wrong)} are not a number for each row",
             need="a table of detections or of clusters, with their standard errors",
             fix="Give what `detect` or `cluster` returned.",
         )
     return str(found["range"].dims[0])
+
+
+def _is_column(found: xr.Dataset, name: str) -> bool:
+    column, axes = found[name], found["range"].dims
+    return len(axes) == 1 and column.dims == axes and column.dtype.kind in "iuf"
 
 
 def usable(found: xr.Dataset) -> np.ndarray:

@@ -11,6 +11,7 @@ from dechirp.core.checks import numbers, whole
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.memory import must_fit
+from dechirp.process.columns import must_be
 from dechirp.tracking.live import LiveTracker, Track
 from dechirp.tracking.measured import Measured, rows_of, usable
 from dechirp.tracking.tracker import Tracker
@@ -96,7 +97,8 @@ def track(
     Stone Soup sums hypotheses). J. L. Williams, R. A. Lau, IEEE Trans. AES 50(4), 2014 (loopy
     belief propagation).
     """
-    tracker = tracker or Tracker()
+    tracker = Tracker() if tracker is None else tracker
+    must_be("tracker", tracker, Tracker, fix="Give Tracker(), its settings.")
     over = rows_of(found, "frame")
     times = numbers("times_s", times_s).reshape(-1)
     whole("first", first, at_least=0)
@@ -132,12 +134,12 @@ def _places(found: xr.Dataset, first: int, n_frames: int) -> np.ndarray:
     """Place in the list of times of each row's frame."""
     frame = found["frame"].values
     place = frame - first
-    wrong = frame[~((place >= 0) & (place < n_frames))]
+    wrong = frame[~((place >= 0) & (place < n_frames) & (place == np.floor(place)))]
     if len(wrong):
         raise InvalidSetting(
             "found.frame",
             got=wrong[0],
-            need=f"from {first} to {first + n_frames - 1}, for which there are times",
+            need=f"a number from {first} to {first + n_frames - 1}, for which there are times",
             fix="Give the time of each frame, and the number of the first.",
         )
     return place

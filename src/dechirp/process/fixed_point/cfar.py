@@ -59,8 +59,13 @@ def thresholds(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _product(total: int, factor: int, shift: int) -> int:
-    """floor(total x factor / 2^shift), total to 63 bits and factor to 24: in two halves."""
+    """floor(total x factor / 2^shift), total to 63 bits and factor to 24: in two halves.
+
+    2^62 where it would be more: no power reaches it.
+    """
     high, low = (total >> 32) * factor, (total & 0xFFFFFFFF) * factor
     if shift < 32:
+        if high >> (30 + shift):
+            return 1 << 62
         return (high << (32 - shift)) + (low >> shift)
     return (high + (low >> 32)) >> (shift - 32)

@@ -131,7 +131,7 @@ def ratios_over_bits(
     -------
     Dataset over `bits` and `signal` (tone, noise), ratios of powers
         measured
-            Mean signal over mean noise of all trials.
+            Mean signal over mean noise of all trials, in the scale of the samples.
         worst
             Of the worst trial.
         predicted
@@ -151,13 +151,12 @@ def ratios_over_bits(
             one = _with_twiddles(base, length)
             found = fft(points, length, one)
             each = quantisation_ratio(points, found)
-            exponents = found.shifts.sum(axis=-1)
             power = np.mean(points.astype(float) ** 2, axis=(1, 2)) * 2 * n_points
-            power *= 4.0**-exponents
             made[0, place, column] = power.sum() / (power / each).sum()
             made[1, place, column] = each.min()
             if base.rounding == "convergent" and not found.overflows.any():
-                noise = quantisation_noise(found.shifts, power, one)
+                last_bit = 4.0 ** found.shifts.sum(axis=-1)  # its square, in those of samples
+                noise = quantisation_noise(found.shifts, power / last_bit, one) * last_bit
                 made[2, place, column] = power.sum() / noise.sum()
     names = ("measured", "worst", "predicted")
     return xr.Dataset(

@@ -45,6 +45,9 @@ class Mitigation(Family):
             If the samples are not such a frame's, or not finite, or the chirps too few.
         """
 
+    def must_fit(self, frame: Frame) -> None:
+        """Raise `InvalidSetting` if a frame is too short for the method to leave anything."""
+
     def passed(self, doppler_hz: np.ndarray, frame: Frame) -> np.ndarray:
         """Power that a target of that Doppler frequency keeps, a ratio; of any shape.
 

@@ -15,7 +15,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.process.mitigation.base import Mitigation, lost_chirps, samples_of
-from dechirp.process.mitigation.mean_subtraction import MeanSubtraction
+from dechirp.process.mitigation.mean_subtraction import MeanSubtraction, still
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -41,20 +41,18 @@ class LeakageSubtraction(Mitigation):
 
     def clean(self, samples: np.ndarray, frame: Frame) -> np.ndarray:
         """Subtract the near part of the mean of each channel; see `Mitigation.clean`."""
-        self._must_fit(frame.chirp)
-        mean = MeanSubtraction()
-        mean.must_fit(frame)
+        self.must_fit(frame)
         given = samples_of(samples, frame)
         kept = ~lost_chirps(given)
         basis = self._basis(frame.chirp)
         out = given.copy()
         for slot, ramp in enumerate(frame.ramps):
-            own = np.flatnonzero(kept[slot :: frame.n_slots]) * frame.n_slots + slot
-            if not own.size:
+            rounds = kept[slot :: frame.n_slots]
+            if not rounds.any():
                 continue
-            still = given[own].mean(axis=0, dtype=basis.dtype)
+            own = np.flatnonzero(rounds) * frame.n_slots + slot
             # Beats of a falling ramp are negative: backwards, they are as those of a rising one.
-            forwards = still[:, :: ramp.sign]
+            forwards = still(given[slot :: frame.n_slots], rounds)[:, :: ramp.sign]
             near = (forwards @ basis.conj().T) @ basis
             out[own] -= near[:, :: ramp.sign].astype(given.dtype)
         return out
@@ -71,8 +69,7 @@ class LeakageSubtraction(Mitigation):
 
     def remark(self, radar: Radar) -> list[Finding]:
         """That targets at rest are lost in the nearer ranges."""
-        self._must_fit(radar.frame.chirp)
-        MeanSubtraction().must_fit(radar.frame)
+        self.must_fit(radar.frame)
         cell_m = radar.frame.chirp.range_resolution_m
         return [
             Finding(
@@ -85,7 +82,10 @@ class LeakageSubtraction(Mitigation):
             )
         ]
 
-    def _must_fit(self, chirp: Chirp) -> None:
+    def must_fit(self, frame: Frame) -> None:
+        """Raise `InvalidSetting` if a frame has one chirp, or ends before the range does."""
+        MeanSubtraction().must_fit(frame)
+        chirp = frame.chirp
         most_m = chirp.max_range_m - (_MORE + 1) * chirp.range_resolution_m
         if self.max_range_m > most_m:
             raise InvalidSetting(

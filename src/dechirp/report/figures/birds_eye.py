@@ -108,7 +108,7 @@ def detections(axes: Axes, seen: Seen) -> None:
                 label=name,
                 zorder=3,
             )
-    times = _magnified(seen, width_m)
+    times = magnified(float(np.median(seen.range_m * seen.azimuth_std_rad)), width_m)
     ellipses_m = seen.places_m[:, :, None] + times * seen.ellipses_m()
     for at, ellipse_m in enumerate(ellipses_m[:_MOST_ELLIPSES]):
         axes.plot(
@@ -126,10 +126,21 @@ def round_down(amount: float) -> float:
     return max(step for step in (1.0, 2.0, 5.0) if step * decade <= amount * (1 + 1e-9)) * decade
 
 
-def _magnified(seen: Seen, width_m: float) -> float:
-    """A round factor at which half of the ellipses can be seen, 1 where they can as they are."""
-    usual_m = float(np.median(seen.range_m * seen.azimuth_std_rad))
+def magnified(usual_m: float, width_m: float) -> float:
+    """A round factor at which a usual ellipse can be seen, 1 where it can as it is."""
     return round_down(_SEEN * width_m / usual_m) if 0 < usual_m < _SEEN * width_m else 1.0
+
+
+def arrow(axes: Axes, start: np.ndarray, end: np.ndarray, color: str) -> None:
+    """Draw an arrow from one place to another, x and y of each; none where they are one."""
+    if np.allclose(start, end):
+        return
+    axes.annotate(
+        "",
+        xy=(end[1], end[0]),
+        xytext=(start[1], start[0]),
+        arrowprops={"arrowstyle": "-|>", "color": color, "linewidth": 1.4, "shrinkA": 0},
+    )
 
 
 def _field_of_view(axes: Axes, half_rad: float, reach_m: float) -> None:

@@ -171,7 +171,7 @@ def _ways(axes: Axes, drawn: _Drawn) -> None:
         axes.plot(*course_m.T[::-1], color=BLUE, linewidth=0.8, label="way through waypoints")
     axes.plot(*drawn.stops_m.T[::-1], linestyle="", marker="|", markersize=5, color=BLUE)
     axes.plot(*drawn.ego_m.T[::-1], color=INK, linewidth=1.4)
-    _arrow(axes, drawn.ego_m[-2], drawn.ego_m[-1], INK)
+    birds_eye.arrow(axes, drawn.ego_m[-2], drawn.ego_m[-1], INK)
 
 
 def _targets(axes: Axes, drawn: _Drawn, stroke_m: float, way_s: float) -> None:
@@ -180,7 +180,7 @@ def _targets(axes: Axes, drawn: _Drawn, stroke_m: float, way_s: float) -> None:
         axes.plot(*np.array([place, end]).T[::-1], color=BLUE, linewidth=2.2, alpha=0.5)
     tips_m = drawn.places_m + drawn.arrows_m
     for place, tip in list(zip(drawn.places_m, tips_m, strict=True))[:_MOST_ARROWS]:
-        _arrow(axes, place, tip, BLUE)
+        birds_eye.arrow(axes, place, tip, BLUE)
     if len(drawn.points_m):
         axes.plot(
             *drawn.points_m.T[::-1],
@@ -208,14 +208,3 @@ def _while_s(scene: Scene, time_s: float) -> float:
     fastest = float(np.linalg.norm(np.vstack([on_ground, ego])[:, :2], axis=1).max())
     reach_m = np.linalg.norm(scene.positions_m(at_s)[0, :, :2], axis=1).max(initial=1.0)
     return birds_eye.round_down(0.3 * reach_m / fastest) if fastest > 0 else 0.0
-
-
-def _arrow(axes: Axes, start: np.ndarray, end: np.ndarray, color: str) -> None:
-    if np.allclose(start, end):
-        return
-    axes.annotate(
-        "",
-        xy=(end[1], end[0]),
-        xytext=(start[1], start[0]),
-        arrowprops={"arrowstyle": "-|>", "color": color, "linewidth": 1.4, "shrinkA": 0},
-    )

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, told apart by colour-blind readers, darkened for thin lines.
 INK, MUTED, PALE = "#1d2733", "#66727f", "#c9d0d7"
-BLUE, ORANGE = "#0868ac", "#c8500a"
+BLUE, ORANGE, GREEN = "#0868ac", "#c8500a", "#00795a"
 
 # Light to dark through blue: one hue, the same for colour-blind readers, and it prints.
 COLORS = LinearSegmentedColormap.from_list(
