@@ -26,7 +26,7 @@ def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
     with less than a tenth left, see `process.mitigation.noise`.
     """
     noise = chain.noise(radar)
-    samples = cube.transpose("chirp", "rx", "sample").values
+    samples = cube.variable.transpose("chirp", "rx", "sample").values
     if chain.mitigation:
         samples = cleaned(samples, radar.frame, chain.mitigation).samples
     units = "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
