@@ -1,6 +1,7 @@
 """Directions on the page: the example does what its head says, and pictures are to scale."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -68,13 +69,17 @@ def test_the_page_shows_directions_and_counts_the_posts_apart(result, page):
 
 def test_a_recording_is_seen_from_above_without_truth(result):
     scenario = SimpleNamespace(
-        **{name: getattr(result.scenario, name) for name in ("name", "seed", "chain", "n_frames")},
+        **{
+            name: getattr(result.scenario, name)
+            for name in ("name", "seed", "chain", "n_frames", "ego_motion", "tracker")
+        },
         impairments=(),
         engine=result.scenario.engine,
         scene=None,
         recording=SimpleNamespace(path="street.bin"),
     )
     parts = ("first_frame", "radar", "n_frames", "frames", "cube", "power", "threshold")
+    parts = (*parts, "ego", "clusters", "tracks")
     made = SimpleNamespace(
         **{name: getattr(result, name) for name in (*parts, "detections", "findings", "timing_s")},
         scenario=scenario,
@@ -92,19 +97,7 @@ def test_without_directions_nothing_is_said_of_them(result):
     found = result.detections.copy()
     for name in ("azimuth", "elevation", "azimuth_std", "elevation_std"):
         found[name] = found[name] * np.nan
-    made = SimpleNamespace(
-        **{
-            name: getattr(result, name)
-            for name in ("first_frame", "radar", "n_frames", "frames", "cube", "power")
-        },
-        threshold=result.threshold,
-        scenario=result.scenario,
-        detections=found,
-        findings=(),
-        timing_s=result.timing_s,
-        truth=result.truth,
-        budget=None,
-    )
+    made = replace(result, detections=found, findings=(), budget=None)
 
     page = render(made, yaml="name: mimo")
 
