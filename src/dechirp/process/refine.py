@@ -216,7 +216,7 @@ def _gain(frequency: float, edges: np.ndarray) -> float:
     return np.sum(_block_tone(frequency, edges) * np.exp(-1j * frequency * centres)).real
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _moments(
     sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
 ) -> np.ndarray:
