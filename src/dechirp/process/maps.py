@@ -7,7 +7,7 @@ from dechirp.core.conventions import axis
 from dechirp.core.memory import must_fit
 from dechirp.process.chain import Chain
 from dechirp.process.mitigation.cleaned import cleaned
-from dechirp.process.mitigation.noise import colours_noise, evened, noise_left, searched
+from dechirp.process.mitigation.noise import evened, noise_left, searched
 from dechirp.process.peaks import clear_of_sidelobes, highest
 from dechirp.process.range_walk import undone_by
 from dechirp.process.spectrum import (
@@ -80,7 +80,7 @@ def power_of(samples: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
 
 def left_by(radar: Radar, chain: Chain) -> np.ndarray | None:
     """Noise that clean-up leaves in each cell of a map, see `noise_left`; none where all."""
-    if not any(colours_noise(one) for one in chain.mitigation):
+    if not any(one.filters_slow_time for one in chain.mitigation):
         return None
     noise = chain.noise(radar)
     return noise_left(chain.mitigation, radar.frame.chirp, noise.over_range, noise.over_velocity)

@@ -59,6 +59,11 @@ class Mitigation(Family):
         """What becomes of series of one value a round, (round, n): linear; the same here."""
         return series
 
+    @property
+    def filters_slow_time(self) -> bool:
+        """Whether it acts on all chirps alike, so that noise is not the same at all velocities."""
+        return type(self).over_chirps is not Mitigation.over_chirps
+
     def share_of_ranges(self, weights: np.ndarray, chirp: Chirp, n_bins: int) -> np.ndarray:
         """Share of the noise in each range bin on which `over_chirps` acts, (n_bins,).
 
@@ -102,6 +107,17 @@ def samples_of(samples: np.ndarray, frame: Frame) -> np.ndarray:
             fix="Find what wrote them, or replace them by zeros.",
         )
     return kept
+
+
+def must_have_chirps(method: Mitigation, frame: Frame, fewest: int) -> None:
+    """Raise `InvalidSetting` if a frame has fewer chirps of each transmitter."""
+    if frame.n_chirps < fewest:
+        raise InvalidSetting(
+            "Frame.n_chirps",
+            got=f"{frame.n_chirps}, under mitigation of kind {method.kind()}",
+            need=f"at least {fewest}: of fewer nothing is left",
+            fix="Leave that mitigation out, or send more chirps.",
+        )
 
 
 def lost_chirps(samples: np.ndarray) -> np.ndarray:

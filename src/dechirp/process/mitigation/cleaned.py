@@ -10,14 +10,14 @@ from dechirp.core.units import decibels
 from dechirp.process.mitigation.base import Mitigation, samples_of
 from dechirp.radar.frame import Frame
 
-_ALL = 0.5  # of the samples: what changes more of them is no repair
-
 
 @dataclass(frozen=True)
 class Removed:
     """What one method took out of one frame."""
 
     kind: str
+    is_repair: bool
+    """Of some samples, not a filter of all."""
     power: float
     """Mean square of what was taken out, over all samples, in the unit of the samples squared."""
     left: float
@@ -52,11 +52,11 @@ def cleaned(samples: np.ndarray, frame: Frame, mitigation: Sequence[Mitigation])
     removed = []
     for method in mitigation:
         before, now = now, method.clean(now, frame)
-        removed.append(_removed(method.kind(), before, now))
+        removed.append(_removed(method, before, now))
     return Cleaned(samples=now, removed=tuple(removed))
 
 
-def _removed(kind: str, before: np.ndarray, after: np.ndarray) -> Removed:
+def _removed(method: Mitigation, before: np.ndarray, after: np.ndarray) -> Removed:
     n_chirps = n_samples = 0
     power = left = 0.0
     for old, new in zip(before, after, strict=True):
@@ -68,7 +68,8 @@ def _removed(kind: str, before: np.ndarray, after: np.ndarray) -> Removed:
         power += np.vdot(taken, taken).real
         left += np.vdot(new.astype(wide), new.astype(wide)).real
     return Removed(
-        kind=kind,
+        kind=method.kind(),
+        is_repair=not method.filters_slow_time,
         power=float(power / max(before.size, 1)),
         left=float(left / max(before.size, 1)),
         n_chirps=n_chirps,
@@ -89,7 +90,7 @@ def _note(removed: Sequence[Removed]) -> Finding:
     n_chirps, of_chirps = (sum(getattr(one, n) for one in removed) for n in _COUNTS)
     if not n_chirps:
         got, fix = f"nothing to be repaired in {of_chirps} chirps", "Nothing is to be done."
-    elif share <= _ALL:
+    elif removed[0].is_repair:
         got = f"{n_chirps} of {of_chirps} chirps repaired, {share:.2%} of all samples"
         fix = "Nothing is to be done; where most chirps are hit, find out by whom."
     else:

@@ -14,7 +14,7 @@ from dechirp.core.checks import positive
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
-from dechirp.process.mitigation.base import Mitigation, lost_chirps, samples_of
+from dechirp.process.mitigation.base import Mitigation, lost_chirps, must_have_chirps, samples_of
 from dechirp.process.mitigation.mean_subtraction import MeanSubtraction, still
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
@@ -84,7 +84,7 @@ class LeakageSubtraction(Mitigation):
 
     def must_fit(self, frame: Frame) -> None:
         """Raise `InvalidSetting` if a frame has one chirp, or ends before the range does."""
-        MeanSubtraction().must_fit(frame)
+        must_have_chirps(self, frame, MeanSubtraction().fewest_chirps)
         chirp = frame.chirp
         most_m = chirp.max_range_m - (_MORE + 1) * chirp.range_resolution_m
         if self.max_range_m > most_m:

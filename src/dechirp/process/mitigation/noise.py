@@ -47,7 +47,7 @@ def _noise_left(
     over_range: Transform,
     over_velocity: Transform,
 ) -> np.ndarray:
-    acting = [one for one in mitigation if colours_noise(one)]
+    acting = [one for one in mitigation if one.filters_slow_time]
     shares = [one.share_of_ranges(over_range.weights, chirp, over_range.n_bins) for one in acting]
     everywhere = [np.all(share == 1) for share in shares]
     n_rows = over_range.n_bins if chirp.sampling == "complex" else over_range.n_bins // 2 + 1
@@ -62,11 +62,6 @@ def _noise_left(
     left = left.astype(np.float32)
     left.setflags(write=False)  # it is kept, and handed out again
     return left
-
-
-def colours_noise(one: Mitigation) -> bool:
-    """Whether it filters slow time, so that noise is not the same at all velocities."""
-    return type(one).over_chirps is not Mitigation.over_chirps
 
 
 @lru_cache(maxsize=32)

@@ -5,9 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
-from dechirp.process.mitigation.base import Mitigation, lost_chirps, samples_of
+from dechirp.process.mitigation.base import Mitigation, lost_chirps, must_have_chirps, samples_of
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -51,13 +50,7 @@ class SlowTimeFilter(Mitigation):
 
     def must_fit(self, frame: Frame) -> None:
         """Raise `InvalidSetting` if a frame has too few chirps."""
-        if frame.n_chirps < self.fewest_chirps:
-            raise InvalidSetting(
-                "Frame.n_chirps",
-                got=f"{frame.n_chirps}, under mitigation of kind {self.kind()}",
-                need=f"at least {self.fewest_chirps}: of fewer nothing is left",
-                fix="Leave that mitigation out, or send more chirps.",
-            )
+        must_have_chirps(self, frame, self.fewest_chirps)
 
     def remark(self, radar: Radar) -> list[Finding]:
         """That targets at rest are lost, and which others lose more than 3 dB.
