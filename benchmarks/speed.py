@@ -180,7 +180,7 @@ def of_map() -> dict[str, dict[str, float]]:
         "map, kernel": lambda: mean_power(samples, "complex", over_range, over_velocity),
         "map, power_map": lambda: dc.power_map(frame, scenario.radar, chain),
     }
-    plain = lambda: plain_map(samples[:, 0], taper, 4096)  # noqa: E731
+    plain = partial(plain_map, samples[:, 0], taper, 4096)
     return {name: compare(name, work, plain, 2.6 / 3.0) for name, work in works.items()}
 
 

@@ -30,6 +30,7 @@ from dechirp.process.sources import (
 )
 from dechirp.process.spectrum import noise_gain
 from dechirp.process.virtual import channels
+from dechirp.radar.cube import must_be_sampled_as
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -339,13 +340,7 @@ def _must_be_of(cube: xr.DataArray, radar: Radar) -> None:
                 need=f"{size}, as the radar has",
                 fix="Give the radar that the cube was taken with.",
             )
-    if np.iscomplexobj(cube) != (chirp.sampling == "complex"):
-        raise InvalidSetting(
-            "cube",
-            got=f"samples of type {cube.dtype}",
-            need=f"{chirp.sampling} samples, as the chirp says",
-            fix="Set the chirp's sampling to what the converter takes.",
-        )
+    must_be_sampled_as(chirp, cube, where="cube")
 
 
 def _must_be_finite(power: np.ndarray) -> None:

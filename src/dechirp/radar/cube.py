@@ -6,6 +6,8 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES, axis, chirp_times, transmitters
+from dechirp.core.errors import InvalidSetting
+from dechirp.radar.chirp import Chirp
 from dechirp.radar.radar import Radar
 
 
@@ -49,3 +51,14 @@ def labelled_cube(
         name="cube",
         attrs={"units": units, "convention": "beat = Tx x conj(Rx), receding positive"},
     )
+
+
+def must_be_sampled_as(chirp: Chirp, samples: np.ndarray | xr.DataArray, *, where: str) -> None:
+    """Raise `InvalidSetting` about `where` unless samples are complex or real as the chirp says."""
+    if np.iscomplexobj(samples) != (chirp.sampling == "complex"):
+        raise InvalidSetting(
+            where,
+            got=f"samples of type {samples.dtype}",
+            need=f"{chirp.sampling} samples, as the chirp says",
+            fix="Set the chirp's sampling to what the converter takes.",
+        )

@@ -78,17 +78,12 @@ class Ring:
         training, guard = self.n_training, self.n_guard
         return training.range, training.velocity, guard.range, guard.velocity
 
-    @lru_cache(maxsize=256)  # noqa: B019
     def offsets(self, place: int) -> np.ndarray:
         """Training cells from a cell under test in row `place` of the box, (n_training, 2).
 
         Velocity and range; in order of range, then velocity.
         """
-        rows = np.arange(2 * self.half_range + 1) - place
-        columns = np.arange(2 * self.half_velocity + 1) - self.half_velocity
-        trains = (abs(rows)[:, None] > self.n_guard.range) | (abs(columns) > self.n_guard.velocity)
-        row, column = np.nonzero(trains)
-        return np.stack([columns[column], rows[row]], axis=1)
+        return _offsets(self, place)
 
     def guard_rows(self, place: int) -> slice:
         """Rows of the box that the guard takes, for the cell under test in row `place`."""
@@ -144,6 +139,17 @@ class Ring:
                     need=f"at most {n_cells}, the {name} cells of the map",
                     fix=f"Lower n_training.{name} or n_guard.{name}.",
                 )
+
+
+@lru_cache(maxsize=256)
+def _offsets(ring: Ring, place: int) -> np.ndarray:
+    rows = np.arange(2 * ring.half_range + 1) - place
+    columns = np.arange(2 * ring.half_velocity + 1) - ring.half_velocity
+    trains = (abs(rows)[:, None] > ring.n_guard.range) | (abs(columns) > ring.n_guard.velocity)
+    row, column = np.nonzero(trains)
+    found = np.stack([columns[column], rows[row]], axis=1)
+    found.setflags(write=False)  # it is kept, and handed out again
+    return found
 
 
 class NoiseEstimator(Family):

@@ -9,6 +9,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
 from dechirp.radar.chirp import Chirp
+from dechirp.radar.cube import must_be_sampled_as
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -91,13 +92,7 @@ def samples_of(samples: np.ndarray, frame: Frame) -> np.ndarray:
             need=f"(chirp, rx, sample) with {wanted[0]} chirps and {wanted[1]} samples",
             fix="Give all chirps of one frame in the order sent, and the frame they are of.",
         )
-    if np.iscomplexobj(samples) != (chirp.sampling == "complex"):
-        raise InvalidSetting(
-            "samples",
-            got=f"of type {np.asarray(samples).dtype}",
-            need=f"{chirp.sampling}, as the chirp says",
-            fix="Set the chirp's sampling to what the converter takes.",
-        )
+    must_be_sampled_as(chirp, np.asarray(samples), where="samples")
     kept = np.ascontiguousarray(samples, np.complex64 if np.iscomplexobj(samples) else np.float32)
     if not np.isfinite(kept).all():
         raise InvalidSetting(
