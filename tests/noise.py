@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 import dechirp as dc
-from dechirp.echoes.impairments.white_noise import add_white_noise
+from dechirp.core.normal import add_white_noise
 
 
 def noisy(clean: xr.DataArray, snr_db: float, rng: np.random.Generator) -> xr.DataArray:

@@ -44,7 +44,11 @@ ONLY_IN = {
     "cantools": {"objects"},
     "can": {"objects"},
     "osi3": {"objects"},
-    "duckdb": {"objects"},
+    "duckdb": {"objects", "store"},
+    "optuna": {"experiment"},
+    "dask": {"experiment"},
+    "distributed": {"experiment"},
+    "dask_jobqueue": {"experiment"},
     "cyclopts": {"cli"},
     "rich": {"cli"},
 }

@@ -57,9 +57,46 @@ if TYPE_CHECKING:
     from dechirp.evaluate.identity import identities
     from dechirp.evaluate.nees import mean_nees_interval, nees
     from dechirp.evaluate.ospa import ospa_m
+    from dechirp.evaluate.score.azimuth_bias import AzimuthBias
+    from dechirp.evaluate.score.azimuth_rmse import AzimuthRmse
+    from dechirp.evaluate.score.clusters_per_target import ClustersPerTarget
+    from dechirp.evaluate.score.detection_probability import DetectionProbability
+    from dechirp.evaluate.score.elevation_bias import ElevationBias
+    from dechirp.evaluate.score.elevation_rmse import ElevationRmse
+    from dechirp.evaluate.score.false_alarm_probability import FalseAlarmProbability
+    from dechirp.evaluate.score.false_tracks import FalseTracks
+    from dechirp.evaluate.score.frame_false_alarm_probability import FrameFalseAlarmProbability
+    from dechirp.evaluate.score.one_cluster_probability import OneClusterProbability
+    from dechirp.evaluate.score.processing_time import ProcessingTime
+    from dechirp.evaluate.score.range_bias import RangeBias
+    from dechirp.evaluate.score.range_rmse import RangeRmse
+    from dechirp.evaluate.score.resolution_probability import ResolutionProbability
+    from dechirp.evaluate.score.roc import Roc
+    from dechirp.evaluate.score.track_gospa import TrackGospa
+    from dechirp.evaluate.score.track_held import TrackHeld
+    from dechirp.evaluate.score.track_identity_changes import TrackIdentityChanges
+    from dechirp.evaluate.score.track_nees import TrackNees
+    from dechirp.evaluate.score.track_ospa import TrackOspa
+    from dechirp.evaluate.score.velocity_bias import VelocityBias
+    from dechirp.evaluate.score.velocity_rmse import VelocityRmse
     from dechirp.experiment.inspection import Inspection, inspect
     from dechirp.experiment.run import Result, run
     from dechirp.experiment.scenario import Scenario, Source, load, reference
+    from dechirp.experiment.statistical.sensor import Sensor, sense
+    from dechirp.experiment.study.read import load_study
+    from dechirp.experiment.study.run import Finished, run_study
+    from dechirp.experiment.study.study import (
+        Draw,
+        Drawn,
+        Listed,
+        Requirement,
+        Study,
+        Trials,
+        Until,
+    )
+    from dechirp.experiment.tune.read import load_tune
+    from dechirp.experiment.tune.run import run_tune
+    from dechirp.experiment.tune.tune import Aim, Limit, Recorded, Tune
     from dechirp.experiment.verify.certificate import Certificate, verify
     from dechirp.formats.recording import Recording, open
     from dechirp.formats.settings.write_ti_cfg import ti_cfg_text
@@ -191,9 +228,38 @@ _WHERE = {
     "evaluate.identity": "identities",
     "evaluate.nees": "mean_nees_interval nees",
     "evaluate.ospa": "ospa_m",
+    "evaluate.score.azimuth_bias": "AzimuthBias",
+    "evaluate.score.azimuth_rmse": "AzimuthRmse",
+    "evaluate.score.clusters_per_target": "ClustersPerTarget",
+    "evaluate.score.detection_probability": "DetectionProbability",
+    "evaluate.score.elevation_bias": "ElevationBias",
+    "evaluate.score.elevation_rmse": "ElevationRmse",
+    "evaluate.score.false_alarm_probability": "FalseAlarmProbability",
+    "evaluate.score.false_tracks": "FalseTracks",
+    "evaluate.score.frame_false_alarm_probability": "FrameFalseAlarmProbability",
+    "evaluate.score.one_cluster_probability": "OneClusterProbability",
+    "evaluate.score.processing_time": "ProcessingTime",
+    "evaluate.score.range_bias": "RangeBias",
+    "evaluate.score.range_rmse": "RangeRmse",
+    "evaluate.score.resolution_probability": "ResolutionProbability",
+    "evaluate.score.roc": "Roc",
+    "evaluate.score.track_gospa": "TrackGospa",
+    "evaluate.score.track_held": "TrackHeld",
+    "evaluate.score.track_identity_changes": "TrackIdentityChanges",
+    "evaluate.score.track_nees": "TrackNees",
+    "evaluate.score.track_ospa": "TrackOspa",
+    "evaluate.score.velocity_bias": "VelocityBias",
+    "evaluate.score.velocity_rmse": "VelocityRmse",
     "experiment.inspection": "Inspection inspect",
     "experiment.run": "Result run",
     "experiment.scenario": "Scenario Source load reference",
+    "experiment.statistical.sensor": "Sensor sense",
+    "experiment.study.read": "load_study",
+    "experiment.study.run": "Finished run_study",
+    "experiment.study.study": "Draw Drawn Listed Requirement Study Trials Until",
+    "experiment.tune.read": "load_tune",
+    "experiment.tune.run": "run_tune",
+    "experiment.tune.tune": "Aim Limit Recorded Tune",
     "experiment.verify.certificate": "Certificate verify",
     "formats.recording": "Recording open",
     "formats.settings.write_ti_cfg": "ti_cfg_text",
@@ -285,7 +351,10 @@ _WHERE = {
 _MODULE = {name: module for module, names in _WHERE.items() for name in names.split()}
 
 __all__ = [
+    "Aim",
     "Array",
+    "AzimuthBias",
+    "AzimuthRmse",
     "Bartlett",
     "Bicyclist",
     "Bpm",
@@ -301,6 +370,7 @@ __all__ = [
     "Chain",
     "Chirp",
     "Cloud",
+    "ClustersPerTarget",
     "Compression",
     "CornerReflector",
     "CosinePattern",
@@ -310,17 +380,26 @@ __all__ = [
     "Ddma",
     "DechirpError",
     "Design",
+    "DetectionProbability",
     "Device",
+    "Draw",
+    "Drawn",
     "Ego",
     "EgoMotion",
+    "ElevationBias",
+    "ElevationRmse",
     "Engine",
     "Esprit",
+    "FalseAlarmProbability",
     "FalseAlarms",
+    "FalseTracks",
     "Fft",
     "FieldOfView",
     "Finding",
+    "Finished",
     "Fog",
     "Frame",
+    "FrameFalseAlarmProbability",
     "FrequencyShiftKeying",
     "Gas",
     "GreatestOf",
@@ -341,6 +420,8 @@ __all__ = [
     "Jitter",
     "Leakage",
     "LeakageSubtraction",
+    "Limit",
+    "Listed",
     "LiveTracker",
     "MaximumLikelihood",
     "MeanSubtraction",
@@ -350,6 +431,7 @@ __all__ = [
     "MovingTargetIndication",
     "Music",
     "NotEnoughMemory",
+    "OneClusterProbability",
     "OrderedStatistic",
     "Oscillation",
     "PatchArray",
@@ -362,40 +444,59 @@ __all__ = [
     "Points",
     "PolynomialNonlinearity",
     "PositionErrors",
+    "ProcessingTime",
     "Quantisation",
     "Radar",
     "Radome",
     "Rain",
     "RainBackscatter",
+    "RangeBias",
+    "RangeRmse",
     "Rays",
     "RcsTable",
     "Reach",
+    "Recorded",
     "Recording",
     "RecordingError",
+    "Requirement",
     "Requirements",
+    "ResolutionProbability",
     "Result",
+    "Roc",
     "RootMusic",
     "Rotation",
     "Scatterer",
     "Scenario",
     "Scene",
+    "Sensor",
     "SinusoidalNonlinearity",
     "SlopeDrift",
     "SmallestOf",
     "Source",
     "Sphere",
     "Staggered",
+    "Study",
     "TablePattern",
     "Target",
     "Tdm",
     "ThermalNoise",
+    "TrackGospa",
+    "TrackHeld",
+    "TrackIdentityChanges",
+    "TrackNees",
+    "TrackOspa",
     "Tracker",
+    "Trials",
     "Triangular",
     "TrimmedMean",
     "Truck",
+    "Tune",
     "TwoStep",
     "Typical77Ghz",
+    "Until",
     "Van",
+    "VelocityBias",
+    "VelocityRmse",
     "Wall",
     "Waypoint",
     "WhiteNoise",
@@ -419,6 +520,8 @@ __all__ = [
     "inspect",
     "labelled",
     "load",
+    "load_study",
+    "load_tune",
     "mean_nees_interval",
     "mounting",
     "nees",
@@ -435,6 +538,9 @@ __all__ = [
     "read_words",
     "reference",
     "run",
+    "run_study",
+    "run_tune",
+    "sense",
     "simulate",
     "slow_time",
     "spectrogram",

@@ -734,7 +734,7 @@ def test_every_family_lists_its_members_with_their_settings(call):
     families = json.loads(out)["families"]
     assert (status, err) == (0, "")
     assert " ".join(families) == (
-        "angle body cfar device format impairment mitigation modulation multiplexing pattern"
+        "angle body cfar device format impairment mitigation modulation multiplexing pattern score"
     )
     assert (
         families["multiplexing"]["tdm"]["settings"]["order"]["need"]

@@ -11,7 +11,7 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.config.texts import dump
-from dechirp.report import compare
+from dechirp.evaluate.match import match
 from dechirp.report.figures.birds_eye import Seen
 from dechirp.report.page import render
 
@@ -137,7 +137,7 @@ def one_row(result, azimuth: float) -> xr.Dataset:
 @pytest.mark.parametrize(("azimuth", "name"), [(0.306, "left-post"), (-0.314, "right-post")])
 def test_of_targets_at_one_range_the_one_in_the_direction_is_matched(result, azimuth, name):
     scene = result.scenario.scene
-    matched = compare.match(one_row(result, azimuth), result.truth, result.radar, scene)
+    matched = match(one_row(result, azimuth), result.truth, result.radar, scene)
     assert scene.names[matched.target[0]] == name
 
 
@@ -147,5 +147,5 @@ def test_a_direction_that_a_fold_may_have_turned_loses_no_target(result):
     sure = doubtful.assign(fold=doubtful.fold * 0)
     sure["fold"][:] = 0.0
 
-    assert compare.match(doubtful, post, result.radar).target.tolist() == [0]
-    assert compare.match(sure, post, result.radar).target.tolist() == [-1]
+    assert match(doubtful, post, result.radar).target.tolist() == [0]
+    assert match(sure, post, result.radar).target.tolist() == [-1]

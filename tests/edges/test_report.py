@@ -12,6 +12,7 @@ from dechirp.core.conventions import axis
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.echoes.echo import simulate
 from dechirp.echoes.engine import Engine
+from dechirp.evaluate.match import match
 from dechirp.experiment.run import run
 from dechirp.experiment.scenario import Scenario
 from dechirp.process.cfar.base import Cfar
@@ -25,18 +26,18 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
-from dechirp.report import compare
 from dechirp.report.figures import bars
 from dechirp.report.figures.range_doppler import reduced
 from dechirp.report.figures.style import thinned
 from dechirp.report.page import render
+from dechirp.report.places import on_map
 from dechirp.report.view import view_of
 from dechirp.report.words import NONE, quantity, small
 from dechirp.scene.bodies.car import Car
 from dechirp.scene.bodies.cloud import Cloud
 from dechirp.scene.bodies.corner_reflector import CornerReflector
 from dechirp.scene.bodies.pedestrian import Pedestrian
-from dechirp.scene.bodies.points import Oscillation, Points, Rotation, Scatterer
+from dechirp.scene.bodies.points import Points, Rotation, Scatterer
 from dechirp.scene.ego import Ego
 from dechirp.scene.folding import seen
 from dechirp.scene.scene import Scene
@@ -349,7 +350,7 @@ def test_a_target_beyond_the_ambiguity_limits_is_expected_where_its_echo_peaks(s
     with pytest.warns(PhysicsWarning):
         cube = simulate(scene, radar, impairments=(), seed=1)
 
-    expected = compare.on_map(seen(truth(scene, radar), radar), radar)
+    expected = on_map(seen(truth(scene, radar), radar), radar)
 
     power = power_map(cube.isel(frame=0), radar, Chain())
     row, column = np.unravel_index(int(power.values.argmax()), power.shape)
@@ -386,16 +387,6 @@ def test_over_time_the_truth_has_the_fold_of_its_detections_on_the_map_none(n_tx
     assert view.expected.velocity_m_per_s == pytest.approx(on_map, abs=0.1)
 
 
-def test_a_detection_two_cells_away_is_not_the_targets():
-    known = truth(Scene(targets=(CAR,)), RADAR)
-    found = detections(3)
-    cell_m = CHIRP.range_resolution_m
-    found["range"] = ("detection", float(known.range.item()) + cell_m * np.array([0.1, 1.9, 2.1]))
-    found["velocity"] = ("detection", np.full(3, 10.0))
-
-    assert compare.match(found, known, RADAR).target.tolist() == [0, 0, -1]
-
-
 def pair_of_points(**of_target) -> Scene:
     """A body 50 m away with scatterers at its origin and 6 m, ten cells, behind it."""
     near = Scatterer(position_m=(0, 0, 0), rcs_m2=1.0)
@@ -412,39 +403,13 @@ def at(range_m: list[float], velocity: float) -> xr.Dataset:
     return found
 
 
-def test_a_detection_of_any_scatterer_is_the_bodys():
-    scene = pair_of_points()
-    known = truth(scene, RADAR)
-    origin_m = known.range.item()
-    found = at([origin_m, origin_m + 6.1, origin_m + 3.0], 10.0)
-
-    matched = compare.match(found, known, RADAR, scene)
-
-    # 3 m lie between the two, five cells from each; without the scene only the origin counts.
-    assert matched.target.tolist() == [0, 0, -1]
-    assert np.isnan(matched.range_error_m).all()
-    assert compare.match(found, known, RADAR).target.tolist() == [0, -1, -1]
-
-
-def test_a_part_that_moves_is_looked_for_at_its_own_velocity():
-    # 12.6 m/s towards the radar at the middle of the frame, 8 cells from the velocity of the body.
-    turn = 2 * np.pi * 20.0 * RADAR.frame.mid_frame_s
-    swing = Oscillation(amplitude_m=(0.1, 0, 0), frequency_hz=20.0, phase_rad=np.pi - turn)
-    scene = pair_of_points(oscillation=swing)
-    known = truth(scene, RADAR)
-    moving = at([known.range.item() + 6], 10 - 0.1 * 2 * np.pi * 20)
-
-    assert compare.match(moving, known, RADAR, scene).target.tolist() == [0]
-    assert compare.match(at([known.range.item() + 6], 10.0), known, RADAR, scene).target[0] == -1
-
-
 def test_the_far_side_of_a_car_is_no_place_of_the_truth():
     car = dataclasses.replace(CAR, rcs_m2=1.0, velocity_m_per_s=(0, 0, 0), body=Car(length_m=15))
     scene = Scene(targets=(car,))
     known = truth(scene, RADAR)
 
     # It faces away: its tail is 7.5 m nearer than its origin and seen, its nose as far is hidden.
-    matched = compare.match(at([42.5, 57.5], 0.0), known, RADAR, scene)
+    matched = match(at([42.5, 57.5], 0.0), known, RADAR, scene)
 
     assert matched.target.tolist() == [0, -1]
     marked = view_of(result(scene=scene)).scatterers
@@ -457,7 +422,7 @@ def test_a_body_that_faces_elsewhere_is_nowhere():
     scene = Scene(targets=(corner,))
     known = truth(scene, RADAR)
 
-    assert compare.match(at([known.range.item()], 10.0), known, RADAR, scene).target[0] == -1
+    assert match(at([known.range.item()], 10.0), known, RADAR, scene).target[0] == -1
     row = re.search(r"<tr><td>car</td>(.*?)</tr>", page_of(result(scene=scene)))[1]
     assert re.sub(r"<[^>]*>", " ", row).split() == [NONE, "50.00", "10.00", "0.0", NONE, "no"]
 
@@ -480,20 +445,6 @@ def test_a_few_chirps_have_no_velocity_over_time():
     made = result(radar=radar, cube=cube.isel(chirp=slice(few)), scene=Scene(targets=(WALKER,)))
 
     assert "spectrogram" not in sections(page_of(made))
-
-
-def test_velocities_are_near_each_other_across_the_end_of_the_map():
-    most = RADAR.frame.max_velocity_m_per_s
-    cell = RADAR.frame.velocity_resolution_m_per_s
-    car = dataclasses.replace(CAR, velocity_m_per_s=(most - 0.3 * cell, 0, 0))
-    scene = Scene(targets=(car,))
-    known = truth(scene, RADAR)
-    found = at([known.range.item()], -most + cell)
-
-    matched = compare.match(found, known, RADAR, scene)
-
-    assert matched.target.tolist() == [0]
-    assert matched.velocity_error_m_per_s[0] == pytest.approx(1.3 * cell)
 
 
 def test_a_page_tells_bodies_ways_and_how_echoes_were_summed():

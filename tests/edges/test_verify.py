@@ -35,14 +35,11 @@ def quick(monkeypatch):
     """Few trials, and no processes."""
     every = certificate._jobs
     monkeypatch.setattr(certificate, "_jobs", lambda *given, **told: few(every(*given, **told)))
-    monkeypatch.setattr(certificate, "ProcessPoolExecutor", Threads)
-
-
-class Threads(ThreadPoolExecutor):
-    """One thread in the place of processes."""
-
-    def __init__(self, max_workers, env):
-        super().__init__(1)
+    usual = certificate.given
+    thread = ThreadPoolExecutor(1)
+    monkeypatch.setattr(certificate, "given", lambda executor: usual(executor or thread))
+    yield
+    thread.shutdown()
 
 
 @pytest.fixture
@@ -111,7 +108,7 @@ def test_the_same_seed_gives_the_same_certificate_to_the_bit():
         one, many = document(verify(seed=4)), document(verify(seed=4, executor=crowd))
     for changing in ("date", "timing_s"):
         del one[changing], many[changing]
-    assert one == many
+    assert repr(one) == repr(many)  # so few trials leave an interval or two without a number
     assert document(verify(seed=5))["claims"] != one["claims"]
 
 

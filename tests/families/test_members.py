@@ -12,6 +12,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.echoes.impairments.base import Impairment
+from dechirp.evaluate.score.base import Score
 from dechirp.formats.base import Fit, Format
 from dechirp.process.angle.aperture import Aperture
 from dechirp.process.angle.base import DirectionEstimator
@@ -35,6 +36,7 @@ FAMILIES = [
     Multiplexing,
     Pattern,
     Body,
+    Score,
 ]
 # Of three transmitters; the phases turn the second and the third by thirds of a circle.
 GIVEN = {

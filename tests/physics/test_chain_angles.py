@@ -12,6 +12,7 @@ from test_angle_of_moving_targets import HALF_M, at, mimo
 
 import dechirp as dc
 from dechirp.cli.detected import detected
+from dechirp.evaluate.match import match
 from dechirp.process.angle.bartlett import Bartlett
 from dechirp.process.angle.esprit import Esprit
 from dechirp.process.angle.maximum_likelihood import MaximumLikelihood
@@ -21,7 +22,6 @@ from dechirp.process.near_field import far_from_m
 from dechirp.process.sources import from_origin, middle_m, range_from_m
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.phase_code import PhaseCode
-from dechirp.report import compare
 from dechirp.report.page import render
 from dechirp.store.tables import COLUMNS, columns, json_text, records
 from dechirp.theory.direction_bounds import towards
@@ -290,7 +290,7 @@ def test_detections_belong_to_targets_in_their_direction(radar):
     chain = dc.Chain(angle=MaximumLikelihood(n_sources=2))
     found = dc.detect(dc.simulate(scene, radar, seed=1), radar, chain)
 
-    matched = compare.match(found, truth, radar, scene)
+    matched = match(found, truth, radar, scene)
 
     assert found.sizes["detection"] == 2
     expected = [0 if azimuth > 0 else 1 for azimuth in found.azimuth.values]
@@ -311,7 +311,7 @@ def test_errors_of_folded_targets_are_against_what_was_told_of_them(radar):
 
     assert found.fold.item() == 1 and np.isnan(untold.fold.item())
     for detections, of in ((found, radar), (untold, alone)):
-        matched = compare.match(detections, truth, of, scene)
+        matched = match(detections, truth, of, scene)
         assert matched.target.tolist() == [0]
         assert abs(matched.range_error_m[0]) < 0.01
         assert abs(matched.velocity_error_m_per_s[0]) < 0.05

@@ -9,10 +9,10 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
+from dechirp.evaluate.match import match
 from dechirp.process.cluster import Dbscan, Reach, cluster
 from dechirp.radar.cells import in_cells, in_one_fold
 from dechirp.radar.folds import coupling_m, span_m_per_s
-from dechirp.report import compare
 from dechirp.scene.bodies.car import Car
 
 COLUMNS = ("range", "velocity", "azimuth", "elevation", "snr", "fold")
@@ -256,7 +256,7 @@ def test_cars_are_fewer_clusters_than_detections_and_do_not_mix(radar):
         ]
     )
     found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-    owner = compare.match(found, dc.truth(scene, radar), radar, scene).target
+    owner = match(found, dc.truth(scene, radar), radar, scene).target
 
     marked, clusters = cluster(found, radar)
 

@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
+from dechirp.evaluate.match import match
 from dechirp.radar.folds import span_m_per_s
-from dechirp.report import compare
 from dechirp.tracking.doppler_fit import Sighted, fit
 from dechirp.tracking.ego import EgoMotion, ego_motion, labelled
 from dechirp.tracking.mounting import mounting
@@ -250,7 +250,7 @@ def test_on_a_highway_the_speed_is_known_to_a_decimetre_a_second(highway):
 
     motion = labelled(rows, ego, highway.radar).motion.values
     truth = dc.truth(scene, highway.radar, n_frames=2)
-    owner = compare.match(rows, truth, highway.radar, scene).target
+    owner = match(rows, truth, highway.radar, scene).target
     names = np.array(scene.names)[owner]
     rests = np.isin(names, sorted(AT_REST))
     assert "static" not in motion[(owner >= 0) & ~rests]

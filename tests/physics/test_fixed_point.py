@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dechirp as dc
+from dechirp.core.normal import add_white_noise
 from dechirp.core.units import decibels
-from dechirp.echoes.impairments.white_noise import add_white_noise
 from dechirp.process.fixed_point.agreement import agreement, agreement_over_bits
 from dechirp.process.fixed_point.cfar import thresholds
 from dechirp.process.fixed_point.chain import fixed_point_map

@@ -211,7 +211,7 @@ def test_directions_are_those_of_the_fold_that_frames_agree_on(radar, how, veloc
         position_m=tuple(20 * towards), velocity_m_per_s=tuple(velocity * towards), rcs_m2=10
     )
     scene = dc.Scene(targets=[target])
-    cube = dc.simulate(scene, radar, n_frames=3, seed=1)
+    cube = dc.simulate(scene, radar, n_frames=3, seed=2)
     found, truth = dc.detect(cube, radar), dc.truth(scene, radar, n_frames=3).isel(target=0)
 
     assert found.frame.values.tolist() == [0, 1, 2]

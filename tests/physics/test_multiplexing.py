@@ -12,8 +12,8 @@ from scipy.stats import binom
 
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.normal import add_white_noise
 from dechirp.core.units import decibels
-from dechirp.echoes.impairments.white_noise import add_white_noise
 from dechirp.process.virtual import channels
 from dechirp.radar.array import Array
 from dechirp.radar.cube import labelled_cube

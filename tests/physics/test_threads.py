@@ -6,9 +6,9 @@ import numba
 import numpy as np
 import pytest
 
+from dechirp.core import scratch
+from dechirp.core.normal import add_white_noise
 from dechirp.core.threads import in_threads, slices
-from dechirp.echoes.impairments.white_noise import add_white_noise
-from dechirp.echoes.kernels import scratch
 
 
 @pytest.mark.parametrize("n_threads", [1, 2, 5])

@@ -8,8 +8,9 @@ from rich.cells import cell_len
 from rich.table import Table
 
 from dechirp.cli.show import table
+from dechirp.evaluate.match import match
 from dechirp.experiment.run import Result
-from dechirp.report import compare, tracked
+from dechirp.report import tracked
 from dechirp.report.words import NONE, decimals_of, fixed, ratio_db
 
 # What is left out first where the terminal is narrow: the truth before what was measured.
@@ -144,4 +145,4 @@ def missed(result: Result) -> Iterator[str]:
 def _targets(result: Result, detections: xr.Dataset) -> np.ndarray:
     assert result.truth is not None
     scene = result.scenario.scene
-    return compare.match(detections, result.truth, result.radar, scene).target
+    return match(detections, result.truth, result.radar, scene).target

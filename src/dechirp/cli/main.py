@@ -32,8 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         status = _status(words)
         sys.stdout.flush()
-    except KeyboardInterrupt:
-        print("Interrupted; nothing was written.", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(str(error) or "Interrupted; nothing was written.", file=sys.stderr)
         status = 128 + signal.SIGINT
     except BrokenPipeError:
         _give_up_streams()
@@ -126,6 +126,16 @@ def _app() -> App:
         "dechirp.cli.verify:verify",
         name="verify",
         help="Measure every claim of the reference report against theory, and write the paper.",
+    )
+    app.command(
+        "dechirp.cli.study:study",
+        name="study",
+        help="Try a scenario many times over varied settings, with intervals, beside theory.",
+    )
+    app.command(
+        "dechirp.cli.tune:tune",
+        name="tune",
+        help="Search detector, cluster and tracker settings for a stated aim.",
     )
     app.command(
         "dechirp.cli.inspect:inspect",

@@ -14,6 +14,8 @@ Json: TypeAlias = Annotated[
         help="Print one JSON document, and nothing else, on standard output.",
     ),
 ]
+# Read as text: the parser of the command line would take 1.5 for a whole number.
+Whole: TypeAlias = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 Quiet: TypeAlias = Annotated[
     bool, Parameter(name="--quiet", show_default=False, help="Print nothing but mistakes.")
 ]
@@ -66,3 +68,21 @@ class Told:
 
 
 NOTHING_TOLD = Told()
+
+
+def whole_number(option: str, text: str, at_least: int, at_most: int) -> int:
+    """Whole number of an option; raises `InvalidSetting` for anything else."""
+    from dechirp.core.checks import whole
+    from dechirp.core.errors import InvalidSetting
+
+    try:
+        number = int(text)
+    except ValueError:
+        raise InvalidSetting(
+            option,
+            got=text,
+            need=f"a whole number from {at_least} to {at_most}",
+            fix="Write its digits alone.",
+        ) from None
+    whole(option, number, at_least=at_least, at_most=at_most)
+    return number

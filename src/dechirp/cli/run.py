@@ -64,13 +64,13 @@ def run(
         try:
             result = _tell_others(result, objects)
         except DechirpError:  # a disk that is full: the run is not lost
-            _write(result, source=source, out=out, objects=())
+            write(result, source=source, out=out, objects=())
             raise
-    document = _write(result, source=source, out=out, objects=objects or ())
+    document = write(result, source=source, out=out, objects=objects or ())
     if as_json:
         print(document, end="")
     elif not quiet:
-        _show(result, out, objects or ())
+        show(result, out, objects or ())
     return 0
 
 
@@ -100,7 +100,7 @@ def _tell_others(result: "Result", files: Sequence[Path]) -> "Result":
     return replace(result, findings=(*result.findings, *said))
 
 
-def _write(result: "Result", *, source: Path | None, out: Path, objects: Sequence[Path]) -> str:
+def write(result: "Result", *, source: Path | None, out: Path, objects: Sequence[Path]) -> str:
     """Write the results, and give the JSON document that is one of them."""
     from dechirp.cli.document import document
     from dechirp.config.texts import dump
@@ -131,7 +131,8 @@ def _write(result: "Result", *, source: Path | None, out: Path, objects: Sequenc
     return texts["run.json"]
 
 
-def _show(result: "Result", out: Path, objects: Sequence[Path]) -> None:
+def show(result: "Result", out: Path, objects: Sequence[Path]) -> None:
+    """Show the results on standard output, and where they are."""
     from dechirp.cli.detected import detected, followed, missed
     from dechirp.cli.show import console, findings
 

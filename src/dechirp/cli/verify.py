@@ -5,20 +5,17 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import Json, Quiet
-
-# Read as text: the parser of the command line would take 1.5 for a whole number.
-_Whole = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+from dechirp.cli.options import Json, Quiet, Whole, whole_number
 
 
 def verify(
     *,
-    trials: _Whole = None,
+    trials: Whole = None,
     full: Annotated[bool, Parameter(show_default=False)] = False,
     out: Path = Path("dechirp-verify"),
     as_json: Json = False,
     quiet: Quiet = False,
-    seed: _Whole = None,
+    seed: Whole = None,
 ) -> int:
     """Measure every claim of the reference report against theory, and write the paper.
 
@@ -44,8 +41,8 @@ def verify(
     from dechirp.store.tables import json_text
     from dechirp.store.texts import check_out, write_texts
 
-    n_trials = None if trials is None else _number("--trials", trials, 1, 100_000_000)
-    start = 1 if seed is None else _number("--seed", seed, 0, 2**63 - 1)
+    n_trials = None if trials is None else whole_number("--trials", trials, 1, 100_000_000)
+    start = 1 if seed is None else whole_number("--seed", seed, 0, 2**63 - 1)
     check_out(out, _FILES)
     with progress("trials", quiet=quiet) as report:
         certificate = certify(trials=n_trials, full=full, seed=start, progress=report)
@@ -64,23 +61,6 @@ def verify(
 
 
 _FILES = ("verify.json", "report.html")
-
-
-def _number(option: str, text: str, at_least: int, at_most: int) -> int:
-    from dechirp.core.checks import whole
-    from dechirp.core.errors import InvalidSetting
-
-    try:
-        number = int(text)
-    except ValueError:
-        raise InvalidSetting(
-            option,
-            got=text,
-            need=f"a whole number from {at_least} to {at_most}",
-            fix="Write its digits alone.",
-        ) from None
-    whole(option, number, at_least=at_least, at_most=at_most)
-    return number
 
 
 def _show(found: dict[str, Any], out: Path) -> None:

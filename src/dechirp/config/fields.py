@@ -25,6 +25,8 @@ class Slot:
 
     hint: Any
     unit: str | None = None
+    field: str = ""
+    """Name of the field, which says whether a text is the path of a file."""
 
     @property
     def choices(self) -> tuple[Any, ...]:
@@ -53,8 +55,13 @@ class Slot:
         """Slot of the members of a list here."""
         for choice in self.choices:
             if get_origin(choice) is tuple:
-                return Slot(get_args(choice)[0], self.unit)
+                return Slot(get_args(choice)[0], self.unit, self.field)
         return Slot(object)
+
+    @property
+    def is_path(self) -> bool:
+        """Whether a text here is the path of a file."""
+        return str in self.choices and is_path(self.field)
 
 
 @dataclass(frozen=True)
@@ -80,7 +87,7 @@ def settings(cls: type) -> dict[str, Setting]:
             default = field.default_factory()
         found[key] = Setting(
             field=field.name,
-            slot=Slot(hints[field.name], unit),
+            slot=Slot(hints[field.name], unit, field.name),
             required=default is MISSING,
             default=None if default is MISSING else default,
         )
@@ -90,6 +97,11 @@ def settings(cls: type) -> dict[str, Setting]:
 def key_of(cls: type, field: str) -> str:
     """Name in files of a field, or the same name where the class has no such field."""
     return next((key for key, setting in settings(cls).items() if setting.field == field), field)
+
+
+def is_path(field: str) -> bool:
+    """Whether a field of that name holds the path of a file."""
+    return field == "path" or field.endswith("_path")
 
 
 def is_family(hint: Any) -> bool:
@@ -129,7 +141,7 @@ def _split(field: str, hint: Any) -> tuple[str, str | None]:
     if not _holds(float, hint):
         return field, None
     for suffix in _SUFFIXES:
-        if field.endswith("probability"):
+        if field.endswith(("probability", "probabilities", "confidence")):
             return field, "probability"
         if field.endswith(suffix):
             return field.removesuffix(suffix), suffix[1:]

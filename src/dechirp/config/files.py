@@ -7,7 +7,7 @@ mistake of a file is told at once.
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 
@@ -15,7 +15,7 @@ from dechirp.config.fields import Slot, words
 from dechirp.config.mistakes import Spot, mistakes
 from dechirp.config.models import Context, Readers, checker
 from dechirp.config.overrides import override
-from dechirp.config.tree import Place, read_tree, repeated
+from dechirp.config.tree import Node, Place, read_tree, repeated
 from dechirp.core.errors import InvalidFile, Mistake
 
 T = TypeVar("T")
@@ -52,7 +52,7 @@ def read(
     """
     path = Path(path)
     return parse(
-        _text(path),
+        text_in(path),
         kind,
         file=str(path),
         base=path.absolute().parent,
@@ -71,9 +71,13 @@ def parse(
     readers: Readers | None = None,
 ) -> T:
     """Value of a class from the text of a settings file; `read` says what else it takes."""
-    tree = read_tree(text, file)
-    wrong: list[Mistake] = []
     context = Context(base=base, readers=readers or {})
+    return of_tree(read_tree(text, file), kind, context, overrides=overrides)
+
+
+def of_tree(tree: Node, kind: type[T], context: Context, *, overrides: Iterable[str] = ()) -> T:
+    """Value of a class from what a settings file, or a part of it, holds."""
+    wrong: list[Mistake] = []
     if tree.content is None:
         overrides = tuple(overrides)
         if not overrides:
@@ -88,22 +92,50 @@ def parse(
             tree = override(Spot("", tree, Slot(kind)), option, context)
         except InvalidFile as error:
             wrong += error.mistakes
-    wrong += repeated(tree)
     try:
-        made = checker(cast(type, kind)).validate_python(tree.plain, context=context)
+        made = value_of(Spot("", tree, Slot(kind)), context)
+    except InvalidFile as error:
+        wrong += error.mistakes
+    if wrong:
+        raise InvalidFile(*in_order(wrong))
+    return cast(T, made)
+
+
+def value_of(spot: Spot, context: Context) -> Any:
+    """Value of what is written at a spot.
+
+    Raises
+    ------
+    InvalidFile
+        With every mistake in it.
+    """
+    wrong = list(repeated(spot.node, spot.path))
+    try:
+        made = checker(spot.slot).validate_python(spot.node.plain, context=context)
     except ValidationError as error:
-        spot = Spot("", tree, Slot(kind))
         wrong += mistakes(error, spot, read_from_path=context.readers)
     if wrong:
-        raise InvalidFile(*sorted(dict.fromkeys(wrong), key=_order))
-    return cast(T, made)
+        raise InvalidFile(*in_order(wrong))
+    return made
+
+
+def in_order(wrong: Iterable[Mistake]) -> list[Mistake]:
+    """Each mistake once, as they come in the file; those that are in none at the end."""
+    return sorted(dict.fromkeys(wrong), key=_order)
 
 
 def _order(mistake: Mistake) -> tuple[bool, int, int]:
     return mistake.line is None, mistake.line or 0, mistake.column or 0
 
 
-def _text(path: Path) -> str:
+def text_in(path: Path) -> str:
+    """Text of a settings file.
+
+    Raises
+    ------
+    InvalidFile
+        If it is none: not there, not text, or larger than 1 MiB.
+    """
     try:
         if not path.exists():
             got = "not there"

@@ -82,7 +82,7 @@ def _explained(
 ) -> Iterator[Mistake]:
     last = detail["loc"][-1] if detail["loc"] else None
     if detail["type"] == "value_error":
-        yield from _refused(detail["ctx"]["error"], at)
+        yield from refused(detail["ctx"]["error"], at)
     elif detail["type"] == "extra_forbidden":
         yield _unknown(at, about)
     elif detail["type"] == "missing" and isinstance(last, str):
@@ -98,7 +98,7 @@ def _explained(
         )
 
 
-def _refused(error: ValueError, at: Spot) -> Iterator[Mistake]:
+def refused(error: Exception, at: Spot) -> Iterator[Mistake]:
     """Say what a value has against its fields, or a quantity against its text."""
     if not isinstance(error, InvalidSetting | ElsewhereError):
         raise error  # nobody's mistake but ours

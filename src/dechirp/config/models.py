@@ -24,7 +24,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from dechirp.config.fields import is_family, settings
+from dechirp.config.fields import Slot, is_family, is_path, settings
 from dechirp.config.quantities import quantity
 from dechirp.core.errors import InvalidFile, Mistake
 from dechirp.core.families import Family
@@ -52,9 +52,9 @@ class ElsewhereError(ValueError):
 
 
 @cache
-def checker(kind: type) -> TypeAdapter[Any]:
-    """Prepare what makes a value of a class from plain settings, given a `Context`."""
-    return TypeAdapter(_checked(kind, "", None))
+def checker(slot: Slot) -> TypeAdapter[Any]:
+    """Prepare what makes of plain settings what may stand in a slot, given a `Context`."""
+    return TypeAdapter(_checked(slot.hint, slot.field, slot.unit))
 
 
 @cache
@@ -74,7 +74,7 @@ def _checked(hint: Any, field: str, unit: str | None) -> Any:
         made = Annotated[Any, PlainValidator(partial(_number, unit=unit))]
     elif hint in (int, bool):
         made = Annotated[hint, Strict()]
-    elif hint is str and (field == "path" or field.endswith("_path")):
+    elif hint is str and is_path(field):
         made = Annotated[str, AfterValidator(_beside_the_file)]
     elif hint in (str, type(None)) or get_origin(hint) is Literal:
         made = hint
@@ -117,7 +117,7 @@ def _member(family: type[Family], raw: Any, info: ValidationInfo) -> Any:
     chosen = family.members().get(kind) if isinstance(kind, str) else None
     if chosen is None:
         raise PydanticCustomError("kind", "not a member")
-    return checker(chosen).validate_python(rest, context=info.context)
+    return checker(Slot(chosen)).validate_python(rest, context=info.context)
 
 
 def _made(cls: type, raw: Any, check: Callable[[Any], BaseModel], info: ValidationInfo) -> Any:

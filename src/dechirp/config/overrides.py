@@ -24,6 +24,18 @@ def override(spot: Spot, text: str, context: Context) -> Node:
     InvalidFile
         If the text is not of that form or the path leads nowhere; its `file` is `--set`.
     """
+    path, made = given(text)
+    return placed(spot, path.split("."), made, context)
+
+
+def given(text: str) -> tuple[str, Node]:
+    """Path and value of PATH=VALUE.
+
+    Raises
+    ------
+    InvalidFile
+        If the text is not of that form.
+    """
     path, equals, written = text.partition("=")
     if not (path.strip() and equals):
         raise InvalidFile(
@@ -36,15 +48,20 @@ def override(spot: Spot, text: str, context: Context) -> Node:
         )
     path = path.strip()
     try:
-        made = _moved(read_tree(written, "--set"), _OPTION)
+        return path, _moved(read_tree(written, "--set"), _OPTION)
     except InvalidFile as error:
         mistakes = (replace(m, setting=path, line=None, column=None) for m in error.mistakes)
         raise InvalidFile(*mistakes) from None
-    return _placed(spot, path.split("."), made, context)
 
 
-def _placed(spot: Spot, names: list[str], made: Node, context: Context) -> Node:
-    """Replace what lies at the names below a spot, and give the node of the spot."""
+def placed(spot: Spot, names: list[str], made: Node, context: Context) -> Node:
+    """Replace what lies at the names below a spot, and give the node of the spot.
+
+    Raises
+    ------
+    InvalidFile
+        If they lead nowhere.
+    """
     if not names:
         return made
     name, *rest = names
@@ -54,7 +71,7 @@ def _placed(spot: Spot, names: list[str], made: Node, context: Context) -> Node:
         index = _index(spot, name)
         inner = Spot(dotted(spot.path, name), node.content[index], spot.slot.member())
         members = list(node.content)
-        members[index] = _placed(inner, rest, made, context)
+        members[index] = placed(inner, rest, made, context)
         return replace(node, content=members)
     if not isinstance(node.content, dict):
         raise InvalidFile(
@@ -71,7 +88,7 @@ def _placed(spot: Spot, names: list[str], made: Node, context: Context) -> Node:
         if start is None or start.content is None:
             start = _from_default(known.default)
         inner = Spot(dotted(spot.path, name), start, known.slot)
-        made = _placed(inner, rest, made, context)
+        made = placed(inner, rest, made, context)
     before = node.content.get(name)
     if name == "kind" and before is not None and before.content != made.content:
         return replace(node, content={name: made})

@@ -103,6 +103,78 @@ def quantity(text: str, unit: str | None, *, setting: str = "quantity") -> float
     return number
 
 
+def written(text: str, unit: str | None) -> tuple[Decimal, str]:
+    """Split a quantity that `quantity` would read into its number and its unit as written."""
+    quantity(text, unit)
+    match = _GRAMMAR.fullmatch(text.strip().translate(_SPELLINGS))
+    assert match is not None
+    return Decimal(match["number"]), match["unit"] or ""
+
+
+def number_in(symbol: str, text: str, unit: str | None) -> Decimal | None:
+    """Number of a quantity in another unit of its kind; None where it has none, as 0 W in dBm.
+
+    Exact between units that are multiples of one another, else rounded to twelve digits.
+    """
+    number, own = written(text, unit)
+    if own == symbol:
+        return number
+    kind, plain = KINDS[unit], quantity(text, unit)
+    levels, zeros = dict(kind.levels), dict(kind.zeros)
+    if symbol in levels:
+        return Decimal(f"{10 * math.log10(plain) - levels[symbol]:.12g}") if plain > 0 else None
+    if symbol in zeros:
+        return Decimal(repr(plain)) - Decimal(zeros[symbol])
+    if own in levels or own in zeros or not symbol:
+        number, own = Decimal(f"{plain:.12g}"), kind.base
+    if not own or not symbol:
+        return number  # without a unit, or 0, which is so in all of them
+    from dechirp.config.units import convert  # as in `_number`
+
+    return convert(number, own.replace("^", ""), symbol.replace("^", ""))
+
+
+def difference_in(symbol: str, text: str, unit: str | None) -> Decimal:
+    """Number of a difference of quantities that are told in a unit.
+
+    Of levels, dBsm or dBm, it is told in dB, of degC in K; else as the quantities are.
+
+    Raises
+    ------
+    InvalidSetting
+        If the text is none.
+    """
+    kind = KINDS[unit]
+    levels, zeros = dict(kind.levels), dict(kind.zeros)
+    if symbol in levels or symbol in zeros:
+        apart = "dB" if symbol in levels else "K"
+        match = _GRAMMAR.fullmatch(text.strip()) if len(text) <= _LONGEST else None
+        if match is not None and match["unit"] == apart:
+            return Decimal(match["number"])
+        raise InvalidSetting(
+            "quantity",
+            got=shown(text),
+            need=f"a difference between two values in {symbol}, as 2 {apart}",
+            fix=f"Write a number and {apart}.",
+        )
+    _, own = written(text, unit)
+    number = number_in(symbol, text, unit)
+    if own in levels or own in zeros or number is None:
+        raise InvalidSetting(
+            "quantity",
+            got=shown(text),
+            need=f"a difference, {kind.words}" if symbol else "a bare number, as the values are",
+            fix="Write it in the unit of the values.",
+        )
+    return number
+
+
+def digits_of(number: Decimal) -> str:
+    """Write a number in the shortest way that `quantity` reads."""
+    number = number.normalize()
+    return f"{number:f}" if -5 <= number.adjusted() <= 15 else f"{number:e}"
+
+
 def text_of(number: float, unit: str | None) -> str:
     """Text for people, which `quantity` reads back to the last bit.
 

@@ -1,6 +1,8 @@
 """Values as the text of a settings file, and as plain numbers."""
 
 import io
+import json
+import re
 from collections.abc import Collection
 from dataclasses import fields, is_dataclass
 from typing import Any, cast
@@ -10,7 +12,10 @@ from ruamel.yaml import YAML
 
 from dechirp.config.fields import settings
 from dechirp.config.quantities import text_of
+from dechirp.config.tree import Node, resolved
 from dechirp.core.families import Family
+
+_PLAIN = re.compile(r"([A-Za-z0-9.+]|-(?=[^\s-]))([\w.+\-/^ %²°µ]*[\w.+\-/^%²°µ])?")
 
 
 def dump(value: Any, *, without: Collection[str] = ()) -> str:
@@ -29,6 +34,22 @@ def dump(value: Any, *, without: Collection[str] = ()) -> str:
         del written[name]
     yaml.dump(written, stream)
     return stream.getvalue()
+
+
+def line(node: Node) -> str:
+    """YAML of a tree on one line, as it was written where that is short and safe."""
+    if isinstance(node.content, dict):
+        members = (f"{quoted(name)}: {line(child)}" for name, child in node.content.items())
+        return f"{{{', '.join(members)}}}"
+    if isinstance(node.content, list):
+        return f"[{', '.join(line(child) for child in node.content)}]"
+    return quoted(node.content) if isinstance(node.content, str) else node.text or "null"
+
+
+def quoted(text: str) -> str:
+    """Write a text as YAML has it: in quotes only where it would be read as something else."""
+    is_plain = _PLAIN.fullmatch(text) and isinstance(resolved(text), str)
+    return text if is_plain else json.dumps(text, ensure_ascii=not text.isprintable())
 
 
 def plain(value: Any) -> dict[str, Any]:

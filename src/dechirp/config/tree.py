@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -84,16 +84,14 @@ class Node:
             return f"a list of {len(self.content)}" if self.content else "an empty list"
         if self.content is None:
             return "null"
-        number_in_quotes = self.content == self.text and not isinstance(_resolved(self.text), str)
+        number_in_quotes = self.content == self.text and not isinstance(resolved(self.text), str)
         return f"the text '{self.text[:60]}'" if number_in_quotes else shown(self.text)
 
     @cached_property
     def labels(self) -> list[str]:
         """How settings name the members of a list: by `name`, else `kind`, else index."""
         members = self.content if isinstance(self.content, list) else []
-        labels = [_label(node, str(index)) for index, node in enumerate(members)]
-        times = Counter(labels)
-        return [label if times[label] == 1 else str(index) for index, label in enumerate(labels)]
+        return distinct(_label(node, str(index)) for index, node in enumerate(members))
 
     def inside(self) -> "Iterator[tuple[str, Node]]":
         """Label and node of everything a list or mapping holds."""
@@ -101,6 +99,13 @@ class Node:
             yield from self.content.items()
         elif isinstance(self.content, list):
             yield from zip(self.labels, self.content, strict=True)
+
+
+def distinct(labels: Iterable[str]) -> list[str]:
+    """Labels of the members of a list, their indices in the place of those that are not alone."""
+    labels = list(labels)
+    times = Counter(labels)
+    return [label if times[label] == 1 else str(index) for index, label in enumerate(labels)]
 
 
 def read_tree(text: str, file: str) -> Node:
@@ -204,7 +209,7 @@ class _Reader:
                 members.append(self.node(event, None, depth + 1))
             return Node(members, place, named_at)
         assert isinstance(event, ScalarEvent)
-        content = event.value if event.style else _resolved(event.value)
+        content = event.value if event.style else resolved(event.value)
         # The parser sees that nothing is written only at what comes next.
         place = place if event.value or event.style else named_at
         return Node(content, place, named_at, event.value)
@@ -240,7 +245,7 @@ def _label(node: Node, index: str) -> str:
     return index
 
 
-def _resolved(text: str) -> str | int | float | bool | None:
+def resolved(text: str) -> str | int | float | bool | None:
     """Give a scalar without quotes its meaning in the core of YAML 1.2; `no` is a text."""
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]

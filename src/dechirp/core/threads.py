@@ -1,15 +1,18 @@
 """Threads for compiled loops that let go of the interpreter."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
+from threading import RLock
 from typing import TypeVar
 
 import numba
 
 T = TypeVar("T")
+_turn = RLock()
 
 
 def in_threads(n_threads: int, work: Callable[[T], None], jobs: Iterable[T]) -> None:
@@ -36,6 +39,23 @@ def in_threads(n_threads: int, work: Callable[[T], None], jobs: Iterable[T]) -> 
     for error in errors:
         if error is not None:
             raise error
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Work on one thread, in turn with all others of this process that do so.
+
+    Some sums are cut by the number of threads, and rounded by the cut: on one they are the same
+    wherever they are made. What is kept from call to call, and who hears warnings, belongs to
+    the process, so two may not be at it at once.
+    """
+    with _turn:
+        n_threads = numba.get_num_threads()
+        numba.set_num_threads(1)
+        try:
+            yield
+        finally:
+            numba.set_num_threads(n_threads)
 
 
 @cache

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -106,15 +106,27 @@ def simulate(
     kind = _cube_type(dtype)
     for finding in surprises(scene, radar, n_frames=n_frames):
         warnings.warn(PhysicsWarning(finding), stacklevel=2)
+    stages = checked_stages(impairments, scene, radar)
+    slow = oscillator.surprise(radar) if stages.oscillators else None
+    if slow is not None:
+        warnings.warn(PhysicsWarning(slow), stacklevel=2)
+    return _simulated(scene, radar, stages, n_frames, kind, rng, engine, progress)
+
+
+def checked_stages(impairments: Sequence[Impairment] | None, scene: Scene, radar: Radar) -> Stages:
+    """Impairments by stage, as `simulate` takes them: thermal noise alone without any.
+
+    Raises
+    ------
+    InvalidSetting
+        If one of them cannot act on that scene or radar.
+    """
     stages = by_stage((ThermalNoise(),) if impairments is None else impairments, radar)
     for impairment in stages.all:
         must_suit(impairment, radar.frame)
         with naming(impairment):
             impairment.check(scene, shortest(radar))
-    slow = oscillator.surprise(radar) if stages.oscillators else None
-    if slow is not None:
-        warnings.warn(PhysicsWarning(slow), stacklevel=2)
-    return _simulated(scene, radar, stages, n_frames, kind, rng, engine, progress)
+    return stages
 
 
 def clean_echoes(
@@ -146,21 +158,76 @@ def _simulated(
     progress: Callable[[int, int], None] | None,
 ) -> xr.DataArray:
     must_be_possible(scene, radar, n_frames=n_frames)
+    arrived = arriving(scene, radar, stages, n_frames, dtype, rng, engine, progress=progress)
+    for receiver in receivers_of(stages, scene, radar):
+        receiver(arrived.samples, rng)
+    kept = np.ascontiguousarray(kept_of(arrived.samples, radar, stages))
+    return labelled(kept, arrived.kernels, radar, stages)
+
+
+class Arriving(NamedTuple):
+    """Echoes as receivers take them, with the samples that these need before and after."""
+
+    samples: np.ndarray
+    """(frame, chirp, rx, sample)"""
+    kernels: frozenset[str]
+    """That summed them."""
+
+
+def arriving(
+    scene: Scene,
+    radar: Radar,
+    stages: Stages,
+    n_frames: int,
+    dtype: np.dtype[np.complexfloating],
+    rng: np.random.Generator,
+    engine: Engine | None,
+    *,
+    seeded: Callable[[int], np.random.Generator] = np.random.default_rng,
+    progress: Callable[[int, int], None] | None = None,
+) -> Arriving:
+    """Sum the echoes of all frames, with all impairments before the receiver.
+
+    `seeded` makes the generators of what paths add, from seeds that are drawn from `rng`, a
+    frame's at a time: `path_seeds`. The scene is one that `must_be_possible`.
+    """
     before, after = stages.margins(radar)
     samples = _empty_samples(scene, radar, n_frames, before + after, dtype)
     kernels: set[str] = set()
     for index in range(n_frames):
         kept = window(radar, index).wider(before, after)
-        kernels |= _add_frame(samples[index], scene, radar, kept, stages, rng, engine or Engine())
+        kernels |= _add_frame(
+            samples[index], scene, radar, kept, stages, rng, engine or Engine(), seeded
+        )
         if progress is not None:
             progress(index + 1, n_frames)
-    said: dict[str, object] = {}
-    for impairment in stages.receivers:
-        impairment.apply(samples, scene, shortest(radar), rng)
-        said = impairment.attributes(radar)
-    if before or after:
-        samples = samples[..., before : before + radar.frame.chirp.n_samples].copy()
+    return Arriving(samples, frozenset(kernels))
+
+
+def path_seeds(stages: Stages, rng: np.random.Generator) -> np.ndarray:
+    """Seeds of what the paths add to one frame, (n_paths,)."""
+    return rng.integers(2**63, size=len(stages.paths))
+
+
+def receivers_of(
+    stages: Stages, scene: Scene, radar: Radar
+) -> list[Callable[[np.ndarray, np.random.Generator], None]]:
+    """What each receiver does to samples of `arriving`, in place, in turn."""
+    return [one.prepared(scene, shortest(radar)) for one in stages.receivers]
+
+
+def kept_of(samples: np.ndarray, radar: Radar, stages: Stages) -> np.ndarray:
+    """Samples that are kept of those that `arriving` gave: a view, without what receivers need."""
+    before, _ = stages.margins(radar)
+    return samples[..., before : before + radar.frame.chirp.n_samples]
+
+
+def labelled(
+    samples: np.ndarray, kernels: Iterable[str], radar: Radar, stages: Stages
+) -> xr.DataArray:
+    """A simulated cube of samples that receivers gave."""
     cube = labelled_cube(samples, radar, units="sqrt(W)")
+    said = stages.receivers[-1].attributes(radar) if stages.receivers else {}
     cube.attrs |= {"kernels": ", ".join(sorted(kernels)), **said}
     return cube
 
@@ -237,6 +304,7 @@ def _add_frame(
     stages: Stages,
     rng: np.random.Generator,
     engine: Engine,
+    seeded: Callable[[int], np.random.Generator],
 ) -> set[str]:
     """Add the echoes of one frame to `samples`, (chirp, rx, sample), and name the kernels."""
     found: list[Part] = []
@@ -256,7 +324,7 @@ def _add_frame(
         wide = kept.wider(reach.before, reach.after)
         seen = reach.phase_window(wide)
         phase_rad = np.sum([one.phase_rad(seen, radar, rng) for one in stages.oscillators], axis=0)
-    seeds = rng.integers(2**63, size=len(stages.paths))
+    seeds = path_seeds(stages, rng)
     own = reach is None and np.iscomplexobj(samples)
     kernels: set[str] = set()
     for rows in _some_rows(samples, own):
@@ -266,7 +334,7 @@ def _add_frame(
             echo = np.zeros(shape, np.result_type(samples, np.complex64))
         kernels |= _sum(echo, rows, found, wide, engine, tail)
         for path, seed in zip(stages.paths, seeds, strict=True):
-            path.add(echo, wide.of(rows), scene, radar, np.random.default_rng(seed))
+            path.add(echo, wide.of(rows), scene, radar, seeded(seed))
         if reach is not None:
             echo = oscillator.turned(echo, phase_rad[rows], reach, radar)
         if np.iscomplexobj(samples):

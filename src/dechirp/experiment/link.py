@@ -4,10 +4,12 @@ import numpy as np
 
 from dechirp.core.units import decibels
 from dechirp.echoes.stages import by_stage
+from dechirp.evaluate.expected import kept_in_cell
 from dechirp.experiment.scenario import Scenario
 from dechirp.radar.budget import BudgetLine, received_power_w
 from dechirp.radar.patterns.base import Pattern
 from dechirp.radar.radar import Radar
+from dechirp.scene.folding import Place
 from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.truth import truth
 from dechirp.theory.detection import required_snr
@@ -76,10 +78,8 @@ def _processing(
     chirp, frame, chain = radar.frame.chirp, radar.frame.at(0), scenario.chain
     over_range, over_velocity = chain.over_range(chirp), chain.over_velocity(frame)
     windows = over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
-    beat_range_m = range_m + chirp.range_doppler_coupling_m(velocity_m_per_s)
-    straddle = over_range.straddle(
-        chirp.beat_frequency_hz(beat_range_m) / chirp.sample_rate_hz
-    ) * over_velocity.straddle(2 * velocity_m_per_s / chirp.wavelength_m * frame.repetition_s)
+    place = Place(np.array(range_m), np.array(velocity_m_per_s))
+    straddle = kept_in_cell(place, radar.at(0), over_range, over_velocity).item() * windows
     n_summed = radar.n_summed
     in_map = snr * radar.integration_gain / n_summed / windows * straddle
     per_channel = _step("channels", 1 / n_summed, "the map adds powers, not echoes")

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from time import perf_counter
 
+import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import InvalidSetting
@@ -85,13 +86,20 @@ class Result:
         return _one_by_one(self.source)
 
 
-def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = None) -> Result:
+def run(
+    scenario: Scenario,
+    *,
+    rng: np.random.Generator | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Result:
     """Simulate the scene, or open the recording, and process every frame.
 
     Parameters
     ----------
     scenario : Scenario
         As read by `load`, or made in Python.
+    rng : Generator, optional
+        What chance of a simulation is drawn from; seeded with the scenario's seed without it.
     progress : callable, optional
         Called with the number of steps done and of all: a frame that is simulated is one, a
         frame that is processed another.
@@ -111,7 +119,7 @@ def run(scenario: Scenario, *, progress: Callable[[int, int], None] | None = Non
         if progress is not None:
             progress(done, 2 * of)
 
-    source, radar, findings = _source(scenario, simulated)
+    source, radar, findings = _source(scenario, simulated, rng)
     opened = perf_counter()
     chain = scenario.chain.fitted(radar)
     numbers = _numbers(source)
@@ -208,6 +216,34 @@ def one_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar]
     return chosen.isel(frame=0), radar.at(number)
 
 
+def recording_of(scenario: Scenario) -> Recording:
+    """The recording of a scenario, opened as it says.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be read, or does not go with the scenario's settings.
+    """
+    assert scenario.recording is not None
+    told = scenario.recording
+    recording = open_recording(
+        told.path,
+        radar=scenario.radar,
+        settings=told.settings_path,
+        device=told.device,
+        format=told.format,
+        axes=told.axes,
+        encoding=told.encoding,
+        iq=told.iq,
+        calibration=told.calibration,
+        frames=told.frames,
+    )
+    recording.must_hold_samples()
+    check_chain(scenario.chain, recording.radar)
+    check_following(scenario, recording.radar, len(recording.frame_numbers))
+    return recording
+
+
 def _fewer_cells(usual: Cfar, taken: Cfar) -> tuple[Finding, ...]:
     """What is said when the map has no room for the default training cells."""
     if usual == taken:
@@ -245,7 +281,9 @@ def _crowded(n_frames: int) -> tuple[Finding, ...]:
 
 
 def _source(
-    scenario: Scenario, simulated: Callable[[int, int], None]
+    scenario: Scenario,
+    simulated: Callable[[int, int], None],
+    rng: np.random.Generator | None = None,
 ) -> tuple[xr.DataArray | Recording, Radar, tuple[Finding, ...]]:
     """The simulated cube or the recording, its radar, and what is to be said about it."""
     if scenario.scene is not None:
@@ -256,28 +294,12 @@ def _source(
                 scenario.radar,
                 impairments=scenario.impairments,
                 n_frames=scenario.n_frames,
-                seed=scenario.seed,
+                seed=scenario.seed if rng is None else rng,
                 engine=scenario.engine,
                 progress=simulated,
             )
         return cube, scenario.radar, tuple(findings)
-    assert scenario.recording is not None
-    told = scenario.recording
-    recording = open_recording(
-        told.path,
-        radar=scenario.radar,
-        settings=told.settings_path,
-        device=told.device,
-        format=told.format,
-        axes=told.axes,
-        encoding=told.encoding,
-        iq=told.iq,
-        calibration=told.calibration,
-        frames=told.frames,
-    )
-    recording.must_hold_samples()
-    check_chain(scenario.chain, recording.radar)
-    check_following(scenario, recording.radar, len(recording.frame_numbers))
+    recording = recording_of(scenario)
     return recording, recording.radar, recording.findings
 
 

@@ -1,6 +1,7 @@
 """Settings of the processing chain, from the samples of a frame to its detections."""
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import get_args
 
 from dechirp.core.checks import count, instances
@@ -97,12 +98,12 @@ class Chain:
     def over_range(self, chirp: Chirp) -> Transform:
         """The range transform for a chirp."""
         n_bins = chirp.n_samples if self.n_range_bins is None else self.n_range_bins
-        return Transform(window=self.range_window, n_points=chirp.n_samples, n_bins=n_bins)
+        return _transform(self.range_window, chirp.n_samples, n_bins)
 
     def over_velocity(self, frame: Frame) -> Transform:
         """The Doppler transform for a frame."""
         n_bins = frame.n_chirps if self.n_velocity_bins is None else self.n_velocity_bins
-        return Transform(window=self.doppler_window, n_points=frame.n_chirps, n_bins=n_bins)
+        return _transform(self.doppler_window, frame.n_chirps, n_bins)
 
     def fitted(self, radar: Radar) -> "Chain":
         """The same, without defaults that a radar has no room for.
@@ -111,10 +112,11 @@ class Chain:
         estimator instead of the default one where the array tells no direction.
         """
         n_rows = searched_rows(radar.frame.chirp, self.over_range(radar.frame.chirp))
-        angle = None if self.angle == Fft() and not tells_directions(radar) else self.angle
-        return replace(
-            self, angle=angle, cfar=self.cfar.fitted(self.over_velocity(radar.frame).n_bins, n_rows)
-        )
+        cfar = self.cfar.fitted(self.over_velocity(radar.frame).n_bins, n_rows)
+        no_angle = self.angle is not None and self.angle == Fft() and not tells_directions(radar)
+        if cfar is self.cfar and not no_angle:
+            return self
+        return replace(self, angle=None if no_angle else self.angle, cfar=cfar)
 
     def noise(self, radar: Radar) -> Noise:
         """What white noise looks like in the map of a radar."""
@@ -123,6 +125,12 @@ class Chain:
             over_velocity=self.over_velocity(radar.frame),
             n_channels=radar.n_summed,
         )
+
+
+@lru_cache(maxsize=64)
+def _transform(window: Window, n_points: int, n_bins: int) -> Transform:
+    """Kept, for what a transform knows of its window to be found once."""
+    return Transform(window=window, n_points=n_points, n_bins=n_bins)
 
 
 def searched_rows(chirp: Chirp, over_range: Transform) -> int:

@@ -1,6 +1,6 @@
 """From the samples of a frame to its detections: the page that calls the rest."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.process.chain import Chain
 from dechirp.process.estimates import estimates, noise_about, principal_hz
 from dechirp.process.folds import intervals, ramps
-from dechirp.process.folds.ambiguity import folds, responses, unknown
+from dechirp.process.folds.ambiguity import Folds, folds, responses, unknown
 from dechirp.process.folds.pairing import Peaks, Unfolded, paired
 from dechirp.process.interpolation import between_bins
 from dechirp.process.maps import cells_over, level_of, power_of
@@ -21,6 +21,7 @@ from dechirp.process.mitigation.noise import LEAST
 from dechirp.process.range_walk import growth
 from dechirp.process.refine import Tones, refine
 from dechirp.process.sources import (
+    Sources,
     aperture_of,
     from_origin,
     middle_m,
@@ -99,9 +100,7 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     PhysicsWarning
         If a frame has more than 2,000 peaks: the strongest are kept.
     """
-    _must_be_of(cube, radar)
-    one_by_one = (cube.isel(frame=slice(at, at + 1)) for at in range(cube.sizes["frame"]))
-    return detect_each(one_by_one, radar, chain)
+    return detect_each([cube], radar, chain)
 
 
 def detect_each(
@@ -112,27 +111,55 @@ def detect_each(
     first: int = 0,
     took_out: Callable[[tuple[Removed, ...]], None] | None = None,
 ) -> xr.Dataset:
-    """Detections in cubes of one frame each, as `detect`; `first`: the number of the first one.
+    """Detections in cubes of successive frames, as `detect`; `first`: the number of the first one.
 
     `took_out` is called with what clean-up took out of each frame, if there is any. A cube is
     asked for when the one before is done with. Of frames with intervals in turn, the amplitudes
     of all peaks are kept until the last: only then are folds, and directions, told.
     """
+    return labelled_detections(
+        detected_columns(cubes, radar, chain, first=first, took_out=took_out)
+    )
+
+
+def labelled_detections(columns: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """Columns of `detected_columns` as a Dataset over `detection`, with units."""
+    return xr.Dataset(
+        {name: ("detection", columns[name], {"units": units}) for name, units in UNITS.items()}
+    )
+
+
+def detected_columns(
+    cubes: Iterable[xr.DataArray],
+    radar: Radar,
+    chain: Chain | None = None,
+    *,
+    first: int = 0,
+    took_out: Callable[[tuple[Removed, ...]], None] | None = None,
+    maps: Callable[[np.ndarray], None] | None = None,
+) -> dict[str, np.ndarray]:
+    """Columns of `detect_each`, (n_detections,) each, without labels, which take 1 ms.
+
+    `maps` is called with the power map of each frame as the detector sees it, (velocity, range)
+    float32, see `process.maps.level_of`: once for the rising and once for the falling ramps of
+    triangles. It may not keep the array unless it copies it.
+
+    Raises and warns as `detect`.
+    """
     chain = (chain or Chain()).fitted(radar)
-    seen = (_seen(cube, radar, chain, number, took_out) for number, cube in enumerate(cubes, first))
+    seen = (_seen(*frame, radar, chain, took_out, maps) for frame in _frames(cubes, radar, first))
     frames: Iterable[_Seen] = seen
     if radar.frame.n_intervals > 1 and radar.frame.n_chirps > 1:
         frames = list(seen)
         if len(frames) > 1:  # one by itself has told what it can
             frames = _agreed(frames, radar.frame)
     columns = [_columns(one, chain) for one in frames]
-    merged = {name: np.concatenate([c[name] for c in columns]) for name in _UNITS}
-    return xr.Dataset(
-        {name: ("detection", merged[name], {"units": units}) for name, units in _UNITS.items()}
-    )
+    if len(columns) == 1:
+        return columns[0]
+    return {name: np.concatenate([c[name] for c in columns]) for name in UNITS}
 
 
-_UNITS = {
+UNITS = {
     "frame": "1",
     "time": "s",
     "range": "m",
@@ -147,6 +174,7 @@ _UNITS = {
     "fold": "1",
     "fold_confidence": "1",
 }
+"""Of the columns of detections, in order."""
 
 
 class _Seen(NamedTuple):
@@ -160,20 +188,42 @@ class _Seen(NamedTuple):
     found: Unfolded
 
 
+def _frames(
+    cubes: Iterable[xr.DataArray], radar: Radar, first: int
+) -> Iterator[tuple[int, float, np.ndarray]]:
+    """Number, start in s and samples (chirp, rx, sample) of each frame of the cubes."""
+    number = first
+    for cube in cubes:
+        _must_be_of(cube, radar)
+        # Labels of a label take 0.03 ms.
+        labels = cube.coords.variables
+        starts_s = labels["frame"].values if "frame" in labels else None
+        is_one = cube.dims == CUBE_AXES and len(cube) == 1
+        for place in range(cube.sizes["frame"]):
+            # One at a time: of a cube on disk no more is read.
+            if is_one:
+                samples = cube.variable.values[0]
+            else:
+                samples = cube.variable.isel(frame=place).transpose(*CUBE_AXES[1:]).values
+            start_s = radar.frame.start_s(number) if starts_s is None else starts_s[place]
+            yield number, float(start_s), samples
+            number += 1
+
+
 def _seen(
-    cube: xr.DataArray,
+    number: int,
+    start_s: float,
+    samples: np.ndarray,
     radar: Radar,
     chain: Chain,
-    number: int,
     took_out: Callable[[tuple[Removed, ...]], None] | None,
+    maps: Callable[[np.ndarray], None] | None,
 ) -> _Seen:
-    """What one frame alone tells, (frame, chirp, rx, sample)."""
-    _must_be_of(cube, radar)
-    start_s = cube.frame.item() if "frame" in cube.coords else radar.frame.start_s(number)
+    """What one frame alone tells, of its samples (chirp, rx, sample)."""
     radar = radar.at(number)
     frame = radar.frame
     kind = np.complex64 if frame.chirp.sampling == "complex" else np.float32
-    sent = np.ascontiguousarray(cube.variable.transpose(*CUBE_AXES).values[0], kind)
+    sent = np.ascontiguousarray(samples, kind)
     if chain.mitigation:
         clean = cleaned(sent, frame, chain.mitigation)
         sent = clean.samples
@@ -183,13 +233,13 @@ def _seen(
     if frame.falls:
         n_rx, one_sided = radar.array.n_rx, radar.one_sided()
         up, down = (
-            _peaks(np.ascontiguousarray(samples[:, half]), one_sided, chain)
+            _peaks(np.ascontiguousarray(samples[:, half]), one_sided, chain, maps)
             for half in (slice(n_rx), slice(n_rx, None))
         )
         found = paired(up, down, frame)
     else:
-        found = _unfolded(_peaks(samples, radar, chain), radar, chain)
-    return _Seen(number, float(start_s) + frame.mid_frame_s, radar, found)
+        found = _unfolded(_peaks(samples, radar, chain, maps), radar, chain)
+    return _Seen(number, start_s + frame.mid_frame_s, radar, found)
 
 
 def _agreed(frames: list[_Seen], frame: Frame) -> Iterator[_Seen]:
@@ -230,42 +280,69 @@ def _of_fold(found: Unfolded, doppler_hz: np.ndarray, frame: Frame) -> Unfolded:
 
 def _columns(seen: _Seen, chain: Chain) -> dict[str, np.ndarray]:
     """Columns of the detections in one frame, a row for each source."""
-    found, radar, frame = seen.found, seen.radar, seen.radar.frame
+    found, radar = seen.found, _with_one_map(seen.radar)
     tones, doppler_hz, noise = found.peaks.tones, found.doppler_hz, found.peaks.amplitude_noise
-    if frame.falls:
-        radar = radar.one_sided()
     if chain.angle is None:
         told = undirected(len(doppler_hz))
     else:
         view = aperture_of(radar, chain.field_of_view)
         told = sources(tones.amplitude, doppler_hz, noise, radar, chain.angle, view)
-    of = told.detection
-    snr = found.peaks.snr[of] * told.share
     columns = {
-        "frame": np.full(len(of), seen.number),
-        "time": np.full(len(of), seen.time_s),
-        **estimates(tones.fast[of], doppler_hz[of], snr, frame, seen.radar.n_summed),
+        "frame": np.full(len(told.detection), seen.number),
+        "time": np.full(len(told.detection), seen.time_s),
+    }
+    snr = found.peaks.snr
+    return {**columns, **described(told, tones.fast, doppler_hz, snr, found.folds, seen.radar)}
+
+
+def _with_one_map(radar: Radar) -> Radar:
+    """The radar whose ramps peaks of both sides of triangles are told by."""
+    return radar.one_sided() if radar.frame.falls else radar
+
+
+def described(
+    told: Sources,
+    fast: np.ndarray,
+    doppler_hz: np.ndarray,
+    snr: np.ndarray,
+    folds: Folds,
+    radar: Radar,
+) -> dict[str, np.ndarray]:
+    """Columns of detections but for frame and time, a row for each source.
+
+    `fast` in radians per sample, `doppler_hz`, `snr` and `folds` are those of the peaks that the
+    sources are of.
+    """
+    of = told.detection
+    columns = {
+        **estimates(fast[of], doppler_hz[of], snr[of] * told.share, radar.frame, radar.n_summed),
         "azimuth": told.azimuth_rad,
         "elevation": told.elevation_rad,
         "azimuth_std": told.azimuth_std_rad,
         "elevation_std": told.elevation_std_rad,
-        "fold": found.folds.certain[of],
-        "fold_confidence": found.folds.confidence[of],
+        "fold": folds.certain[of],
+        "fold_confidence": folds.confidence[of],
     }
     if radar.calibration is not None:
         columns["range"] -= radar.calibration.range_offset_m
     at = told.azimuth_rad, told.elevation_rad
-    columns["range"], columns["azimuth"], columns["elevation"] = from_origin(
-        columns["range"], *at, middle_m(*at, columns["fold"], radar)
-    )
+    middle = middle_m(*at, columns["fold"], _with_one_map(radar))
+    if middle.any():
+        columns["range"], columns["azimuth"], columns["elevation"] = from_origin(
+            columns["range"], *at, middle
+        )
     return columns
 
 
-def _peaks(samples: np.ndarray, radar: Radar, chain: Chain) -> Peaks:
+def _peaks(
+    samples: np.ndarray, radar: Radar, chain: Chain, maps: Callable[[np.ndarray], None] | None
+) -> Peaks:
     """Peaks of the map of one frame, (chirp, channel, sample), refined on its samples."""
     frame, noise = radar.frame, chain.noise(radar)
     power = level_of(power_of(samples, radar, chain), radar, chain)
     _must_be_finite(power)
+    if maps is not None:
+        maps(power)
     found = cells_over(power, radar, chain)
     slow, fast = between_bins(power, found, noise)
     cell_noise = noise_about(power, found, chain.cfar.ring, noise.n_channels)

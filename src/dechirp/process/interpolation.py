@@ -20,6 +20,7 @@ from dechirp.process.spectrum import Transform
 
 # Steps of half a bin at which W is taken: between them ratios are straight within 1e-4 bins.
 _STEPS = 64
+_AWAY = np.linspace(0, 0.5, _STEPS + 1)
 # A window whose transform falls less than this in a bin has one weight that counts: no lobe.
 _FLAT = 1e-9
 
@@ -58,14 +59,15 @@ def offsets(
     if ratios[0] > 1 - _FLAT:
         return np.zeros(top.shape)
     power = np.maximum(before, after) / np.where(top > 0, top, np.inf)
-    away = np.interp(np.sqrt(power), ratios, np.linspace(0, 0.5, ratios.size))
+    away = np.interp(np.sqrt(power), ratios, _AWAY)
     return np.asarray(np.sign(after - before) * away)
 
 
 @lru_cache(maxsize=32)
 def _ratios(transform: Transform) -> np.ndarray:
     """Amplitude in the cell beside over that in the highest, for tones 0 to 1/2 bin away."""
-    away = np.linspace(0, 0.5, _STEPS + 1)
     turns = 2j * np.pi / transform.n_bins * np.arange(transform.n_points)
-    at, beside = (abs(np.exp(np.outer(off, turns)) @ transform.weights) for off in (away, 1 - away))
+    at, beside = (
+        abs(np.exp(np.outer(off, turns)) @ transform.weights) for off in (_AWAY, 1 - _AWAY)
+    )
     return np.asarray(beside / at)

@@ -101,8 +101,10 @@ def cells_over(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     noise = chain.noise(radar)
     rows = independent_rows(radar.frame.chirp, noise.over_range)
     within = np.ascontiguousarray(power[:, rows])
-    over = np.zeros(power.shape, bool)
-    over[:, rows] = chain.cfar.exceeds(within, noise)
+    over = chain.cfar.exceeds(within, noise)
+    if within.shape != power.shape:
+        of_rows, over = over, np.zeros(power.shape, bool)
+        over[:, rows] = of_rows
     if (left := left_by(radar, chain)) is not None:
         over &= searched(left)
     found = highest(power, over)

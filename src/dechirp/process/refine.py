@@ -8,6 +8,7 @@ are subtracted as estimated, tone by tone and in turn (Li & Stoica 1996, RELAX).
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -80,8 +81,11 @@ def refine(
     return Tones(*_maxima(sums, slow, fast, negligible, rows, columns))
 
 
+@lru_cache(maxsize=64)
 def _edges(n: int) -> np.ndarray:
-    return np.linspace(0, n, min(n, BLOCKS) + 1).round().astype(np.int64)
+    edges = np.linspace(0, n, min(n, BLOCKS) + 1).round().astype(np.int64)
+    edges.setflags(write=False)
+    return edges
 
 
 def _centres(edges: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """From samples to range, from chirps to velocity: tapered Fourier transforms with axes."""
 
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numba
 import numpy as np
@@ -12,6 +12,7 @@ from dechirp.core.conventions import axis
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.threads import in_threads, slices
 from dechirp.core.values import value
+from dechirp.process import channel_power
 from dechirp.radar.chirp import Chirp, Sampling
 from dechirp.theory.windows import (
     Window,
@@ -55,7 +56,7 @@ class Transform:
         """The window, (n_points,)."""
         return taper(self.window, self.n_points)
 
-    @property
+    @cached_property
     def noise_bandwidth_bins(self) -> float:
         """SNR that the window costs, as a ratio: 1.5 for Hann."""
         return noise_bandwidth_bins(self.weights)
@@ -176,16 +177,33 @@ def mean_power(
     """
     n_channels = samples.shape[1]
     n_rows = over_range.n_bins if sampling == "complex" else over_range.n_bins // 2 + 1
-    parts = slices(n_channels, _PARTS)
-    sums = np.zeros((len(parts), over_velocity.n_bins, n_rows), np.float32)
-
-    def add(part: int) -> None:
-        for k in range(n_channels)[parts[part]]:
-            spectrum = transform(samples[:, k : k + 1], sampling, over_range, over_velocity)
-            _add_power(sums[part], spectrum[:, 0], np.float32(1 / n_channels))
-
     n_threads = numba.get_num_threads()
-    with scipy.fft.set_workers(max(n_threads // len(parts), 1)):
+    parts = slices(n_channels, _PARTS)
+    each = max(n_threads // len(parts), 1)
+    shape = len(parts), over_velocity.n_bins, n_rows
+    share = 1 / n_channels
+    is_plain = transform is range_doppler and sampling == "complex"
+    if is_plain and channel_power.can(over_velocity.n_bins, over_range.n_bins, samples.shape[2]):
+        given = np.ascontiguousarray(samples, np.complex64)
+        slow = channel_power.Axis(_slow_weights(over_velocity), over_velocity.n_bins)
+        fast = channel_power.Axis(amplitude_weights(over_range, sampling), over_range.n_bins)
+        sums = np.empty(shape, np.float32)
+
+        def add(part: int) -> None:
+            first, *others = range(n_channels)[parts[part]]
+            add_power = partial(channel_power.add_power, sums[part], given, n_threads=each)
+            add_power(first, slow, fast, share, is_first=True)
+            for k in others:
+                add_power(k, slow, fast, share, is_first=False)
+    else:
+        sums = np.zeros(shape, np.float32)
+
+        def add(part: int) -> None:
+            for k in range(n_channels)[parts[part]]:
+                spectrum = transform(samples[:, k : k + 1], sampling, over_range, over_velocity)
+                _add_power(sums[part], spectrum[:, 0], np.float32(share))
+
+    with scipy.fft.set_workers(each):
         in_threads(n_threads, add, range(len(parts)))
     for other in sums[1:]:
         sums[0] += other
@@ -197,6 +215,12 @@ def noise_gain(over_range: Transform, over_velocity: Transform, chirp: Chirp) ->
     bandwidths = over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
     gain = bandwidths / (over_range.n_points * over_velocity.n_points)
     return gain if chirp.sampling == "complex" else 2 * gain
+
+
+@lru_cache(maxsize=32)
+def _slow_weights(transform: Transform) -> np.ndarray:
+    """Window of the Doppler transform, scaled so that a tone on a bin keeps its power."""
+    return np.asarray(transform.weights / transform.weights.sum(), np.float32)
 
 
 @lru_cache(maxsize=32)

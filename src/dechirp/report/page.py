@@ -1,20 +1,18 @@
 """One self-contained page that shows a run of the chain."""
 
-import importlib.metadata
-import platform
-from functools import cache
-from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
+from dechirp.evaluate.match import scatterers
 from dechirp.process.spectrogram import spectrogram
-from dechirp.report import compare, directions, tables, tracked
+from dechirp.report import directions, tables, tracked
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
 from dechirp.report.figures import spectrogram as over
+from dechirp.report.places import on_map
 from dechirp.report.summary import settings
+from dechirp.report.template import template, versions
 from dechirp.report.view import View, view_of
 from dechirp.report.words import quantity
 from dechirp.scene.folding import Place, folded
@@ -29,7 +27,6 @@ _WINDOW_S, _MOST_WINDOWS = 20e-3, 400
 _LEAST_WINDOW = 16
 # Frames in which bodies are looked for.
 _MOST_LOOKS = 33
-_LIBRARIES = ("numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
 def render(result: "Result", *, yaml: str) -> str:
@@ -49,7 +46,7 @@ def render(result: "Result", *, yaml: str) -> str:
         A page that asks for no other file.
     """
     shown = view_of(result)
-    return _template().render(
+    return template("page.html").render(
         scenario=result.scenario,
         headline=tables.headline(shown),
         lead=tables.lead(shown),
@@ -76,18 +73,9 @@ def render(result: "Result", *, yaml: str) -> str:
         findings=result.findings,
         timing=bars.timing(result.timing_s),
         total=quantity(sum(result.timing_s.values()), "s", 3),
-        versions=_versions(),
+        versions=versions(),
         yaml=yaml,
     )
-
-
-@cache
-def _template() -> Template:
-    text = files("dechirp.report").joinpath("page.html").read_text(encoding="utf-8")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(text)
 
 
 def _figures(shown: View) -> dict[str, Markup]:
@@ -147,8 +135,8 @@ def _ranges_of_moving_bodies_m(shown: View) -> tuple[float, float] | None:
     if not own.any():
         return None
     times_s = truth.time.values[:: -(-truth.sizes["frame"] // _MOST_LOOKS)]
-    there = Place(*(of[:, own] for of in compare.scatterers(scene_, times_s)))
-    ranges_m = compare.on_map(folded(there, radar), radar).range_m
+    there = Place(*(of[:, own] for of in scatterers(scene_, times_s)))
+    ranges_m = on_map(folded(there, radar), radar).range_m
     margin_m = 2 * radar.frame.chirp.range_resolution_m  # of the peaks that windows widen
     return float(ranges_m.min()) - margin_m, float(ranges_m.max()) + margin_m
 
@@ -188,13 +176,3 @@ def _over_time(shown: View, variable: frames.Variable) -> Markup:
         seen = shown.seen.range_m if variable == "range" else shown.seen.velocity_m_per_s
         lines = (shown.result.truth.time.values, seen)
     return frames.over_time(shown.strongest, variable=variable, truth=lines)
-
-
-def _versions() -> list[tuple[str, str]]:
-    known = [("Python", platform.python_version())]
-    for name in ("dechirp", *_LIBRARIES):
-        try:
-            known.append((name, importlib.metadata.version(name)))
-        except importlib.metadata.PackageNotFoundError:  # imported from a folder, not installed
-            continue
-    return known

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
-from dechirp.report import compare
+from dechirp.evaluate.match import visible
 from dechirp.report.figures import tracks as figure
 from dechirp.report.view import View
 from dechirp.report.words import NONE, decimals_of, fixed
@@ -120,7 +120,7 @@ def targets(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
     near_m = _near_m(tracks, result.radar.frame.chirp.range_resolution_m)
     for at in range(0, tracks.sizes["frame"], -(-tracks.sizes["frame"] // _MOST_LOOKS)):
         time_s = float(truth.time.values[at])
-        shown = compare.visible(scene, time_s, result.radar)
+        shown = visible(scene, time_s, result.radar)
         points_m, owners = scene.positions_m([time_s])[0, shown, :2], scene.owners[shown]
         for track in np.flatnonzero(confirmed[:, at] & shown.any()).tolist():
             apart_m = np.hypot(*(points_m - places_m[track, at]).T)

@@ -6,8 +6,9 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.values import value
+from dechirp.evaluate.match import Match, match, scatterers, visible
 from dechirp.radar.radar import Radar
-from dechirp.report import compare
+from dechirp.report.places import in_bodies, on_map
 from dechirp.scene import folding
 from dechirp.scene.folding import Place
 
@@ -26,7 +27,7 @@ class View:
     """Cube of the first frame."""
     strongest: xr.Dataset
     """The detections, strongest first."""
-    matched: compare.Match | None
+    matched: Match | None
     """Their targets, in the same order, where the truth is known."""
     cell: tuple[int, int]
     """Cell (velocity, range) of the map with the strongest detection, or the strongest cell."""
@@ -64,7 +65,7 @@ class View:
         if self.seen is None:
             return None
         first = Place(*(of[self.is_point, 0] for of in self.seen))
-        return compare.on_map(first, self.result.radar.at(self.result.first_frame))
+        return on_map(first, self.result.radar.at(self.result.first_frame))
 
     @property
     def scatterers(self) -> Place | None:
@@ -75,12 +76,12 @@ class View:
         scene, truth = self.result.scenario.scene, self.result.truth
         if scene is None or truth is None:
             return None
-        there = compare.scatterers(scene, truth.time.values[:1])
-        shown = compare.visible(scene, float(truth.time[0]), self.result.radar)
-        chosen = compare.in_bodies(scene, _MOST_SCATTERERS, shown)
+        there = scatterers(scene, truth.time.values[:1])
+        shown = visible(scene, float(truth.time[0]), self.result.radar)
+        chosen = in_bodies(scene, _MOST_SCATTERERS, shown)
         radar = self.result.radar.at(self.result.first_frame)
         place = folding.folded(Place(*(of[0, chosen] for of in there)), radar)
-        return compare.on_map(place, radar)
+        return on_map(place, radar)
 
 
 def view_of(result: "Result") -> View:
@@ -89,10 +90,10 @@ def view_of(result: "Result") -> View:
     strongest = result.detections.isel(detection=order)
     in_map = strongest.isel(detection=np.flatnonzero(strongest.frame.values == result.first_frame))
     there = Place(in_map.range.values, in_map.velocity.values)
-    found = compare.on_map(there, result.radar.at(result.first_frame))
+    found = on_map(there, result.radar.at(result.first_frame))
     matched = seen = None
     if result.truth is not None:
-        matched = compare.match(strongest, result.truth, result.radar, result.scenario.scene)
+        matched = match(strongest, result.truth, result.radar, result.scenario.scene)
         seen = _seen(result.truth, result.radar, strongest.fold.values, matched)
     return View(
         result=result,
@@ -105,7 +106,7 @@ def view_of(result: "Result") -> View:
     )
 
 
-def _seen(truth: xr.Dataset, radar: Radar, fold: np.ndarray, matched: compare.Match) -> Place:
+def _seen(truth: xr.Dataset, radar: Radar, fold: np.ndarray, matched: Match) -> Place:
     """The truth as it is reported: unfolded where most detections of a target tell the fold."""
     folds = radar.frame.n_folds if radar.frame.n_intervals == 1 else None
     found, of = matched.target >= 0, truth.sizes["target"]

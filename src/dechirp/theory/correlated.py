@@ -25,11 +25,15 @@ normal variables, Biometrika 48, 1961.
 
 import numpy as np
 from scipy.optimize import newton
+from scipy.special import eval_laguerre
 
 from dechirp.core.checks import whole
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.theory.cfar import cell_averaging_factor
+
+# Terms of the series of an ordered statistic: rho^2 of 0.9 is 1e-5 by then.
+_MOST_LAGUERRE = 100
 
 
 @value
@@ -130,20 +134,48 @@ class Box:
         F. E. Satterthwaite, An approximate distribution of estimates of variance components,
         Biometrics Bulletin 2(6), 1946.
         """
+        return float(self.n_training**2 / self._pairs(1))
+
+    def n_independent_at(self, share: float) -> float:
+        r"""Independent cells whose ordered statistic, below it this share, varies as the ring's.
+
+        .. math:: N_\mathrm{eff} = \frac{N^2 p q}{\sum_{ij} C(|\rho_{ij}|)}, \quad
+            C(\rho) = \sum_{k \ge 1} \rho^{2 k} \left(p\, [L_k(t) - L_{k-1}(t)]\right)^2
+
+        with q the share, p = 1 - q, t = -ln p the level between them, and C the covariance of
+        two squared magnitudes' exceeding it, by the Laguerre series of their density (Watson).
+        That falls faster with the distance than the covariance of the magnitudes, so an ordered
+        statistic is worth more cells than their mean: 76 of 196 under Hann windows, not 58.
+
+        G. N. Watson, Notes on generating functions of polynomials: (1) Laguerre polynomials,
+        J. London Math. Soc. 8, 1933. Bahadur's relation of quantiles to shares: Ann. Math.
+        Stat. 37(3), 1966.
+        """
+        above = 1.0 - share
+        orders = np.arange(_MOST_LAGUERRE + 1)
+        values = eval_laguerre(orders, -np.log(above))
+        terms = (above * np.diff(values)) ** 2  # of k = 1, 2, ...
+        n = self.n_training
+        # Pairs of a cell with itself are the variance, and need no series.
+        apart = sum(c * (self._pairs(k) - n) for k, c in zip(orders[1:], terms, strict=True))
+        return float(n**2 * above * share / (n * above * share + apart))
+
+    def _pairs(self, order: int) -> float:
+        """Sum of |rho|^(2 order) over all pairs of cells of the ring."""
         # A ring is a box less its guard, and each of the two a product.
-        in_range = _sums(self.range_covariance, self.guard_range)
-        in_velocity = _sums(self.velocity_covariance, self.guard_velocity)
+        in_range = _sums(self.range_covariance, self.guard_range, order)
+        in_velocity = _sums(self.velocity_covariance, self.guard_velocity, order)
         box, across, guard = in_range * in_velocity
-        return float(self.n_training**2 / (box - 2 * across + guard))
+        return float(box - 2 * across + guard)
 
     @staticmethod
     def _n_guard(along: slice) -> int:
         return int(along.stop - along.start)
 
 
-def _sums(covariance: np.ndarray, guard: slice) -> np.ndarray:
-    """Sum of |rho|^2 over pairs of cells: in the box, box and guard, guard; (3,)."""
-    power = np.abs(covariance) ** 2
+def _sums(covariance: np.ndarray, guard: slice, order: int) -> np.ndarray:
+    """Sum of |rho|^(2 order) over pairs of cells: in the box, box and guard, guard; (3,)."""
+    power = np.abs(covariance) ** (2 * order)
     return np.array([power.sum(), power[guard].sum(), power[guard, guard].sum()])
 
 

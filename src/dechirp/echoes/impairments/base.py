@@ -5,7 +5,7 @@ mixed with. Paths add echoes, and weaken them. A receiver changes samples.
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -113,6 +113,12 @@ class Receiver(Impairment):
         self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
     ) -> None:
         """Change samples, (n_frames, n_chirps, n_rx, n_samples), sqrt(W), in place."""
+
+    def prepared(
+        self, scene: Scene, radar: Radar
+    ) -> Callable[[np.ndarray, np.random.Generator], None]:
+        """`apply` for one scene and radar: what depends on those alone is found once, if it can."""
+        return lambda samples, rng: self.apply(samples, scene, radar, rng)
 
     def attributes(self, radar: Radar) -> dict[str, object]:
         """What the cube says of it, where no other receiver changes samples after it."""

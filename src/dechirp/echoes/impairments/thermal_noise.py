@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from dechirp.core.normal import add_white_noise
 from dechirp.core.values import value
 from dechirp.echoes.impairments.base import Receiver
-from dechirp.echoes.impairments.white_noise import add_white_noise
 from dechirp.radar.budget import noise_power_w
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 import scipy.fft
 
+from dechirp.core.scratch import lent
 from dechirp.core.threads import in_threads
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels import direct
@@ -19,7 +20,6 @@ from dechirp.echoes.kernels.axes import FastTime
 from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.echoes.kernels.gridding import TAPS, spread_line
 from dechirp.echoes.kernels.patches import WIDTH
-from dechirp.echoes.kernels.scratch import lent
 from dechirp.echoes.kernels.series import (
     BLOCK,
     LANES,

@@ -11,11 +11,11 @@ fast they move. For very many scatterers.
 import numpy as np
 import scipy.fft
 
+from dechirp.core.scratch import lent
 from dechirp.core.threads import in_threads, slices
 from dechirp.echoes.kernels.axes import Axis, FastTime, slow_axis
 from dechirp.echoes.kernels.gridding import spread, warp
 from dechirp.echoes.kernels.patches import WIDTH
-from dechirp.echoes.kernels.scratch import lent
 from dechirp.echoes.kernels.series import LANES, View
 from dechirp.echoes.kernels.tones import ECONOMISED, Survey, Waveform
 

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from dechirp.core.scratch import lent
 from dechirp.core.threads import in_threads, slices
 from dechirp.echoes.kernels import by_chirp, by_run, direct, product
 from dechirp.echoes.kernels.axes import FastTime, fast_time, slow_axis
 from dechirp.echoes.kernels.base import Scatterers, Sent
-from dechirp.echoes.kernels.scratch import lent
 from dechirp.echoes.kernels.tones import (
     Paths,
     Waveform,

@@ -8,7 +8,7 @@ processor can run, wide or narrow. All arrays are flat and float32, places in fl
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir  # type: ignore[import-untyped]
+from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 

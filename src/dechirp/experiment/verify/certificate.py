@@ -3,17 +3,14 @@
 import datetime
 import os
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor
-from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from time import perf_counter
 
-from loky import ProcessPoolExecutor
-
 from dechirp.core.checks import whole
-from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
+from dechirp.experiment.study.executors import given
 from dechirp.experiment.verify import (
     detection,
     estimates,
@@ -117,8 +114,10 @@ def verify(
     if trials is not None:
         whole("trials", trials, at_least=1, at_most=100_000_000)
     started = perf_counter()
-    with _workers(executor) as workers:
-        results = run_all(_jobs(trials, full=full), seed=seed, executor=workers, progress=progress)
+    with given(executor) as workers:
+        results = run_all(
+            _jobs(trials, full=full), seed=seed, executor=workers.executor, progress=progress
+        )
     measured = perf_counter()
     found = [
         *waveform.claims(),
@@ -156,27 +155,6 @@ def _jobs(trials: int | None, *, full: bool) -> dict[str, Job]:
         **false_alarms.jobs(full=full),
         **resolution.jobs(least),
     }
-
-
-@contextmanager
-def _workers(executor: Executor | None) -> Iterator[Executor]:
-    """The executor that was given, or one process a core with one thread each."""
-    if executor is not None:
-        if not isinstance(executor, Executor):
-            raise InvalidSetting(
-                "executor",
-                got=repr(executor),
-                need="an Executor of concurrent.futures, or none",
-                fix="Leave it out for one process a core.",
-            )
-        yield executor
-        return
-    threads = {f"{pool}_NUM_THREADS": "1" for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
-    own = ProcessPoolExecutor(max_workers=os.cpu_count(), env=threads)
-    try:
-        yield own
-    finally:
-        own.shutdown(wait=True)
 
 
 def _versions() -> dict[str, str]:

@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.normal import add_white_noise
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
 from dechirp.core.values import value
 from dechirp.echoes.echo import clean_echoes
-from dechirp.echoes.impairments.white_noise import add_white_noise
 from dechirp.experiment.scenario import reference
 from dechirp.process.chain import Chain
 from dechirp.process.detect import detect

@@ -8,14 +8,16 @@ from scipy.optimize import brentq, minimize_scalar
 
 from dechirp.core.units import from_decibels
 from dechirp.core.values import value
+from dechirp.evaluate.detector import Detector
+from dechirp.evaluate.detector import detector as detector_of
+from dechirp.evaluate.expected import kept_in_cell
 from dechirp.experiment.verify import published
 from dechirp.experiment.verify.looks import REFERENCE, at_mid_frame, late_echo, radar
 from dechirp.experiment.verify.reference_target import GRID_DB
 from dechirp.experiment.verify.trials import Z
 from dechirp.process.chain import Chain
 from dechirp.process.spectrum import Transform
-from dechirp.theory.cfar import cell_averaging_factor
-from dechirp.theory.cfar_detection import cell_averaging_detection_probability
+from dechirp.scene.folding import Place
 from dechirp.theory.detection import exceedance_probability
 from dechirp.theory.windows import Window
 
@@ -94,26 +96,9 @@ def _inside(probability: np.ndarray) -> np.ndarray:
 
 def in_map(over_range: Transform, over_velocity: Transform) -> float:
     """Ratio of the reference target in its cell of the map over that in one sample."""
-    at, frame = at_mid_frame(REFERENCE), radar().frame
-    chirp = frame.chirp
-    beat_m = at.range_m + chirp.range_doppler_coupling_m(at.velocity_m_per_s)
-    fast = chirp.beat_frequency_hz(beat_m) / chirp.sample_rate_hz
-    slow = 2 * at.velocity_m_per_s / chirp.wavelength_m * frame.only_interval_s
-    losses = over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
-    straddle = over_range.straddle(fast) * over_velocity.straddle(slow)
-    return radar().integration_gain / losses * straddle
-
-
-@value
-class Detector:
-    """Cell averaging over independent cells, as theory has it."""
-
-    n_training: int
-    factor: float
-
-    def probability(self, snr: np.ndarray) -> np.ndarray:
-        """Of detecting a steady target, over its ratio in the cell."""
-        return cell_averaging_detection_probability(snr, self.factor, n_training=self.n_training)
+    at = at_mid_frame(REFERENCE)
+    kept = kept_in_cell(Place(*map(np.array, at)), radar(), over_range, over_velocity)
+    return radar().integration_gain * float(kept)
 
 
 @cache
@@ -123,11 +108,9 @@ def detector(window: Window) -> Detector:
     644 under a rectangular window, 181 under Hann.
     """
     chain = Chain(range_window=window, doppler_window=window)
-    noise, ring = chain.noise(radar()), chain.cfar.ring
-    n_training = round(ring.box(noise, ring.half_range).n_independent)
-    assert chain.cfar.false_alarm_probability is not None
-    factor = cell_averaging_factor(chain.cfar.false_alarm_probability, n_training=n_training)
-    return Detector(n_training=n_training, factor=factor)
+    made = detector_of(chain.cfar, chain.noise(radar()))
+    assert made is not None
+    return made
 
 
 def curve_of_theory(window: Window) -> DetectionCurve:

@@ -105,9 +105,7 @@ class Ring:
 
     def places(self, n_range: int) -> np.ndarray:
         """Row of the box in which each of n_range rows of a map is tested, (n_range,)."""
-        rows = np.arange(n_range)
-        start = np.clip(rows - self.half_range, 0, n_range - 1 - 2 * self.half_range)
-        return np.asarray(rows - start)
+        return _places(self.half_range, n_range)
 
     def n_cells(self, n_range: int) -> np.ndarray:
         """Training cells of each of n_range rows of a map, (n_range,): most near its ends."""
@@ -141,14 +139,25 @@ class Ring:
                 )
 
 
+@lru_cache(maxsize=64)
+def _places(half_range: int, n_range: int) -> np.ndarray:
+    rows = np.arange(n_range)
+    start = np.clip(rows - half_range, 0, n_range - 1 - 2 * half_range)
+    return _only_read(rows - start)
+
+
 @lru_cache(maxsize=256)
 def _offsets(ring: Ring, place: int) -> np.ndarray:
     rows = np.arange(2 * ring.half_range + 1) - place
     columns = np.arange(2 * ring.half_velocity + 1) - ring.half_velocity
     trains = (abs(rows)[:, None] > ring.n_guard.range) | (abs(columns) > ring.n_guard.velocity)
     row, column = np.nonzero(trains)
-    found = np.stack([columns[column], rows[row]], axis=1)
-    found.setflags(write=False)  # it is kept, and handed out again
+    return _only_read(np.stack([columns[column], rows[row]], axis=1))
+
+
+def _only_read(found: np.ndarray) -> np.ndarray:
+    """What is kept and handed out again cannot be written to."""
+    found.setflags(write=False)
     return found
 
 

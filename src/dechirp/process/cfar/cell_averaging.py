@@ -4,7 +4,7 @@ import numpy as np
 
 from dechirp.core.values import value
 from dechirp.process.cfar.base import NoiseEstimator, Ring
-from dechirp.process.cfar.ring_means import ring_means
+from dechirp.process.cfar.ring_means import above_rings, ring_means
 from dechirp.theory.calibrated import Factor
 from dechirp.theory.cfar import cell_averaging_factor
 from dechirp.theory.correlated import Box, correlated_factor
@@ -21,6 +21,10 @@ class CellAveraging(NoiseEstimator):
     def threshold(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
         """Mean power of the ring about each cell, times the factor of its row."""
         return ring_means(power, factors, *ring.sizes)
+
+    def exceeds(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
+        """Which cells exceed that: row by row, without the map of the threshold."""
+        return above_rings(power, factors, *ring.sizes)
 
     def independent_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int

@@ -62,37 +62,81 @@ def ring_means(
     any subtraction: runs of cells by doubling, a pass over a row that stays in L1.
     """
     n_v, n_r = power.shape
-    half_v, half_r = train_v + guard_v, train_r + guard_r
-    width = 2 * half_r + 1
     out = np.empty((n_v, n_r), np.float32)
-
-    slide_in, slide_out = column_sums(power, half_v, guard_v)
-    outer = np.empty(n_r, np.float32)
-    both = np.empty(n_r, np.float32)
-    sides = np.zeros(n_r + 1, np.float32)
-    middle = np.zeros(n_r + 1, np.float32)
-    work = np.empty((32, n_r + 1), np.float32)
-    n_middle = n_r - 2 * half_r
-    left, right = sides[:n_middle], sides[half_r + guard_r + 1 :]
-    centre = middle[train_r:]
-    n_corner = 2 * train_v * width
-    scale = factors[half_r : n_r - half_r] / np.float32(n_corner + 2 * train_r * (2 * guard_v + 1))
+    sums = column_sums(power, train_v + guard_v, guard_v)
+    work, scale = _work(n_r), _scale(factors, train_r, train_v, guard_r, guard_v)
     for v in range(n_v):
-        slide(power, v, half_v, guard_v, slide_in, slide_out, outer, both)
-        runs(both, train_r, sides, work)
-        runs(outer, 2 * guard_r + 1, middle, work)
-        line = out[v, half_r:]
-        for j in range(n_middle):
-            line[j] = (left[j] + right[j] + centre[j]) * scale[j]
-        near = out[v, :half_r]
-        _ends(slide_in[:width], outer[:width], near, 0, guard_r, guard_v, n_corner, work)
-        first = half_r + 1  # place of the first row under test at the far end
-        far = out[v, n_r - half_r :]
-        _ends(slide_in[-width:], outer[-width:], far, first, guard_r, guard_v, n_corner, work)
-        for j in range(half_r):
-            near[j] *= factors[j]
-            far[j] *= factors[n_r - half_r + j]
+        _row(power, v, factors, scale, train_r, train_v, guard_r, guard_v, *sums, work, out[v])
     return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def above_rings(
+    power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
+) -> np.ndarray:
+    """Whether each cell exceeds `ring_means`, bool: without a map of those, which is as large."""
+    n_v, n_r = power.shape
+    out = np.empty((n_v, n_r), np.bool_)
+    level = np.empty(n_r, np.float32)
+    sums = column_sums(power, train_v + guard_v, guard_v)
+    work, scale = _work(n_r), _scale(factors, train_r, train_v, guard_r, guard_v)
+    for v in range(n_v):
+        _row(power, v, factors, scale, train_r, train_v, guard_r, guard_v, *sums, work, level)
+        row, over = power[v], out[v]
+        for j in range(n_r):
+            over[j] = row[j] > level[j]
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _work(n_r: int) -> np.ndarray:
+    return np.zeros((36, n_r + 1), np.float32)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _scale(
+    factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
+) -> np.ndarray:
+    """Factors over the cells of a whole ring, of the rows that have one."""
+    half_r = train_r + guard_r
+    n_cells = 2 * train_v * (2 * half_r + 1) + 2 * train_r * (2 * guard_v + 1)
+    return factors[half_r : factors.size - half_r] / np.float32(n_cells)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _row(
+    power: np.ndarray,
+    v: int,
+    factors: np.ndarray,
+    scale: np.ndarray,
+    train_r: int,
+    train_v: int,
+    guard_r: int,
+    guard_v: int,
+    slide_in: np.ndarray,
+    slide_out: np.ndarray,
+    work: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Means about the cells of one row, into `out` (range,); column sums slide on to it."""
+    n_r = power.shape[1]
+    half_v, half_r = train_v + guard_v, train_r + guard_r
+    width, n_middle, n_corner = 2 * half_r + 1, n_r - 2 * half_r, 2 * train_v * (2 * half_r + 1)
+    outer, both, sides, middle, more = work[0, :n_r], work[1, :n_r], work[2], work[3], work[4:]
+    slide(power, v, half_v, guard_v, slide_in, slide_out, outer, both)
+    runs(both, train_r, sides, more)
+    runs(outer, 2 * guard_r + 1, middle, more)
+    left, right, centre = sides[:n_middle], sides[half_r + guard_r + 1 :], middle[train_r:]
+    line = out[half_r:]
+    for j in range(n_middle):
+        line[j] = (left[j] + right[j] + centre[j]) * scale[j]
+    near, far = out[:half_r], out[n_r - half_r :]
+    _ends(slide_in[:width], outer[:width], near, 0, guard_r, guard_v, n_corner, more)
+    first = half_r + 1  # place of the first row under test at the far end
+    _ends(slide_in[-width:], outer[-width:], far, first, guard_r, guard_v, n_corner, more)
+    for j in range(half_r):
+        near[j] *= factors[j]
+        far[j] *= factors[n_r - half_r + j]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})

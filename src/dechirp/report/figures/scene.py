@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dechirp.core.values import value
-from dechirp.report.compare import in_bodies
 from dechirp.report.figures import birds_eye
 from dechirp.report.figures.style import BLUE, INK, ORANGE, draw
+from dechirp.report.places import in_bodies
 from dechirp.report.words import number
 from dechirp.scene.rotations import into
 from dechirp.scene.scene import Scene

@@ -1,0 +1,227 @@
+"""Detections drawn from theory beside those of samples: how alike, and how fast.
+
+Six targets of one ratio, at six places between the bins, before a radar of one receiver and one of
+eight virtual elements, steady and Swerling 1; and the reference radar. Of each ratio: the
+probability of detection of both and the standard error of their difference; root-mean-square
+errors of the sensor over those of samples, each with its standard error; peaks of noise in a frame
+of both. Then frames drawn in a second, of one thread, processor time.
+
+    python benchmarks/statistical_sensor.py [--trials 2000] [--snr 10 12 14]
+"""
+
+import argparse
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+from typing import NamedTuple
+
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ["NUMBA_NUM_THREADS"] = "1"
+
+import numpy as np
+
+import dechirp as dc
+from dechirp.core.findings import PhysicsWarning
+from dechirp.echoes.impairments.thermal_noise import ThermalNoise
+from dechirp.evaluate.match import Matcher
+from dechirp.experiment.link import added_noise_w
+from dechirp.experiment.scenario import Scenario, load, reference
+from dechirp.experiment.statistical.sensor import Sensor
+from dechirp.process.cfar.base import Cells, Cfar
+from dechirp.process.cfar.cell_averaging import CellAveraging
+from dechirp.process.chain import Chain
+from dechirp.process.detect import detected_columns
+from dechirp.radar.array import Array
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+from dechirp.radar.hardware import Hardware
+from dechirp.radar.multiplexing.tdm import Tdm
+from dechirp.radar.radar import Radar
+
+Frames = Callable[[], dict[str, np.ndarray]]
+EXAMPLES = Path(__file__).parents[1] / "examples"
+STDS = ("range_std", "velocity_std", "azimuth_std")
+ERRORS = ("range_error_m", "velocity_error_m_per_s", "azimuth_error_rad")
+
+
+def small(n_elements: int) -> Scenario:
+    """Six targets in a small map, of one receiver, or of two transmitters in turns and more."""
+    half_m = 3.9e-3 / 2
+    n_tx = 2 if n_elements > 1 else 1
+    n_rx = n_elements // n_tx
+    frame = Frame(
+        chirp=Chirp(
+            start_frequency_hz=76.5e9, slope_hz_per_s=20e12, adc_start_s=2e-6,
+            ramp_duration_s=12e-6, sample_rate_hz=12.8e6, n_samples=112, sampling="complex",
+        ),
+        n_chirps=64,
+        interval_s=15e-6,
+        multiplexing=Tdm(order=(0, 1)) if n_tx > 1 else None,
+    )  # fmt: skip
+    array = Array(
+        tx_m=tuple((0.0, k * n_rx * half_m, 0.0) for k in range(n_tx)),
+        rx_m=tuple((0.0, k * half_m, 0.0) for k in range(n_rx)),
+    )
+    hardware = Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10.0, loss=1.0)
+    radar = Radar(frame=frame, array=array, hardware=hardware)
+    # Cells are 0.86 m and 1 or 2 m/s: at quarters and thirds of them, far from each other.
+    cell_m, cell_m_per_s = frame.chirp.range_resolution_m, frame.velocity_resolution_m_per_s
+    places = [
+        (18.0, -20.0),
+        (18.5, 12.25),
+        (50.25, -20.5),
+        (50.0, 12.4),
+        (83.3, -20.33),
+        (83.75, 12.0),
+    ]
+    targets = []
+    for row, (in_range, in_velocity) in enumerate(places):
+        azimuth = np.radians(8.0 * row - 20)
+        towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        range_m, velocity = in_range * cell_m, in_velocity * cell_m_per_s
+        range_m -= frame.chirp.range_doppler_coupling_m(velocity)
+        targets.append(
+            dc.Target(
+                position_m=tuple(range_m * towards),
+                velocity_m_per_s=tuple(velocity * towards),
+                rcs_m2=1e-5 * range_m**4 / 1e3,
+            )
+        )
+    cfar = Cfar(
+        estimator=CellAveraging(), n_training=Cells(range=8, velocity=6),
+        n_guard=Cells(range=3, velocity=3), false_alarm_probability=1e-5,
+    )  # fmt: skip
+    return Scenario(
+        name=f"{n_elements} elements",
+        radar=radar,
+        scene=dc.Scene(targets=tuple(targets)),
+        chain=Chain(cfar=cfar),
+    )
+
+
+def at_snr(scenario: Scenario, snr_db: float, fluctuation: str) -> Scenario:
+    """The same with thermal noise so strong that the first target has that ratio in the end."""
+    truth = dc.truth(scenario.scene, scenario.radar)
+    now = float(truth.snr[0, 0])
+    targets = tuple(
+        replace(
+            target,
+            rcs_m2=target.rcs_m2 * 10 ** (snr_db / 10) / now * now / float(snr),
+            fluctuation=fluctuation,
+        )
+        for target, snr in zip(scenario.scene.targets, truth.snr[:, 0], strict=True)
+    )
+    scene = replace(scenario.scene, targets=targets)
+    return replace(scenario, scene=scene, impairments=(ThermalNoise(),))
+
+
+class Score(NamedTuple):
+    """Of many trials."""
+
+    probability: float
+    n: int
+    rmse: np.ndarray
+    rmse_error: np.ndarray
+    """Relative."""
+    false_alarms: float
+    columns: dict[str, np.ndarray]
+
+
+def score(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
+    """Detections of one frame each, against the truth."""
+    noise_w = added_noise_w(scenario, scenario.radar)
+    truth = dc.truth(scenario.scene, scenario.radar, noise_power_w=noise_w)
+    matched = Matcher(truth, scenario.radar)
+    n_found, n_false, errors, found = 0, 0, [], []
+    for _ in range(n_trials):
+        columns = frames()
+        match = matched(columns)
+        n_found += len(np.unique(match.target[match.target >= 0]))
+        n_false += int(np.sum(match.target < 0))
+        # A false alarm within two cells of a target is told as its detection: not of these laws.
+        near = match.target >= 0
+        for name, std in zip(ERRORS, STDS, strict=True):
+            near &= ~(abs(getattr(match, name)) > 6 * columns[std])
+        errors.append(np.array([getattr(match, name) for name in ERRORS])[:, near])
+        found.append(columns["snr"][match.target >= 0])
+    squared = np.concatenate(errors, axis=1) ** 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of angles that nobody tells
+        mean = np.nanmean(squared, axis=1)
+        spread = np.nanstd(squared, axis=1) / np.sqrt(squared.shape[1]) / mean / 2
+    n = n_trials * len(scenario.scene.targets)
+    return Score(
+        n_found / n, n, np.sqrt(mean), spread, n_false / n_trials, {"snr": np.concatenate(found)}
+    )
+
+
+def compare(scenario: Scenario, n_trials: int) -> tuple[Score, Score]:
+    """Of samples, and drawn."""
+    rng = np.random.default_rng(1)
+    chain = scenario.chain.fitted(scenario.radar)
+
+    def of_samples() -> dict[str, np.ndarray]:
+        cube = dc.simulate(
+            scenario.scene, scenario.radar, seed=rng, impairments=scenario.impairments
+        )
+        return detected_columns([cube], scenario.radar, chain)
+
+    sensor, other = Sensor(scenario), np.random.default_rng(2)
+    return (
+        score(scenario, of_samples, n_trials),
+        score(scenario, lambda: sensor.detections(other), n_trials),
+    )
+
+
+def report(scenario: Scenario, snrs_db: list[float], fluctuation: str, n_trials: int) -> None:
+    print(f"{scenario.name}, {fluctuation}")
+    print(
+        "  snr   samples  drawn   diff    s.e.   rmse drawn / samples: range, velocity, azimuth"
+        "        snr    false"
+    )
+    for snr_db in snrs_db:
+        one, two = compare(at_snr(scenario, snr_db, fluctuation), n_trials)
+        p = (one.probability + two.probability) / 2
+        error = np.sqrt(2 * max(p * (1 - p), 1e-9) / one.n)
+        ratio = two.rmse / one.rmse
+        spread = np.hypot(one.rmse_error, two.rmse_error)
+        told = "  ".join(f"{r:5.3f} ({s:.3f})" for r, s in zip(ratio, spread, strict=True))
+        snr = np.mean(two.columns["snr"]) / np.mean(one.columns["snr"])
+        print(
+            f"  {snr_db:4.1f}  {one.probability:.4f}  {two.probability:.4f}"
+            f"  {two.probability - one.probability:+.4f}  {error:.4f}   {told}   {snr:5.3f}"
+            f"   {one.false_alarms:.4f} {two.false_alarms:.4f}",
+            flush=True,
+        )
+
+
+def speed(scenario: Scenario) -> None:
+    sensor, rng = Sensor(scenario), np.random.default_rng(1)
+    sensor.detections(rng)
+    started, n = process_time(), 0
+    while process_time() - started < 2.0:
+        sensor.detections(rng)
+        n += scenario.n_frames
+    print(f"{scenario.name}: {n / (process_time() - started):.0f} frames/s")
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("--trials", type=int, default=2000)
+    arguments.add_argument("--snr", type=float, nargs="*", default=[12, 14, 15, 16, 17, 19, 24])
+    asked = arguments.parse_args()
+    warnings.simplefilter("ignore", PhysicsWarning)
+    for n_elements, more_db in ((1, 0.0), (8, 4.0)):
+        for fluctuation in ("steady", "swerling-1"):
+            snrs_db = [snr_db + more_db for snr_db in asked.snr]
+            report(small(n_elements), snrs_db, fluctuation, asked.trials)
+    report(reference(), [15, 16, 17, 18], "steady", asked.trials)
+    for name in ("highway", "corner-radar", "mimo"):
+        speed(load(EXAMPLES / f"{name}.yaml"))
+
+
+if __name__ == "__main__":
+    main()

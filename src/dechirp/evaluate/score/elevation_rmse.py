@@ -1,0 +1,14 @@
+"""Root mean square error of elevations."""
+
+from typing import ClassVar
+
+from dechirp.core.values import value
+from dechirp.evaluate.score.errors import Axis, Rmse
+
+
+@value
+class ElevationRmse(Rmse):
+    """Root mean square error of the elevation of a target, where it is found."""
+
+    unit: ClassVar[str | None] = "rad"
+    axis: ClassVar[Axis] = "elevation"

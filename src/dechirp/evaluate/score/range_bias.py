@@ -1,0 +1,14 @@
+"""Mean error of ranges."""
+
+from typing import ClassVar
+
+from dechirp.core.values import value
+from dechirp.evaluate.score.errors import Axis, Bias
+
+
+@value
+class RangeBias(Bias):
+    """Mean error of the range of a target, where it is found."""
+
+    unit: ClassVar[str | None] = "m"
+    axis: ClassVar[Axis] = "range"

@@ -1,0 +1,1 @@
+"""Detections drawn from what theory says of cells and estimates, without samples."""

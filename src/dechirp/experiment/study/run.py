@@ -1,0 +1,182 @@
+"""A study from its file to its estimates: the page that calls the rest of this folder."""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.checks import whole
+from dechirp.core.errors import DechirpError, Mistake
+from dechirp.core.findings import Finding
+from dechirp.core.threads import alone
+from dechirp.evaluate.look import Look
+from dechirp.experiment.run import Result, run
+from dechirp.experiment.study.environment import environment
+from dechirp.experiment.study.executors import Workers, given
+from dechirp.experiment.study.layout import Layout
+from dechirp.experiment.study.ledger import Ledger, Record
+from dechirp.experiment.study.plan import Plan, differences
+from dechirp.experiment.study.require import Judged, judge
+from dechirp.experiment.study.results import StudyResult, collect, estimate, measured
+from dechirp.experiment.study.running import Enough, Progress, run_blocks
+from dechirp.experiment.study.study import Study
+from dechirp.experiment.study.trial import check_study, generator, layout_of, prepared, run_block
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a study gave."""
+
+    result: StudyResult
+    judged: tuple[Judged, ...]
+    """Its requirements, decided."""
+    doubts: tuple[Finding, ...] = ()
+    """That it ran on other libraries or another processor before."""
+
+
+def run_study(
+    study: Study,
+    out: str | Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Finished:
+    """Run all trials of a study that its folder does not have yet, and judge.
+
+    Parameters
+    ----------
+    study : Study
+        As `load_study` reads it, or made in Python.
+    out : str or Path
+        Folder of `study.sqlite`, in which each block is kept as soon as it is done: the same
+        call goes on where the last one ended, however it ended.
+    executor : Executor, optional
+        Where trials run: any of `concurrent.futures`, as `dask.distributed.Client.get_executor`
+        gives one; without it, one process a core. The numbers do not depend on it.
+    progress : callable, optional
+        Called with how far it is.
+
+    Raises
+    ------
+    DechirpError
+        If its scores do not fit its scenario, which is told before any trial; if the folder is
+        another study's, is written to by another process or cannot be written; if too many
+        trials raised or workers died. What was done is kept.
+    """
+    with open_ledger(study, Path(out)) as ledger, given(executor) as workers:
+        run_trials(Plan.of(study), ledger, workers, progress)
+        return finished(Plan.of(study), ledger)
+
+
+def open_ledger(study: Study, out: Path) -> Ledger:
+    """The record of a study in a folder, begun or gone on with; raises as `run_study`."""
+    plan = Plan.of(study)
+    check_study(plan)
+    identity = plan.digest()
+    _must_be_same(out, identity)
+    return Ledger.open(out, identity=identity, environment=environment())
+
+
+def _must_be_same(out: Path, identity: Mapping[str, str]) -> None:
+    """Raise `DechirpError` with each setting that differs from those of the results that are there.
+
+    What cannot be read, or was only begun, is left to `Ledger.open`.
+    """
+    try:
+        with Record.read(out) as record:
+            kept = record.identity
+    except DechirpError:
+        return
+    changed = [one.partition(": ") for one in differences(kept, identity)]
+    if changed:
+        raise DechirpError(
+            *(
+                Mistake(
+                    setting=setting,
+                    got=now or then,
+                    need=f"{then}, as in the results that are there",
+                    fix="Name another folder with --out, or remove this one to begin anew.",
+                    file=str(out),
+                )
+                for setting, _, change in changed
+                for then, _, now in [change.partition(" -> ")]
+            )
+        )
+
+
+def run_trials(
+    plan: Plan,
+    ledger: Ledger,
+    workers: Workers,
+    progress: Callable[[Progress], None] | None = None,
+) -> None:
+    """Run the trials that a ledger does not have; raises as `run_study`."""
+    study = plan.study
+    run_blocks(
+        run_block,
+        plan,
+        n_points=plan.n_points,
+        trials=study.trials,
+        ledger=ledger,
+        workers=workers,
+        enough=_enough(study, layout_of(plan)),
+        stop_after_failures=study.stop_after_failures,
+        progress=progress,
+    )
+
+
+def finished(plan: Plan, ledger: Ledger) -> Finished:
+    """What the trials of a ledger come to."""
+    result = collect(plan.study, layout_of(plan), measured(plan, layout_of(plan), ledger))
+    return Finished(result, judge(result, ledger.sums), ledger.doubts)
+
+
+def _enough(study: Study, layout: Layout) -> Enough | None:
+    """Whether the interval that the study waits for is narrow enough."""
+    until = study.trials.until
+    if until is None:
+        return None
+    label, target, width = until.score, until.target, until.width
+
+    def enough(sums: np.ndarray) -> bool:
+        found = estimate(layout, label, target, sums, confidence=study.confidence)
+        return bool(found.high - found.low <= width)  # false where there is nothing to tell
+
+    return enough
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """One trial of one point, again."""
+
+    point: int
+    trial: int
+    look: Look
+    sums: np.ndarray
+    """As the ledger has them, see `Layout`."""
+    result: Result
+    """The same trial as `run` shows one."""
+
+
+def replay(study: Study, trial: int, *, point: int = 0) -> Replayed:
+    """Run one trial alone, with the chance that it has in the study.
+
+    Raises
+    ------
+    DechirpError
+        What the trial raised, if it did; or if there is no such point or trial.
+    """
+    whole("--trial", trial, at_least=0, at_most=study.trials.at_most - 1)
+    plan = Plan.of(study)
+    with alone():  # as in the study
+        ready = prepared(plan, point, trial)
+        look = ready.look(trial)
+        return Replayed(
+            point=point,
+            trial=trial,
+            look=look,
+            sums=ready.sums_of(look),
+            result=run(ready.scenario, rng=generator(study.seed, trial)),
+        )

@@ -1,0 +1,1 @@
+"""Settings that are searched for: the best of a stated aim, with what it is better by."""

@@ -1,0 +1,159 @@
+"""Large tables in Parquet files, through DuckDB: piece by piece, whole or not at all.
+
+Parquet says in itself what each column is, and is read by pandas, polars, R, MATLAB, Spark and
+DuckDB alike.
+"""
+
+import uuid
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain, count
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from dechirp.core.errors import DechirpError, Mistake, RecordingError
+
+Type = Literal["BIGINT", "DOUBLE", "BOOLEAN", "VARCHAR"]
+"""Of a column, as SQL calls it."""
+
+
+def write_parquet(
+    path: Path,
+    columns: Mapping[str, Type],
+    pieces: Iterable[Mapping[str, np.ndarray]],
+    *,
+    about: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Write a table, in place of what was there.
+
+    Parameters
+    ----------
+    path : Path
+        The file. It takes its name when all of it is written.
+    columns : mapping
+        Type of each column by its name, in order. DuckDB takes `Car` and `car` for the same
+        name; the second of such is called `car_2`.
+    pieces : iterable of mapping
+        Rows, some at a time: for each column an array (n_rows,). NaN stays NaN; None in a
+        column of texts is null.
+    about : mapping
+        Words that are kept in the file beside the table, by name.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be written, or the disk is full.
+    """
+    import duckdb
+
+    place = path.resolve()
+    made = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
+    words = ", ".join(f"{_name(name)}: {_text(word)}" for name, word in about.items())
+    more = f", KV_METADATA {{{words}}}" if words else ""
+    try:
+        try:
+            if place.is_dir():
+                raise IsADirectoryError(None, "a folder")
+            with _database() as database:
+                both = zip(_distinct(columns), columns.values(), strict=True)
+                typed = ", ".join(f"{_name(name)} {kind}" for name, kind in both)
+                database.execute(f"CREATE TABLE kept ({typed})")
+                for piece in pieces:
+                    _append(database, columns, piece)
+                database.execute(
+                    f"COPY kept TO {_text(str(made))} (FORMAT parquet, COMPRESSION zstd{more})"
+                )
+            made.replace(place)
+        finally:
+            made.unlink(missing_ok=True)
+    except (OSError, duckdb.IOException) as error:
+        raise _unwritable(path, error) from None
+
+
+def read_parquet(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a table, each (n_rows,); texts are objects.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or it is no Parquet.
+    """
+    import duckdb
+
+    literal = "".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path))
+    with _database() as database:
+        try:
+            found = database.execute(f"SELECT * FROM read_parquet({_text(literal)})").fetchnumpy()
+        except duckdb.Error as error:
+            raise RecordingError(
+                path,
+                got=" ".join(str(error).split())[:200],
+                need="a Parquet file",
+                fix="Write it again, or give the file that is one.",
+            ) from None
+    return {name: _plain(values) for name, values in found.items()}
+
+
+def _append(database: Any, columns: Mapping[str, Type], piece: Mapping[str, np.ndarray]) -> None:
+    # Names of its own: what DuckDB calls a column is not always what we do.
+    database.register("piece", {f"c{at}": piece[name] for at, name in enumerate(columns)})
+    try:
+        kinds = (
+            # DuckDB takes NaN of NumPy for null; it is a number that there is not.
+            f"coalesce(c{at}, 'NaN'::DOUBLE)" if kind == "DOUBLE" else f"c{at}::{kind}"
+            for at, kind in enumerate(columns.values())
+        )
+        database.execute(f"INSERT INTO kept SELECT {', '.join(kinds)} FROM piece")
+    finally:
+        database.unregister("piece")
+
+
+def _distinct(names: Iterable[str]) -> Iterator[str]:
+    """Names that differ in more than case."""
+    taken: set[str] = set()
+    for name in names:
+        tried = chain([name], (f"{name}_{number}" for number in count(2)))
+        free = next(one for one in tried if one.lower() not in taken)
+        taken.add(free.lower())
+        yield free
+
+
+def _plain(values: np.ndarray) -> np.ndarray:
+    """Arrays without a mask; None where a text is null."""
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    plain = values.data.copy()
+    if plain.dtype == object:
+        plain[np.ma.getmaskarray(values)] = None
+    return plain
+
+
+def _database() -> Any:
+    """One in memory, that never fetches anything from a network."""
+    import duckdb
+
+    return duckdb.connect(
+        config={"autoinstall_known_extensions": False, "autoload_known_extensions": False}
+    )
+
+
+def _name(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _text(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
+
+
+def _unwritable(path: Path, error: Exception) -> DechirpError:
+    why = getattr(error, "strerror", None) or " ".join(str(error).split())[:200]
+    return DechirpError(
+        Mistake(
+            setting="--out",
+            got=f"{path}, not writable ({why})",
+            need="a place that can be written and has room",
+            fix="Name another, or make room.",
+        )
+    )

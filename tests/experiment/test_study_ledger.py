@@ -1,0 +1,215 @@
+"""What a study keeps, and what it refuses to mix with it."""
+
+import os
+import sqlite3
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tiny_study
+from dechirp.core.errors import DechirpError
+from dechirp.experiment.study.block import Block, Failure
+from dechirp.experiment.study.executors import given
+from dechirp.experiment.study.ledger import LOCK, NAME, Ledger, Record
+from tiny_study import ENVIRONMENT, IDENTITY
+
+
+def opened(out: Path, **told) -> Ledger:
+    return Ledger.open(out, **{"identity": IDENTITY, "environment": ENVIRONMENT, **told})
+
+
+def blocks(n: int, columns: int = 2) -> list[Block]:
+    rng = np.random.default_rng(5)
+    return [Block(0, i, 3 * i, rng.normal(size=(3, columns)), 0.5) for i in range(n)]
+
+
+def test_what_was_added_is_read_back_to_the_bit_in_the_order_of_the_trials(tmp_path):
+    first, second = blocks(2)
+    odd = Block(
+        7,
+        0,
+        0,
+        np.array([[np.nan, -0.0], [5e-324, np.inf], [1 / 3, 1e308]]),
+        0.25,
+        (Failure(1, "ValueError: no"),),
+        (),
+        np.array([0.5, np.nan]),
+    )
+    with opened(tmp_path) as ledger:
+        ledger.add([second, odd])
+        ledger.add([first])
+    with Record.read(tmp_path) as record:
+        assert record.done().tolist() == [[0, 0], [0, 1], [7, 0]]
+        assert record.sums(0).tobytes() == np.concatenate([first.sums, second.sums]).tobytes()
+        assert record.trials(0).tolist() == [0, 1, 2, 3, 4, 5]
+        assert record.sums(7).tobytes() == odd.sums.tobytes()
+        assert [point for point, _ in record.all_sums()] == [0, 7]
+        assert record.failures() == [(7, Failure(1, "ValueError: no"))]
+        np.testing.assert_array_equal(record.theory(7), [0.5, np.nan])
+        assert record.theory(0) is None
+        assert record.seconds() == 1.25
+
+
+def test_a_reader_sees_finished_blocks_while_the_study_runs(tmp_path):
+    with opened(tmp_path) as ledger, Record.read(tmp_path) as record:
+        for n, block in enumerate(blocks(3)):
+            assert len(record.done()) == n
+            ledger.add([block])
+        assert len(record.sums(0)) == 9
+
+
+def test_blocks_past_the_end_of_a_point_are_dropped_with_their_failures(tmp_path):
+    late = Block(0, 2, 6, np.full((3, 2), np.nan), 0.1, (Failure(6, "late"),))
+    with opened(tmp_path) as ledger:
+        ledger.add([*blocks(2), late])
+        ledger.end(0, 1)
+        assert ledger.done().tolist() == [[0, 0]]
+        assert ledger.ended() == {0: 1}
+        assert ledger.n_failures() == 0
+
+
+def test_a_second_process_on_one_folder_is_refused_and_the_first_one_goes_on(tmp_path):
+    with opened(tmp_path) as ledger:
+        second = subprocess.run(
+            [sys.executable, tiny_study.__file__, tmp_path],
+            capture_output=True,
+            check=False,
+            text=True,
+            timeout=60,
+        )
+        assert second.returncode == 2
+        assert "in use by another study that runs now" in second.stdout
+        with pytest.raises(DechirpError, match="in use by another study"):
+            opened(tmp_path)
+        ledger.add(blocks(1))
+    with opened(tmp_path) as ledger:  # closed is free again
+        assert len(ledger.done()) == 1
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        (
+            {"study": "seed: 1\ntrials: 500"},
+            r"study is trials: 500 \(line 2\), but must be trials: 400 \(line 2\)",
+        ),
+        ({"study": "seed: 1"}, r"study is absent, but must be trials: 400 \(line 2\)"),
+        ({"dechirp": "0.2.0"}, r"dechirp is 0.2.0, but must be 0.1.0.*--out.*remove"),
+        ({"scenario": "car"}, r"scenario is car, but must be absent"),
+    ],
+)
+def test_another_study_is_refused_with_what_differs(tmp_path, asked, says):
+    with opened(tmp_path) as ledger:
+        ledger.add(blocks(1))
+    with pytest.raises(DechirpError, match=says):
+        opened(tmp_path, identity={**IDENTITY, **asked})
+    with opened(tmp_path) as ledger:  # and nothing has changed
+        assert len(ledger.done()) == 1
+
+
+def test_all_that_differs_is_said_at_once(tmp_path):
+    opened(tmp_path).close()
+    with pytest.raises(DechirpError) as refused:
+        opened(tmp_path, identity={"study": "seed: 2", "dechirp": "9"})
+    assert [mistake.setting for mistake in refused.value.mistakes] == ["study", "dechirp"]
+
+
+def test_another_library_is_a_doubt_and_no_refusal(tmp_path):
+    opened(tmp_path).close()
+    with opened(tmp_path, environment={"numpy": "1.0"}) as ledger:
+        (doubt,) = ledger.doubts
+        assert "now numpy 1.0, begun with numpy" in doubt.got
+        assert ledger.environments == [ENVIRONMENT, {"numpy": "1.0"}]
+    with opened(tmp_path) as ledger:
+        assert ledger.doubts == ()
+
+
+def test_a_file_that_is_something_else_is_refused_and_left_alone(tmp_path):
+    text, other, empty = tmp_path / "text", tmp_path / "other", tmp_path / "empty"
+    for folder in (text, other, empty):
+        folder.mkdir()
+    (text / NAME).write_text("a shopping list, quite long enough to be no header")
+    with sqlite3.connect(other / NAME) as connection:
+        connection.execute("CREATE TABLE songs (name TEXT)")
+    connection.close()
+    for folder, says in ((text, "no database"), (other, "a database of something else")):
+        before = (folder / NAME).read_bytes()
+        for open_it in (opened, Record.read):
+            with pytest.raises(DechirpError, match=says):
+                open_it(folder)
+        assert (folder / NAME).read_bytes() == before
+    with pytest.raises(DechirpError, match="not there"):
+        Record.read(empty)
+
+
+def test_a_damaged_record_is_said_to_be_damaged(tmp_path):
+    with opened(tmp_path) as ledger:
+        ledger.add(blocks(400, columns=10))
+    content = bytearray((tmp_path / NAME).read_bytes())
+    content[4096:] = b"\xff" * (len(content) - 4096)
+    (tmp_path / NAME).write_bytes(content)
+    with pytest.raises(DechirpError, match="damaged"):
+        opened(tmp_path)
+
+
+def test_a_record_of_a_later_format_is_refused(tmp_path):
+    opened(tmp_path).close()
+    with sqlite3.connect(tmp_path / NAME) as connection:
+        connection.execute("UPDATE meta SET said = '2' WHERE key = 'format_version'")
+    connection.close()
+    with pytest.raises(DechirpError, match="in format 2"):
+        opened(tmp_path)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root writes everywhere")
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(DechirpError, match="not writable"):
+        opened(tmp_path)
+
+
+def test_a_place_where_no_folder_can_be_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(DechirpError, match="not writable"):
+            opened(place)
+
+
+def test_a_full_disk_keeps_what_was_there_and_says_so(tmp_path):
+    with opened(tmp_path) as ledger:
+        ledger.add(blocks(1, columns=10))
+        n_pages = ledger._connection.execute("PRAGMA page_count").fetchone()[0]
+        ledger._connection.execute(f"PRAGMA max_page_count = {n_pages + 2}")
+        with pytest.raises(DechirpError, match=r"full disk.*What was done before is kept"):
+            ledger.add(blocks(2000, columns=10))
+        assert len(ledger.done()) == 1
+    with opened(tmp_path) as ledger:  # with room again
+        ledger.add(blocks(2000, columns=10))
+        assert len(ledger.done()) == 2000
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of file sizes are those of POSIX")
+def test_a_study_that_runs_into_a_limit_of_its_disk_goes_on_with_the_same_result(tmp_path):
+    def run(out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+        call = [sys.executable, tiny_study.__file__, out, *options]
+        return subprocess.run(call, capture_output=True, check=False, text=True, timeout=60)
+
+    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+        tiny_study.run(tmp_path / "undisturbed", workers)
+    limited = run(tmp_path / "limited", "--file-limit", "60000")
+    assert (limited.returncode, limited.stderr) == (2, "")
+    assert "What was done before is kept" in limited.stdout
+    with Record.read(tmp_path / "limited") as record:
+        assert 0 < len(record.done()) < 324
+    assert run(tmp_path / "limited").returncode == 0
+    ends = [tiny_study.fingerprint(tmp_path / name) for name in ("undisturbed", "limited")]
+    assert ends[0] == ends[1]
+
+
+def test_the_lock_is_no_obstacle_when_it_is_left_behind(tmp_path):
+    (tmp_path / LOCK).touch()
+    opened(tmp_path).close()
