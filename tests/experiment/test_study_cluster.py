@@ -181,7 +181,7 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch):
 def test_without_slurm_it_says_so(monkeypatch):
     pytest.importorskip("dask_jobqueue")
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(InvalidSetting, match="no `sbatch` here"), slurm(2):
+    with pytest.raises(InvalidSetting, match="has no `sbatch`"), slurm(2):
         pass
 
 

@@ -279,8 +279,8 @@ def slurm(n_workers: int) -> Iterator[Workers]:
     if shutil.which("sbatch") is None:
         raise InvalidSetting(
             "--cluster",
-            got="slurm, but there is no `sbatch` here",
-            need="a machine that submits to Slurm",
+            got="slurm, on a machine that has no `sbatch`",
+            need="given where jobs are submitted to Slurm",
             fix="Run this on the cluster's login node, or leave --cluster out.",
         )
     with _quiet():

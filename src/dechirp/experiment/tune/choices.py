@@ -93,7 +93,7 @@ def _optuna() -> Iterator[ModuleType]:
         raise InvalidSetting(
             "dechirp tune",
             got="called without optuna",
-            need="the extra `tune`",
+            need="called where optuna is installed",
             fix="Install it: pip install 'dechirp[tune]'.",
         ) from None
     level = optuna.logging.get_verbosity()
