@@ -1,6 +1,7 @@
 """Which column of a block's sums belongs to which score and subject."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 
 import numpy as np
@@ -22,7 +23,7 @@ class Layout:
         """Layout of the scores of a case; those of all points of a study are alike."""
         return cls(scores, tuple(score.subjects(case) for score in scores))
 
-    @property
+    @cached_property
     def widths(self) -> tuple[int, ...]:
         """Columns of each score."""
         both = zip(self.scores, self.subjects, strict=True)
@@ -35,12 +36,12 @@ class Layout:
 
     def index(self, label: str) -> int:
         """Place of a score in the list, by its label; raises `ValueError` without it."""
-        return [score.label() for score in self.scores].index(label)
+        return self._labels.index(label)
 
     def sums_of(self, sums: np.ndarray, label: str, subject: str | None = None) -> np.ndarray:
         """Columns of one score, (n_trials, n_sums): of a subject, or of all, added."""
         index = self.index(label)
-        first = list(accumulate(self.widths, initial=0))[index]
+        first = self._firsts[index]
         of_score = sums[:, first : first + self.widths[index]]
         by_subject = of_score.reshape(len(sums), max(len(self.subjects[index]), 1), -1)
         if subject is None:
@@ -59,3 +60,12 @@ class Layout:
         if subject is None:
             return self.scores[index].together(of_score)
         return float(of_score[self.subjects[index].index(subject)])
+
+    @cached_property
+    def _labels(self) -> tuple[str, ...]:
+        return tuple(score.label() for score in self.scores)
+
+    @cached_property
+    def _firsts(self) -> tuple[int, ...]:
+        """First column of each score."""
+        return tuple(accumulate(self.widths, initial=0))

@@ -24,7 +24,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.evaluate.score.base import NOTHING, Estimate
 from dechirp.experiment.study.layout import Layout
-from dechirp.experiment.study.results import StudyResult, estimate
+from dechirp.experiment.study.results import StudyResult
 from dechirp.experiment.study.study import Requirement
 
 Decision = Literal["met", "not met", "undecided"]
@@ -112,6 +112,7 @@ class _Limit:
         self.requirement, self.side, self.layout, self._sums = requirement, side, layout, sums
         self.limit = float(getattr(requirement, side))
         self.tail = 1 - requirement.confidence
+        self._score = layout.scores[layout.index(requirement.score)]
         if not 0 < self.tail < 0.5:
             raise InvalidSetting(
                 "require.confidence",
@@ -133,20 +134,18 @@ class _Limit:
             )
 
     def rows(self, point: int) -> np.ndarray:
-        """Sums of all scores in the trials of a point that did not fail."""
-        sums = self._sums(point)
-        kept = ~np.isnan(sums).all(axis=1) if sums.size else np.zeros(len(sums), dtype=bool)
-        return sums[kept]
+        """Sums of the score in the trials of a point that did not fail, (n_trials, n_sums)."""
+        asked, sums = self.requirement, self._sums(point)
+        if not len(sums):  # not tried yet
+            return np.empty((0, self._score.n_sums))
+        own = self.layout.sums_of(sums, asked.score, asked.target)
+        return own[~np.isnan(own).any(axis=1)]
 
     def estimate(self, rows: np.ndarray, tail: float) -> Estimate:
         """Value with the bounds beyond each of which lies a tail."""
-        return estimate(
-            self.layout,
-            self.requirement.score,
-            self.requirement.target,
-            rows,
-            confidence=1 - 2 * tail,
-        )
+        if not len(rows):
+            return NOTHING
+        return self._score.estimate(rows, confidence=1 - 2 * tail)
 
     def holds(self, number: float) -> bool:
         """Whether a number is on the right side; one that is on the limit is."""
