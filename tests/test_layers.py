@@ -22,8 +22,10 @@ ORDER = (
     "evaluate",
     "config",
     "formats|store|objects",
+    "live",
     "experiment",
     "report",
+    "exchange",
     "cli",
 )
 
@@ -36,6 +38,9 @@ ONLY_IN = {
     "ruamel": {"config"},
     "pint": {"config"},
     "zarr": {"store", "formats"},
+    "h5py": {"formats", "exchange"},
+    "mcap": {"formats", "exchange"},
+    "rosbags": {"formats", "exchange"},
     "matplotlib": {"report"},
     "jinja2": {"report"},
     "markupsafe": {"report"},

@@ -79,6 +79,8 @@ if TYPE_CHECKING:
     from dechirp.evaluate.score.track_ospa import TrackOspa
     from dechirp.evaluate.score.velocity_bias import VelocityBias
     from dechirp.evaluate.score.velocity_rmse import VelocityRmse
+    from dechirp.exchange.convert import write
+    from dechirp.exchange.in_memory import recording_of
     from dechirp.experiment.inspection import Inspection, inspect
     from dechirp.experiment.run import Result, run
     from dechirp.experiment.scenario import Scenario, Source, load, reference
@@ -250,6 +252,8 @@ _WHERE = {
     "evaluate.score.track_ospa": "TrackOspa",
     "evaluate.score.velocity_bias": "VelocityBias",
     "evaluate.score.velocity_rmse": "VelocityRmse",
+    "exchange.convert": "write",
+    "exchange.in_memory": "recording_of",
     "experiment.inspection": "Inspection inspect",
     "experiment.run": "Result run",
     "experiment.scenario": "Scenario Source load reference",
@@ -536,6 +540,7 @@ __all__ = [
     "read_objects",
     "read_vectors",
     "read_words",
+    "recording_of",
     "reference",
     "run",
     "run_study",
@@ -550,6 +555,7 @@ __all__ = [
     "track",
     "truth",
     "verify",
+    "write",
     "write_objects",
     "write_vectors",
 ]

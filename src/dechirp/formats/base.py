@@ -1,7 +1,7 @@
 """What a recording format is: it knows its files by their content, and decodes them."""
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import field
 from enum import IntEnum
 from pathlib import Path
@@ -72,6 +72,10 @@ class Contents:
     """Order in which the parts of a sample were read, where the format has two."""
     settings_path: Path | None = None
     """File that says how bare samples lie."""
+    scale: float | None = None
+    """Step of the converter in these units, where every sample is a whole number of them."""
+    tables: Mapping[str, xr.Dataset] = field(default_factory=dict, repr=False)
+    """What was kept beside the samples, by name: `detections`, `truth` and so on."""
     concentration: float | None = None
     """How few beat frequencies hold the energy, at most 1: bare samples read the wrong way
     have it spread over more. None where the format leaves no doubt."""

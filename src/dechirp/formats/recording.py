@@ -92,11 +92,23 @@ class Recording:
     def points(self) -> xr.Dataset | None:
         """Detections that the radar made itself, as `detect` gives them; none: samples alone."""
         found = self.contents.points
-        if found is None:
-            return None
-        numbers = found["frame"].values
-        inside = (numbers >= self.frame_numbers.start) & (numbers < self.frame_numbers.stop)
-        return found.isel(detection=np.flatnonzero(inside))
+        return None if found is None else self._in_frames(found)
+
+    @property
+    def tables(self) -> dict[str, xr.Dataset]:
+        """What was kept beside the samples, as `detections` and `truth`, of these frames."""
+        return {name: self._in_frames(table) for name, table in self.contents.tables.items()}
+
+    def _in_frames(self, table: xr.Dataset) -> xr.Dataset:
+        """The rows of the frames that are read; all of a table without frames."""
+        if self.n_frames == self.contents.n_frames or "frame" not in table.variables:
+            return table
+        own = self.frame_numbers
+        if "frame" in table.dims:
+            return table.isel(frame=slice(own.start, own.stop))
+        (over,) = table["frame"].dims
+        numbers = table["frame"].values
+        return table.isel({over: np.flatnonzero((numbers >= own.start) & (numbers < own.stop))})
 
     def must_hold_samples(self) -> None:
         """Raise `RecordingError` if it holds detections alone."""
@@ -170,6 +182,8 @@ class Recording:
         cube = labelled_cube(
             samples, self.radar, units=self.contents.units, first_frame=numbers.start
         )
+        if self.contents.scale is not None:
+            cube.attrs["scale"] = self.contents.scale
         gaps = self.contents.gaps
         if gaps is None:
             return cube

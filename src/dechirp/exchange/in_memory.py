@@ -1,0 +1,73 @@
+"""A cube in memory as a recording, so that whatever takes one takes it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.errors import InvalidSetting
+from dechirp.formats.base import Contents
+from dechirp.formats.description import UNITS
+from dechirp.formats.recording import Recording
+from dechirp.radar.cube import must_be_sampled_as
+from dechirp.radar.radar import Radar
+
+
+def recording_of(
+    cube: xr.DataArray,
+    radar: Radar,
+    *,
+    tables: Mapping[str, xr.Dataset] = MappingProxyType({}),
+    name: str = "memory",
+) -> Recording:
+    """Samples in memory as a recording that can be written, processed or read frame by frame.
+
+    Parameters
+    ----------
+    cube : DataArray (frame, chirp, rx, sample)
+        As `simulate` or `labelled_cube` gives it, any order of axes; not copied.
+    radar : Radar
+        What it was taken with.
+    tables : mapping
+        What travels with it, by name, as `truth` and `detections`.
+    name : str
+        Stands in messages where the path of a file would.
+
+    Raises
+    ------
+    InvalidSetting
+        If the cube is not that radar's.
+    """
+    samples = cube.transpose(*CUBE_AXES).values
+    must_be_sampled_as(radar.frame.chirp, samples, where="cube")
+    frame = radar.frame
+    need = (frame.n_sent, radar.array.n_rx, frame.chirp.n_samples)
+    units = cube.attrs.get("units")
+    if samples.shape[1:] != need or units not in UNITS:
+        raise InvalidSetting(
+            "cube",
+            got=f"frames of {samples.shape[1:]} in units of {units!r}",
+            need=f"of {need} (chirp, rx, sample), as the radar has them, in {' or '.join(UNITS)}",
+            fix="Give the radar that the cube was made with; set cube.attrs['units'].",
+        )
+
+    def decode(number: int, out: np.ndarray) -> None:
+        out[:] = samples[number]
+
+    gaps = cube.coords["gap"].transpose("frame", "chirp").values if "gap" in cube.coords else None
+    scale = cube.attrs.get("scale")
+    contents = Contents(
+        radar=radar,
+        n_frames=len(samples),
+        decode=decode,
+        units=units,
+        gaps=gaps,
+        scale=None if scale is None else float(scale),
+        tables=dict(tables),
+    )
+    return Recording(
+        path=Path(name), format="memory", contents=contents, frame_numbers=range(len(samples))
+    )

@@ -1,0 +1,1 @@
+"""Formats that recordings are written in."""

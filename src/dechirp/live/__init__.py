@@ -1,0 +1,1 @@
+"""Samples that are still arriving: files that grow, and packets."""
