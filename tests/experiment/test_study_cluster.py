@@ -190,7 +190,8 @@ def test_slurm_is_given_jobs_of_one_thread_a_worker_that_do_the_study(tmp_path, 
     """A stand-in for `sbatch` keeps the script and, by night, runs it here."""
     pytest.importorskip("dask_jobqueue")
     bin_, scripts = tmp_path / "bin", tmp_path / "scripts"
-    begun = 'setsid bash "$1"' if NIGHTLY else "true"
+    # The copy: the script itself is gone as soon as `sbatch` has answered.
+    begun = f"setsid bash {scripts}/$$.sh" if NIGHTLY else "true"
     bin_.mkdir()
     scripts.mkdir()
     for name, does in {
