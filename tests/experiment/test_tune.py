@@ -305,6 +305,8 @@ WRONG = {
     ("candidates: 12", "candidate: 12"): ("candidate", "candidates?"),
     ("aim: {", "# {"): ("aim", "absent"),
     ("most: detection_probability", "most: processing_time"): ("aim.most", "the same trial"),
+    ("most: detection_probability", "most: range_rmse"): ("aim.most", "least: range_rmse"),
+    ("most: detection_probability", "least: range_bias"): ("aim.least", "Set limits to it"),
 }
 
 

@@ -11,6 +11,8 @@ from dechirp.evaluate.look import Case, Look
 
 Need = Literal["maps", "noise", "clusters", "tracks"]
 """What a score wants to see beside detections and their match."""
+Better = Literal["more", "less"] | None
+"""What a user wants of a score; None: neither, as of a bias, which should be near 0."""
 
 
 class Estimate(NamedTuple):
@@ -36,6 +38,7 @@ class Score(Family):
     needs: ClassVar[frozenset[Need]] = frozenset()
     unit: ClassVar[str | None] = None
     """Suffix of the unit of the value, as fields have it (m, m_per_s, rad, s); none: a ratio."""
+    better: ClassVar[Better] = None
     repeatable: ClassVar[bool] = True
     """Whether the same trial gives the same sums: times do not."""
     n_sums: ClassVar[int]

@@ -9,7 +9,7 @@ from dechirp.evaluate.expected import detection_probabilities
 from dechirp.evaluate.found import is_found
 from dechirp.evaluate.look import Case, Look
 from dechirp.evaluate.needed import must_have_targets
-from dechirp.evaluate.score.base import Estimate, Score
+from dechirp.evaluate.score.base import Better, Estimate, Score
 from dechirp.evaluate.shares import share
 
 
@@ -17,6 +17,7 @@ from dechirp.evaluate.shares import share
 class DetectionProbability(Score):
     """Share of frames in which a target has a detection."""
 
+    better: ClassVar[Better] = "more"
     n_sums: ClassVar[int] = 2
 
     def check(self, case: Case) -> None:

@@ -12,7 +12,7 @@ from dechirp.evaluate.found import strongest
 from dechirp.evaluate.independent import ratio
 from dechirp.evaluate.look import Case, Look
 from dechirp.evaluate.needed import must_have_targets
-from dechirp.evaluate.score.base import NOTHING, Estimate, Score
+from dechirp.evaluate.score.base import NOTHING, Better, Estimate, Score
 from dechirp.process.sources import aperture_of
 
 Axis = Literal["range", "velocity", "azimuth", "elevation"]
@@ -101,6 +101,7 @@ class Bias(Errors):
 class Rmse(Errors):
     """Root of the mean square of the errors."""
 
+    better: ClassVar[Better] = "less"
     power: ClassVar[int] = 2
 
     def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:

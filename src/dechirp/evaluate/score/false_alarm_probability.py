@@ -8,7 +8,7 @@ from dechirp.core.values import value
 from dechirp.evaluate import false_alarms
 from dechirp.evaluate.independent import rate
 from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.score.base import Estimate, Need, Score
+from dechirp.evaluate.score.base import Better, Estimate, Need, Score
 
 
 @value
@@ -18,6 +18,7 @@ class FalseAlarmProbability(Score):
     In theory what the detector is designed for, or what its offset gives in white noise.
     """
 
+    better: ClassVar[Better] = "less"
     needs: ClassVar[frozenset[Need]] = frozenset({"noise"})
     n_sums: ClassVar[int] = 2
 

@@ -7,7 +7,7 @@ import numpy as np
 from dechirp.core.values import value
 from dechirp.evaluate.independent import rate
 from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.score.base import Estimate
+from dechirp.evaluate.score.base import Better, Estimate
 from dechirp.evaluate.score.of_tracks import OfTracks
 from dechirp.evaluate.tracked import held
 
@@ -16,6 +16,7 @@ from dechirp.evaluate.tracked import held
 class FalseTracks(OfTracks):
     """Confirmed tracks that hold no target, in a frame, on average over all frames."""
 
+    better: ClassVar[Better] = "less"
     n_sums: ClassVar[int] = 2
 
     def subjects(self, case: Case) -> tuple[str, ...]:

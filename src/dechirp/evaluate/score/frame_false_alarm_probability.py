@@ -8,7 +8,7 @@ from dechirp.core.values import value
 from dechirp.evaluate import false_alarms
 from dechirp.evaluate.look import Case, Look
 from dechirp.evaluate.needed import must_rise
-from dechirp.evaluate.score.base import Estimate, Need, Score
+from dechirp.evaluate.score.base import Better, Estimate, Need, Score
 from dechirp.evaluate.shares import share
 
 
@@ -19,6 +19,7 @@ class FrameFalseAlarmProbability(Score):
     Theory is that of white noise, see `evaluate.false_alarms`.
     """
 
+    better: ClassVar[Better] = "less"
     needs: ClassVar[frozenset[Need]] = frozenset({"noise"})
     n_sums: ClassVar[int] = 2
 

@@ -8,7 +8,7 @@ from dechirp.core.values import value
 from dechirp.evaluate.clusters import n_of_targets
 from dechirp.evaluate.look import Case, Look
 from dechirp.evaluate.needed import must_cluster, must_have_targets
-from dechirp.evaluate.score.base import Estimate, Need, Score
+from dechirp.evaluate.score.base import Better, Estimate, Need, Score
 from dechirp.evaluate.shares import share
 
 
@@ -20,6 +20,7 @@ class OneClusterProbability(Score):
     one right and one lost, and a target in two parts as wrong.
     """
 
+    better: ClassVar[Better] = "more"
     needs: ClassVar[frozenset[Need]] = frozenset({"clusters"})
     n_sums: ClassVar[int] = 2
 

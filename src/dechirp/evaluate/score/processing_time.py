@@ -7,7 +7,7 @@ from scipy.special import bdtr
 
 from dechirp.core.values import value
 from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.score.base import NOTHING, Estimate, Score
+from dechirp.evaluate.score.base import NOTHING, Better, Estimate, Score
 
 
 @value
@@ -17,6 +17,7 @@ class ProcessingTime(Score):
     Of the machine that the study runs on, with whatever else it does.
     """
 
+    better: ClassVar[Better] = "less"
     unit: ClassVar[str | None] = "s"
     repeatable: ClassVar[bool] = False
     n_sums: ClassVar[int] = 1

@@ -8,7 +8,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.evaluate.found import is_found
 from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.score.base import Estimate, Score
+from dechirp.evaluate.score.base import Better, Estimate, Score
 from dechirp.evaluate.shares import share
 
 
@@ -19,6 +19,7 @@ class ResolutionProbability(Score):
     A detection is of one target alone, the nearest: two that merge leave one without.
     """
 
+    better: ClassVar[Better] = "more"
     n_sums: ClassVar[int] = 2
 
     def subjects(self, case: Case) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from dechirp.evaluate.gates import gates
 from dechirp.evaluate.independent import rate
 from dechirp.evaluate.look import Case, Look
 from dechirp.evaluate.needed import must_have_targets, must_rise
-from dechirp.evaluate.score.base import Estimate, Need, Score
+from dechirp.evaluate.score.base import Better, Estimate, Need, Score
 from dechirp.evaluate.shares import share
 from dechirp.process.cfar.base import Cfar, Noise
 from dechirp.process.maps import left_by
@@ -47,6 +47,7 @@ class Roc(Score):
     logarithm of the false-alarm probability for which thresholds are made, between the ends.
     """
 
+    better: ClassVar[Better] = "more"
     needs: ClassVar[frozenset[Need]] = frozenset({"maps", "noise"})
     false_alarm_probabilities: tuple[float, ...] = (
         1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8,

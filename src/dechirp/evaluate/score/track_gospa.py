@@ -8,7 +8,7 @@ from dechirp.core.values import value
 from dechirp.evaluate.gospa import gospa
 from dechirp.evaluate.independent import ratio
 from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.score.base import Estimate
+from dechirp.evaluate.score.base import Better, Estimate
 from dechirp.evaluate.score.of_tracks import OfTracks
 from dechirp.evaluate.tracked import pairs_m
 
@@ -20,6 +20,7 @@ class TrackGospa(OfTracks):
     A missed target, as a false track, adds half the square of the cut-off.
     """
 
+    better: ClassVar[Better] = "less"
     unit: ClassVar[str | None] = "m"
     n_sums: ClassVar[int] = 2
 

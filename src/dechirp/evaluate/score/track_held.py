@@ -7,7 +7,7 @@ import numpy as np
 from dechirp.core.values import value
 from dechirp.evaluate.identity import NOBODY
 from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.score.base import Estimate
+from dechirp.evaluate.score.base import Better, Estimate
 from dechirp.evaluate.score.of_tracks import OfTracks
 from dechirp.evaluate.shares import share
 from dechirp.evaluate.tracked import held
@@ -17,6 +17,7 @@ from dechirp.evaluate.tracked import held
 class TrackHeld(OfTracks):
     """Share of frames in which a confirmed track holds the target, those before its first too."""
 
+    better: ClassVar[Better] = "more"
     n_sums: ClassVar[int] = 2
 
     def sums(self, look: Look, case: Case) -> np.ndarray:

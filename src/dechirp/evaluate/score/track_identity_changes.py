@@ -7,7 +7,7 @@ import numpy as np
 from dechirp.core.values import value
 from dechirp.evaluate.independent import rate
 from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.score.base import Estimate
+from dechirp.evaluate.score.base import Better, Estimate
 from dechirp.evaluate.score.of_tracks import OfTracks
 from dechirp.evaluate.tracked import held
 
@@ -16,6 +16,7 @@ from dechirp.evaluate.tracked import held
 class TrackIdentityChanges(OfTracks):
     """Changes of the track that holds a target, in a trial, for each target."""
 
+    better: ClassVar[Better] = "less"
     n_sums: ClassVar[int] = 2
 
     def sums(self, look: Look, case: Case) -> np.ndarray:

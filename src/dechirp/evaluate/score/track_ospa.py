@@ -8,7 +8,7 @@ from dechirp.core.values import value
 from dechirp.evaluate.independent import ratio
 from dechirp.evaluate.look import Case, Look
 from dechirp.evaluate.ospa import ospa_m
-from dechirp.evaluate.score.base import Estimate
+from dechirp.evaluate.score.base import Better, Estimate
 from dechirp.evaluate.score.of_tracks import OfTracks
 from dechirp.evaluate.tracked import pairs_m
 
@@ -20,6 +20,7 @@ class TrackOspa(OfTracks):
     One that has no track, as a track too many, counts as an error of the cut-off.
     """
 
+    better: ClassVar[Better] = "less"
     unit: ClassVar[str | None] = "m"
     n_sums: ClassVar[int] = 2
 

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from dechirp.config.fields import Slot
 from dechirp.config.files import in_order, of_tree, text_in, value_of
@@ -310,9 +310,15 @@ class _Reader:
         ]
         if score is None:
             return None
-        return Aim(
-            towards="most" if ways[0] == "most" else "least", score=score, limits=tuple(limits)
-        )
+        towards: Literal["most", "least"] = "most" if ways[0] == "most" else "least"
+        try:
+            return Aim(towards=towards, score=score, limits=tuple(limits))
+        except InvalidSetting as error:
+            self.wrong += [
+                own.place.mistake(one.setting, got=one.got, need=one.need, fix=one.fix)
+                for one in error.mistakes
+            ]
+            return None
 
     def _limits(self, side: str, node: Node) -> Iterator[Limit]:
         if not isinstance(node.content, dict):

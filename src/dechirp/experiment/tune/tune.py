@@ -69,6 +69,21 @@ class Aim:
     score: Score
     limits: tuple[Limit, ...] = ()
 
+    def __post_init__(self) -> None:
+        right = {"more": "most", "less": "least", None: None}[self.score.better]
+        if self.towards != right:
+            label = self.score.label()
+            raise InvalidSetting(
+                f"aim.{self.towards}",
+                got=label,
+                need="a score that should be large"
+                if self.towards == "most"
+                else "a score that should be small",
+                fix=f"Write {right}: {label}."
+                if right
+                else "Set limits to it, and aim at another score.",
+            )
+
     @property
     def sign(self) -> int:
         """1 where more is better, -1 where less is."""
