@@ -314,9 +314,10 @@ class _Roc(_Wanted):
             y=score_words(DETECTIONS),
             legend="" if by is None else _words(by),
         )
-        words = "at several thresholds: detection over false alarms, both measured"
+        words = "detections over false alarms as the threshold moves, both measured"
         words += "" if by is None else f", by {setting_words(by.path)}"
-        return _captioned(self.shown, self.owner, self.place, words, figure)
+        heading = "receiver operating characteristic"
+        return _captioned(self.shown, self.owner, self.place, words, figure, heading=heading)
 
     def _varied(self, name: str, at: dict[Listed, int]) -> Operating:
         """Of points whose detectors are made for several probabilities."""
@@ -390,9 +391,15 @@ def _words(axis: Listed) -> str:
 
 
 def _captioned(
-    shown: _Shown, owner: str | None, place: dict[Listed, int], words: str, figure: Markup
+    shown: _Shown,
+    owner: str | None,
+    place: dict[Listed, int],
+    words: str,
+    figure: Markup,
+    *,
+    heading: str = "",
 ) -> Plate:
-    heading = score_words(shown.label)
+    heading = heading or score_words(shown.label)
     title = heading[:1].upper() + heading[1:] + (f" of {owner}" if owner else "")
     at = [f"{setting_words(one.path)} {value_words(one.labels[i])}" for one, i in place.items()]
     where = f", where {' and '.join(at)}" if at else ""
