@@ -90,6 +90,7 @@ def _must_be_same(out: Path, identity: Mapping[str, str]) -> None:
     except DechirpError:
         return
     changed = [one.partition(": ") for one in differences(kept, identity)]
+    renamed = [one for one in changed if one[0] == "name"]
     if changed:
         raise DechirpError(
             *(
@@ -100,7 +101,8 @@ def _must_be_same(out: Path, identity: Mapping[str, str]) -> None:
                     fix="Name another folder with --out, or remove this one to begin anew.",
                     file=str(out),
                 )
-                for setting, _, change in changed
+                # Of a study of another name all else differs too.
+                for setting, _, change in renamed or changed
                 for then, _, now in [change.partition(" -> ")]
             )
         )
