@@ -1,0 +1,190 @@
+"""The chain of a cube in the array-API standard, beside our kernels: equal results, and the time.
+
+Windows, transforms, power, cell averaging and peaks of a frame of the reference scene (2200 x 128)
+and of eight channels (256 x 128 x 8), as code that any library of the standard runs: here NumPy,
+and PyTorch where it is installed. Running sums take away what they added, so that the way
+of the standard to the mean of a ring needs float64 for a strong target beside noise; both are
+measured.
+
+Printed, each the median over turns of the fastest of a few calls: ms, ratio to ours, cells whose
+power is off by more than 1e-4 of the map's mean, and cells over threshold on one side only.
+
+    pip install torch array-api-compat
+    python benchmarks/array_standard.py
+"""
+
+import importlib
+import json
+import os
+import sys
+import warnings
+from collections.abc import Callable
+from functools import partial
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+N_THREADS = int(os.environ.setdefault("NUMBA_NUM_THREADS", "1"))
+for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(pool, str(N_THREADS))
+
+import numpy as np
+
+import dechirp as dc
+from dechirp.process.maps import power_of
+from dechirp.process.peaks import highest
+
+
+def of_standard(
+    xp: Any, samples: Any, tapers: tuple[Any, Any], ring: tuple[int, ...], factor: float, real: Any
+) -> tuple[Any, Any, Any]:
+    """Power, cells over threshold and which of them are peaks; samples (chirp, channel, sample)."""
+    slow, fast = tapers
+    n_v = samples.shape[0]
+    spectrum = xp.fft.fft(samples * fast, axis=2)
+    spectrum = xp.fft.fft(spectrum * slow[:, None, None], axis=0)
+    power = xp.mean(xp.real(spectrum) ** 2 + xp.imag(spectrum) ** 2, axis=1)
+    power = xp.roll(power, n_v // 2, axis=0)
+    train_r, train_v, guard_r, guard_v = ring
+    whole, inner = (train_v + guard_v, train_r + guard_r), (guard_v, guard_r)
+    outer_sum, outer_n = _box(xp, power, *whole, real)
+    inner_sum, inner_n = _box(xp, power, *inner, real)
+    level = (outer_sum - inner_sum) / (outer_n - inner_n)
+    over = power > factor * xp.astype(level, power.dtype)
+    low = over
+    for steps in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
+        low = low & (power >= xp.roll(power, steps, axis=(0, 1)))
+    return power, over, low
+
+
+def _box(xp: Any, power: Any, half_v: int, half_r: int, real: Any) -> tuple[Any, Any]:
+    """Sums of boxes about each cell: velocity wraps round, range ends; and cells in each."""
+    n_v, n_r = power.shape
+    round_ = xp.concat([power[n_v - half_v :, :], power, power[:half_v, :]], axis=0)
+    sums = xp.cumulative_sum(round_, axis=0, dtype=real, include_initial=True)
+    sums = sums[2 * half_v + 1 :, :] - sums[:n_v, :]
+    sums = xp.cumulative_sum(sums, axis=1, dtype=real, include_initial=True)
+    at = np.arange(n_r)
+    first, last = np.maximum(at - half_r, 0), np.minimum(at + half_r + 1, n_r)
+    first_of, last_of = (xp.asarray(one) for one in (first, last))
+    counts = xp.asarray((last - first) * (2 * half_v + 1.0), dtype=real)
+    return xp.take(sums, last_of, axis=1) - xp.take(sums, first_of, axis=1), counts
+
+
+def fastest(work: Callable[[], object]) -> float:
+    """Shortest of several calls, s."""
+    times = []
+    for _ in range(5):
+        start = perf_counter()
+        work()
+        times.append(perf_counter() - start)
+    return min(times)
+
+
+def libraries() -> dict[str, Any]:
+    """Of the standard, that are installed."""
+    found = {}
+    for name in ("numpy", "torch"):
+        try:
+            found[name] = importlib.import_module(f"array_api_compat.{name}")
+        except ImportError as error:
+            print(f"without {name}: {error}", file=sys.stderr)
+    if "torch" in found:
+        importlib.import_module("torch").set_num_threads(N_THREADS)
+    return found
+
+
+def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
+    """One frame through ours and through each library."""
+    chain = dc.Chain(range_window="hann", doppler_window="hann").fitted(radar)
+    law = chain.noise(radar)
+    samples = np.ascontiguousarray(dc.simulate(scene, radar, seed=1).values[0])
+    ring = chain.cfar.ring
+    sizes = (
+        ring.n_training.range,
+        ring.n_training.velocity,
+        ring.n_guard.range,
+        ring.n_guard.velocity,
+    )
+    factor = float(
+        np.median(
+            chain.cfar.threshold_at(
+                np.ones((samples.shape[0], samples.shape[2]), np.float32),
+                np.array([[5, samples.shape[2] // 2]]),
+                law,
+            )
+        )
+    )
+
+    def ours() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        power = power_of(samples, radar, chain)
+        over = chain.cfar.exceeds(power, law)
+        return power, over, highest(power, over)
+
+    power, over, peaks = ours()
+    inside = slice(sizes[0] + sizes[2], samples.shape[2] - sizes[0] - sizes[2])
+    made: dict[str, Any] = {"cells": power.size, "peaks": len(peaks)}
+    for library, xp in libraries().items():
+        given = xp.asarray(samples)
+        tapers = tuple(
+            xp.asarray(one.weights.astype(np.float32))
+            for one in (law.over_velocity, law.over_range)
+        )
+        for precision in ("float32", "float64"):
+            real = getattr(xp, precision)
+
+            standard = partial(of_standard, xp, given, tapers, sizes, factor, real)
+            theirs = [np.asarray(one) for one in standard()]
+            scale = float(power.mean() / theirs[0].mean())
+            off = int(np.count_nonzero(np.abs(theirs[0] * scale - power) > 1e-4 * power.mean()))
+            other = int(np.count_nonzero((theirs[1] != over)[:, inside]))
+            pairs = [(fastest(standard), fastest(ours)) for _ in range(9)]
+            ms, own = median(a for a, _ in pairs) * 1e3, median(b for _, b in pairs) * 1e3
+            ratio = median(a / b for a, b in pairs)
+            made[f"{library} {precision}"] = {
+                "ms": ms,
+                "ours_ms": own,
+                "ratio": ratio,
+                "powers_off": off,
+                "decided_otherwise": other,
+            }
+            print(
+                f"{name:10s} {library:6s} sums in {precision}: {ms:7.2f} ms, ours {own:6.2f},"
+                f" {ratio:5.2f} times; {off} powers off, {other} cells decided otherwise,"
+                f" {int(theirs[2].sum())} peaks of {len(peaks)}",
+                file=sys.stderr,
+            )
+    return made
+
+
+def main() -> None:
+    warnings.simplefilter("ignore", dc.PhysicsWarning)
+    scenario = dc.reference()
+    assert scenario.radar is not None and scenario.scene is not None
+    chirp = dc.Chirp(
+        start_frequency_hz=77e9,
+        slope_hz_per_s=10e12,
+        adc_start_s=2e-6,
+        ramp_duration_s=15.5e-6,
+        sample_rate_hz=20e6,
+        n_samples=256,
+        sampling="complex",
+    )
+    radar = dc.Radar(
+        frame=dc.Frame(chirp=chirp, n_chirps=128, interval_s=16e-6),
+        hardware=scenario.radar.hardware,
+        array=dc.Array(rx_m=tuple((0.0, 2e-3 * i, 0.0) for i in range(8))),
+    )
+    print(
+        json.dumps(
+            {
+                "threads": N_THREADS,
+                "reference": compare("reference", scenario.radar, scenario.scene),
+                "channels": compare("channels", radar, scenario.scene),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()
