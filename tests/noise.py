@@ -1,5 +1,7 @@
 """Noise for tests: added to an echo, or alone."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import xarray as xr
 
@@ -13,6 +15,18 @@ def noisy(clean: xr.DataArray, snr_db: float, rng: np.random.Generator) -> xr.Da
     echo_w = float(np.mean(abs(clean.values) ** 2))
     add_white_noise(cube.values, echo_w / 10 ** (snr_db / 10), rng)
     return cube
+
+
+def looks(
+    clean: xr.DataArray, snr_db: float, rng: np.random.Generator, n: int
+) -> Iterator[xr.DataArray]:
+    """The same, n times with other noise, in memory that is used again."""
+    cube = clean.copy()
+    noise_w = float(np.mean(abs(clean.values) ** 2)) / 10 ** (snr_db / 10)
+    for _ in range(n):
+        cube.values[...] = clean.values
+        add_white_noise(cube.values, noise_w, rng)
+        yield cube
 
 
 def noise_cube(radar: dc.Radar, rng: np.random.Generator) -> xr.DataArray:

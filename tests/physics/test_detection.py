@@ -9,12 +9,13 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.process.cfar.base import Noise
+from dechirp.process.detect import detected_columns
 from dechirp.process.peaks import peaks
 from dechirp.process.remarks import remarks
 from dechirp.process.spectrum import Transform
 from dechirp.theory.detection import detection_probability, threshold
 from dechirp.theory.windows import Window
-from noise import noise_cube, noisy
+from noise import looks, noise_cube, noisy
 
 
 def chain_with(window, **bins):
@@ -26,13 +27,12 @@ def chain_with(window, **bins):
 @pytest.mark.parametrize(("window", "snr_db"), [("rectangular", -40.5), ("hann", -37.0)])
 def test_the_reference_target_is_found_nine_times_in_ten(reference, clean, window, snr_db):
     radar, truth = reference.radar, dc.truth(reference.scene, reference.radar).isel(frame=0)
-    rng = np.random.default_rng(21)
     n_trials, hits = 2500, 0
-    for _ in range(n_trials):
-        found = dc.detect(noisy(clean, snr_db, rng), radar, chain_with(window))
-        near = abs(found.range - float(truth.range[0])) <= radar.frame.chirp.range_resolution_m
+    for cube in looks(clean, snr_db, np.random.default_rng(21), n_trials):
+        found = detected_columns([cube], radar, chain_with(window))
+        near = abs(found["range"] - float(truth.range[0])) <= radar.frame.chirp.range_resolution_m
         near &= (
-            abs(found.velocity - float(truth.velocity[0]))
+            abs(found["velocity"] - float(truth.velocity[0]))
             <= radar.frame.velocity_resolution_m_per_s
         )
         hits += bool(near.any())

@@ -7,28 +7,22 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.units import decibels
+from dechirp.process.detect import detected_columns
 from dechirp.process.refine import refine
 from dechirp.radar.accuracy import standard_errors
 from dechirp.theory.bounds import frequency_variance, summed_snr
-from noise import noisy
+from noise import looks, noisy
 
 
 def errors(clean, radar, truth, snr_db, n_trials, seed):
     """Errors, standard errors and ratios of the strongest detection, (n_trials,) each."""
-    rng = np.random.default_rng(seed)
+    names = ("range", "velocity", "range_std", "velocity_std", "snr")
     rows = []
-    for _ in range(n_trials):
-        found = dc.detect(noisy(clean, snr_db, rng), radar).isel(detection=0)
-        rows.append(
-            [
-                float(found.range) - float(truth.range[0, 0]),
-                float(found.velocity) - float(truth.velocity[0, 0]),
-                float(found.range_std),
-                float(found.velocity_std),
-                float(found.snr),
-            ]
-        )
-    return np.array(rows).T
+    for cube in looks(clean, snr_db, np.random.default_rng(seed), n_trials):
+        found = detected_columns([cube], radar)
+        rows.append([found[name][0] for name in names])
+    range_m, velocity, *others = np.array(rows).T
+    return range_m - truth.range.item(0), velocity - truth.velocity.item(0), *others
 
 
 # 2,300 trials: the mean of squared normal errors over their variance has a standard error of
@@ -124,8 +118,8 @@ def test_errors_of_weak_targets_before_twelve_channels_are_as_told(radar):
         angle=None, cfar=dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-3)
     )
     squared, n_lost = [], 0
-    for _ in range(1200):
-        found = dc.detect(noisy(clean, snr_db, rng), radar, chain)
+    for cube in looks(clean, snr_db, rng, 1200):
+        found = detected_columns([cube], radar, chain)
         off = [found[name] - truth[name].item() for name in ("range", "velocity")]
         near = abs(off[0]) < frame.chirp.range_resolution_m
         near &= abs(off[1]) < frame.velocity_resolution_m_per_s
@@ -133,7 +127,7 @@ def test_errors_of_weak_targets_before_twelve_channels_are_as_told(radar):
             n_lost += 1  # the map's windows leave 16.4 dB of 20
             continue
         at = int(np.flatnonzero(near)[0])
-        std = found.range_std, found.velocity_std
+        std = found["range_std"], found["velocity_std"]
         squared.append([float(o[at] / s[at]) ** 2 for o, s in zip(off, std, strict=True)])
 
     # 1,200 trials: 4.1 % for each, 2.9 % for both. The noise of the channels is 12 % of the

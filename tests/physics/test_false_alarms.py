@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import dechirp as dc
+from dechirp.process.maps import power_of
+from dechirp.process.spectrum import independent_rows
 from dechirp.theory.windows import Window
 from noise import noise_cube
 
@@ -32,12 +34,28 @@ def chain_at(window, n_range_bins, pfa, **cfar):
 def alarms(radar, chain, n_maps, seed):
     """Alarms in each cell over so many maps of noise, and the number of rows searched."""
     rng = np.random.default_rng(seed)
+    noise = chain.noise(radar)
+    rows = independent_rows(radar.frame.chirp, noise.over_range)
     counts = 0
     for _ in range(n_maps):
-        power = dc.power_map(noise_cube(radar, rng).isel(frame=0), radar, chain)
-        threshold = dc.threshold_map(power, radar, chain)
-        counts = counts + (power.values > threshold.values)
-    return counts, int(np.isfinite(threshold.values[0]).sum())
+        power = power_of(noise_cube(radar, rng).values[0], radar, chain)
+        over = np.zeros(power.shape, bool)
+        over[:, rows] = chain.cfar.exceeds(np.ascontiguousarray(power[:, rows]), noise)
+        counts = counts + over
+    return counts, rows.stop - rows.start
+
+
+@pytest.mark.parametrize("sampling", ["complex", "real"])
+def test_a_cell_alarms_where_the_map_is_over_the_map_of_the_threshold(radar, sampling):
+    radar, chain = with_size(radar, 64, 64, sampling=sampling), chain_at("hann", None, 1e-2)
+    cube = noise_cube(radar, np.random.default_rng(9)).isel(frame=0)
+    power = dc.power_map(cube, radar, chain)
+    over = power > dc.threshold_map(power, radar, chain)
+
+    counts, n_rows = alarms(radar, chain, 1, seed=9)
+    assert counts.sum() > 5
+    assert np.array_equal(counts, over)
+    assert n_rows == np.isfinite(dc.threshold_map(power, radar, chain)[0]).sum()
 
 
 # Alarms come in clusters where bins are correlated: 4.2 to a cluster at the most here (Hann,
