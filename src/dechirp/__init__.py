@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from dechirp.echoes.echo import plan, simulate
     from dechirp.echoes.engine import Engine
     from dechirp.echoes.impairments.bumper import Bumper
+    from dechirp.echoes.impairments.coloured_noise import ColouredNoise
     from dechirp.echoes.impairments.compression import Compression
     from dechirp.echoes.impairments.coupling import Coupling
     from dechirp.echoes.impairments.dc_offset import DcOffset
@@ -99,9 +100,15 @@ if TYPE_CHECKING:
     from dechirp.experiment.tune.read import load_tune
     from dechirp.experiment.tune.run import run_tune
     from dechirp.experiment.tune.tune import Aim, Limit, Recorded, Tune
+    from dechirp.experiment.twin.twin import Twin, TwinBar, twin
     from dechirp.experiment.verify.certificate import Certificate, verify
+    from dechirp.experiment.watch import stream_of, watch
     from dechirp.formats.recording import Recording, open
     from dechirp.formats.settings.write_ti_cfg import ti_cfg_text
+    from dechirp.live.follow import Growing, follow
+    from dechirp.live.replay import replay
+    from dechirp.live.stream import Stream
+    from dechirp.live.udp import Listener, listen
     from dechirp.objects.files import read_objects, write_objects
     from dechirp.objects.object_list import object_list
     from dechirp.process.angle.aperture import FieldOfView
@@ -200,6 +207,7 @@ _WHERE = {
     "echoes.echo": "plan simulate",
     "echoes.engine": "Engine",
     "echoes.impairments.bumper": "Bumper",
+    "echoes.impairments.coloured_noise": "ColouredNoise",
     "echoes.impairments.compression": "Compression",
     "echoes.impairments.coupling": "Coupling",
     "echoes.impairments.dc_offset": "DcOffset",
@@ -264,9 +272,15 @@ _WHERE = {
     "experiment.tune.read": "load_tune",
     "experiment.tune.run": "run_tune",
     "experiment.tune.tune": "Aim Limit Recorded Tune",
+    "experiment.twin.twin": "Twin TwinBar twin",
     "experiment.verify.certificate": "Certificate verify",
+    "experiment.watch": "stream_of watch",
     "formats.recording": "Recording open",
     "formats.settings.write_ti_cfg": "ti_cfg_text",
+    "live.follow": "Growing follow",
+    "live.replay": "replay",
+    "live.stream": "Stream",
+    "live.udp": "Listener listen",
     "objects.files": "read_objects write_objects",
     "objects.object_list": "object_list",
     "process.angle.aperture": "FieldOfView",
@@ -375,6 +389,7 @@ __all__ = [
     "Chirp",
     "Cloud",
     "ClustersPerTarget",
+    "ColouredNoise",
     "Compression",
     "CornerReflector",
     "CosinePattern",
@@ -409,6 +424,7 @@ __all__ = [
     "GreatestOf",
     "Ground",
     "GroundClutter",
+    "Growing",
     "GuardRail",
     "Hardware",
     "IfFilter",
@@ -426,6 +442,7 @@ __all__ = [
     "LeakageSubtraction",
     "Limit",
     "Listed",
+    "Listener",
     "LiveTracker",
     "MaximumLikelihood",
     "MeanSubtraction",
@@ -479,6 +496,7 @@ __all__ = [
     "Source",
     "Sphere",
     "Staggered",
+    "Stream",
     "Study",
     "TablePattern",
     "Target",
@@ -495,6 +513,8 @@ __all__ = [
     "TrimmedMean",
     "Truck",
     "Tune",
+    "Twin",
+    "TwinBar",
     "TwoStep",
     "Typical77Ghz",
     "Until",
@@ -519,10 +539,12 @@ __all__ = [
     "displacement_spectrum",
     "ego_motion",
     "fixed_point_map",
+    "follow",
     "gospa",
     "identities",
     "inspect",
     "labelled",
+    "listen",
     "load",
     "load_study",
     "load_tune",
@@ -542,6 +564,7 @@ __all__ = [
     "read_words",
     "recording_of",
     "reference",
+    "replay",
     "run",
     "run_study",
     "run_tune",
@@ -549,12 +572,15 @@ __all__ = [
     "simulate",
     "slow_time",
     "spectrogram",
+    "stream_of",
     "strongest_line",
     "threshold_map",
     "ti_cfg_text",
     "track",
     "truth",
+    "twin",
     "verify",
+    "watch",
     "write",
     "write_objects",
     "write_vectors",

@@ -735,6 +735,7 @@ def test_every_family_lists_its_members_with_their_settings(call):
     assert (status, err) == (0, "")
     assert " ".join(families) == (
         "angle body cfar device format impairment mitigation modulation multiplexing pattern score"
+        " writer"
     )
     assert (
         families["multiplexing"]["tdm"]["settings"]["order"]["need"]

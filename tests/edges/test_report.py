@@ -30,7 +30,6 @@ from dechirp.report.figures import bars
 from dechirp.report.figures.range_doppler import reduced
 from dechirp.report.figures.style import thinned
 from dechirp.report.page import render
-from dechirp.report.places import on_map
 from dechirp.report.view import view_of
 from dechirp.report.words import NONE, quantity, small
 from dechirp.scene.bodies.car import Car
@@ -39,7 +38,7 @@ from dechirp.scene.bodies.corner_reflector import CornerReflector
 from dechirp.scene.bodies.pedestrian import Pedestrian
 from dechirp.scene.bodies.points import Points, Rotation, Scatterer
 from dechirp.scene.ego import Ego
-from dechirp.scene.folding import seen
+from dechirp.scene.folding import on_map, seen
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.scene.truth import truth

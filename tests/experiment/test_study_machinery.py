@@ -90,10 +90,10 @@ def test_what_was_warned_of_does_not_depend_on_which_block_came_first():
 
 
 def test_short_memory_is_not_a_trials_failure(monkeypatch):
-    def sums(self, number):
+    def look(self, number):
         raise MemoryError("no 3 GiB")
 
-    monkeypatch.setattr(trial.Prepared, "sums", sums)
+    monkeypatch.setattr(trial.Prepared, "look", look)
     with pytest.raises(DechirpError, match="too little memory for trial 10 of point 0"):
         run_block(Plan.of(study()), 0, 1)
 

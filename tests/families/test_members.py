@@ -79,6 +79,7 @@ GIVEN = {
 
 # Members whose defaults do nothing, or whose settings others have with other meanings.
 SETTINGS = {
+    "coloured-noise": {"beat_hz": (0.0, 4e6), "level": (1.0, 10.0)},
     "coupling": {"rx_level": 0.01},
     "iq-imbalance": {"gain": 1.02},
     "mismatch": {"gain_std": 1.05},

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import dechirp
+from dechirp.cli.sources import spelled
 from dechirp.config.texts import plain
 from dechirp.experiment.run import Result
 from dechirp.radar.radar import Radar
@@ -17,7 +18,7 @@ def document(
     return {
         "version": dechirp.__version__,
         "seed": result.scenario.seed,
-        "source": "reference" if source is None else str(source),
+        "source": "reference" if source is None else spelled(source),
         "radar": radar_document(result.radar),
         "frames": result.n_frames,
         "detections": records(result.detections),

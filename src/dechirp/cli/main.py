@@ -143,9 +143,19 @@ def _app() -> App:
         help="Say what a recording is, what its radar can see, and what is wrong with it.",
     )
     app.command(
+        "dechirp.cli.convert:convert",
+        name="convert",
+        help="Write a recording, a run or a simulated scene in the format of another tool.",
+    )
+    app.command(
         "dechirp.cli.calibrate:calibrate",
         name="calibrate",
         help="Measure gains and places of an array's elements with a reflector at known angles.",
+    )
+    app.command(
+        "dechirp.cli.twin:twin",
+        name="twin",
+        help="Simulate a recording from what is found in it, and show both side by side.",
     )
     app.command(
         "dechirp.cli.fixed_point:fixed_point",

@@ -20,6 +20,8 @@ def run(
     *,
     out: Path = Path("dechirp-run"),
     objects: list[Path] | None = None,
+    follow: Annotated[bool, Parameter(show_default=False)] = False,
+    idle: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     seed: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
@@ -31,17 +33,24 @@ def run(
     Parameters
     ----------
     source
-        Scenario (YAML), or recording (file or folder); the reference scenario without it.
+        Scenario (YAML), recording (file or folder), or UDP address to which a DCA1000 sends, as
+        udp://127.0.0.1:4098; the reference scenario without it.
     out
         Folder for the results. Earlier results in it are replaced as a whole.
     objects
         File for the object list, tracks if there are any, else clusters or detections: .blf, .asc,
         .log (CAN FD), .osi, .pcd, .ply, .csv or .parquet; may be repeated.
+    follow
+        Go on with the frames that come while the recording, a DCA1000 .bin, is written: until
+        Ctrl-C, or nothing came for --idle.
+    idle
+        Time without anything new after which a file or address is done, as 5s; 10 s without it.
     seed
         Seed of the noise, in place of the scenario's.
     changes
         PATH=VALUE changes a setting, as radar.frame.n_chirps=64; may be repeated.
     """
+    from dechirp.cli.followed import followed, is_stream
     from dechirp.cli.show import progress
     from dechirp.cli.sources import scenario_of
     from dechirp.core.errors import DechirpError
@@ -58,8 +67,11 @@ def run(
         seed=seed,
         told=told.of_file(),
     )
-    with progress("steps", quiet=quiet) as report:
-        result = run_scenario(scenario, progress=report)
+    if is_stream(scenario, follow=follow, idle=idle):
+        result = followed(scenario, idle=idle, quiet=quiet)
+    else:
+        with progress("steps", quiet=quiet) as report:
+            result = run_scenario(scenario, progress=report)
     if objects:
         try:
             result = _tell_others(result, objects)
@@ -122,7 +134,7 @@ def write(result: "Result", *, source: Path | None, out: Path, objects: Sequence
         out,
         texts,
         frames=result.frames(),
-        n_frames=result.n_frames,
+        n_frames=result.n_kept,
         radar=result.radar,
         detections=result.detections,
         truth=result.truth,

@@ -17,6 +17,7 @@ from dechirp.experiment.scenario import READERS, Scenario, Source, load, referen
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.settings.calibration import read_calibration
 from dechirp.formats.settings.read import read_radar
+from dechirp.live.udp import is_address
 from dechirp.radar.devices.known import device as known_device
 from dechirp.radar.radar import Radar
 
@@ -83,6 +84,8 @@ def _made(
         return reference(changes)
     if source.suffix.lower() in (".yaml", ".yml"):
         return load(source, changes)
+    if is_address(str(source)):
+        return _heard(source, changes, radar)
     path, iq, own, layout = source.absolute(), None, None, None
     chip = known_device(told["device"]) if "device" in told else None
     if _of_radar(changes):
@@ -99,6 +102,18 @@ def _made(
 
     made = Scenario(name=source.stem, recording=Source(path=str(path), iq=iq, settings_path=layout))
     return _changed(made, changes, {**READERS, Radar: radar_of}) if changes else made
+
+
+def spelled(source: Path) -> str:
+    """Write a source as it was given: as a path, an address has lost a slash."""
+    return re.sub(r"^udp:[/\\]+", "udp://", str(source), flags=re.IGNORECASE)
+
+
+def _heard(source: Path, changes: Sequence[str], radar: Path | None) -> Scenario:
+    """Scenario of what is sent to a UDP address."""
+    layout = None if radar is None else str(radar.absolute())
+    made = Scenario(name="live", recording=Source(path=spelled(source), settings_path=layout))
+    return _changed(made, changes, READERS) if changes else made
 
 
 def _quoted(path: Path) -> str:

@@ -1,6 +1,7 @@
 """`dechirp study`: trials over varied settings, with intervals, beside theory."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,7 @@ from dechirp.cli.options import Json, Quiet, Whole, whole_number
 
 if TYPE_CHECKING:
     from dechirp.experiment.study.ledger import Ledger
+    from dechirp.experiment.study.plan import Plan
     from dechirp.experiment.study.run import Finished, Replayed
     from dechirp.experiment.study.study import Study
 
@@ -69,12 +71,13 @@ def study(
         return _replay(asked, number, folder, as_json=as_json, quiet=quiet)
     _check_out(out)
     plan = Plan.of(asked)
-    with (
-        chosen(workers=n_workers, scheduler=scheduler, cluster=cluster) as pool,
-        open_ledger(asked, out) as ledger,
-    ):
-        with live(plan, layout_of(plan), ledger, quiet=quiet) as tell:
-            run_trials(plan, ledger, pool, tell)
+    with ExitStack() as kept_open:
+        with chosen(workers=n_workers, scheduler=scheduler, cluster=cluster) as pool:
+            ledger = kept_open.enter_context(open_ledger(asked, out))
+            if asked.keep and not (quiet or as_json):
+                _tell_size(plan)
+            with live(plan, layout_of(plan), ledger, quiet=quiet) as tell:
+                run_trials(plan, ledger, pool, tell)
         made = finished(plan, ledger)
         text = _write(made, ledger, file, out)
     if as_json:
@@ -91,10 +94,23 @@ def _check_out(out: Path) -> None:
     from dechirp.experiment.study.ledger import FILES, NAME
     from dechirp.store.whole import must_be_replaceable
 
-    must_be_replaceable(out, mark=NAME, ours={*_FILES, *FILES})
+    must_be_replaceable(out, mark=NAME, ours={*_FILES, *FILES, *_OF_DATA_SETS})
 
 
 _FILES = ("report.html", "study.yaml", "study.json", "points.parquet", "trials.parquet")
+_OF_DATA_SETS = ("data.zarr", "datasheet.html")
+
+
+def _tell_size(plan: "Plan") -> None:
+    """Say before the trials how large their data set may become."""
+    from dechirp.cli.show import console
+    from dechirp.experiment.study.data_set import data_bytes, in_gigabytes
+
+    n_items = plan.n_points * plan.study.trials.at_most
+    console().print(
+        f"Data set: at most {n_items} items, {in_gigabytes(data_bytes(plan))} of samples and maps"
+        " before they are packed."
+    )
 
 
 def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
@@ -111,6 +127,7 @@ def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
     from dechirp.store.whole import write_whole
 
     asked = made.result.study
+    data_set = _OF_DATA_SETS if asked.keep else ()
     yaml = study_text(asked)
     about = {"dechirp": dechirp.__version__, "study": yaml}
     write_points(made.result, out / "points.parquet", about=about)
@@ -123,7 +140,7 @@ def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
             version=dechirp.__version__,
             done=done,
             total=done,
-            files={name: out / name for name in (*_FILES, NAME)},
+            files={name: out / name for name in (*_FILES, NAME, *data_set)},
         )
     )
     page = render(
@@ -139,9 +156,19 @@ def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
         ),
     )
     texts = {"study.yaml": yaml, "study.json": text, "report.html": page}
+    if data_set:
+        texts["datasheet.html"] = _datasheet(asked, out)
     for name, content in texts.items():
         write_whole(out / name, content)
     return text
+
+
+def _datasheet(study: "Study", out: Path) -> str:
+    from dechirp.report.data_set import render
+    from dechirp.store.data_set import n_bytes, read_data_set
+
+    folder = out / "data.zarr"
+    return render(study, read_data_set(folder), n_bytes=n_bytes(folder))
 
 
 def _digests(source: Path, identity: dict[str, str]) -> Sequence[tuple[str, str]]:
@@ -174,6 +201,8 @@ def _show(made: "Finished", said: Sequence[Any], out: Path) -> None:
     if n_failed:
         screen.print(f"{n_failed} trials failed; the report names them.")
     screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)
+    if made.result.study.keep:
+        screen.print(f"Data set: {out / 'data.zarr'}, {out / 'datasheet.html'}", soft_wrap=True)
 
 
 def _replay(asked: "Study", trial: int, out: Path, *, as_json: bool, quiet: bool) -> int:

@@ -107,7 +107,7 @@ def _number(raw: Any, *, unit: str | None) -> float:
 
 def _beside_the_file(path: str, info: ValidationInfo) -> str:
     context = cast(Context, info.context)
-    return str(context.base / path)
+    return path if "://" in path else str(context.base / path)  # an address is no path
 
 
 def _member(family: type[Family], raw: Any, info: ValidationInfo) -> Any:

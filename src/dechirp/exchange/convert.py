@@ -1,8 +1,11 @@
 """From one format to another: the name of what is to be written says which."""
 
+from dataclasses import replace
 from pathlib import Path
 
+from dechirp.config.nearest import did_you_mean, nearest
 from dechirp.core.errors import DechirpError, Mistake
+from dechirp.exchange.part import counted_from_0
 from dechirp.exchange.writers.base import Progress, Writer
 from dechirp.formats.recording import Recording
 
@@ -19,7 +22,8 @@ def write(
     Parameters
     ----------
     recording : Recording
-        As `open` gives it, or `recording_of` of a cube in memory.
+        As `open` gives it, or `recording_of` of a cube in memory. A part of one is written as a
+        recording of its own, whose first frame is number 0.
     out : path
         What is to be written; its ending says the format, as `.h5`.
     format : str, optional
@@ -39,29 +43,41 @@ def write(
         there is then as it was.
     """
     out = Path(out)
-    writer = _writer(out, format)
-    writer.check(recording)
-    return writer.write(recording, out, progress)
+    writer = writer_of(out, format)
+    own = counted_from_0(recording)
+    writer.check(own)
+    try:
+        return writer.write(own, out, progress)
+    except DechirpError as error:
+        if all(one.setting != "--out" for one in error.mistakes):
+            raise
+        told = (replace(one, setting="path") for one in error.mistakes)
+        raise DechirpError(*told) from None
 
 
-def _writer(out: Path, format: str | None) -> Writer:
-    """The writer that is meant."""
+def writer_of(out: Path, format: str | None = None) -> Writer:
+    """Writer of a format, or without one of the ending of a name.
+
+    Raises
+    ------
+    DechirpError
+        If there is none of that kind or ending; it names the nearest.
+    """
     members: dict[str, type[Writer]] = Writer.members()
     if format is not None:
         if format in members:
             return members[format]()
-        raise _refused("--to", format, f"one of {', '.join(members)}", "Choose one of them.")
+        fix = did_you_mean(format, members)
+        raise _refused("--to", format, f"one of {', '.join(members)}", fix)
     name = out.name.lower()
-    fits = {
-        ending: made
-        for made in members.values()
-        for ending in made.endings
-        if name.endswith(ending)
-    }
+    by_ending = {ending: made for made in members.values() for ending in made.endings}
+    fits = [ending for ending in by_ending if name.endswith(ending)]
     if fits:
-        return fits[max(fits, key=len)]()
+        return by_ending[max(fits, key=len)]()
     known = ", ".join(f"{made.endings[0]} ({kind})" for kind, made in members.items())
-    raise _refused("OUT", str(out), f"a name that ends in one of {known}", "Change its ending.")
+    meant = nearest(out.suffix, by_ending)
+    fix = f"Did you mean {meant}?" if meant else "Change its ending, or say --to FORMAT."
+    raise _refused("path", str(out), f"a name that ends in one of {known}", fix)
 
 
 def _refused(setting: str, got: str, need: str, fix: str) -> DechirpError:

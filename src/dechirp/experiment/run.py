@@ -38,7 +38,9 @@ class Result:
     scenario: Scenario
     radar: Radar
     source: xr.DataArray | Recording
-    """The simulated cube, or the recording."""
+    """The simulated cube, or the recording; of a stream the cube of its first frame."""
+    first_frame: int
+    """Number of the first frame that was processed, the one of the maps."""
     power: xr.DataArray
     """Range-Doppler map of the first frame, (velocity, range)."""
     threshold: xr.DataArray
@@ -56,11 +58,11 @@ class Result:
     findings: tuple[Finding, ...]
     timing_s: dict[str, float]
     times_s: tuple[float, ...]
-    """Middle of each frame that was processed."""
+    """Middle of each frame, from the first to the last."""
 
     @property
     def cube(self) -> xr.DataArray:
-        """All samples, (frame, chirp, rx, sample); those of a recording are decoded now.
+        """All samples that are kept, (frame, chirp, rx, sample); a recording is decoded now.
 
         Raises
         ------
@@ -72,17 +74,17 @@ class Result:
         return self.source
 
     @property
-    def first_frame(self) -> int:
-        """Number of the first frame that was processed, the one of the maps."""
-        return _numbers(self.source).start
+    def n_frames(self) -> int:
+        """Number of frames, from the first to the last."""
+        return len(self.times_s)
 
     @property
-    def n_frames(self) -> int:
-        """Number of frames that were processed."""
-        return len(_numbers(self.source))
+    def n_kept(self) -> int:
+        """Number of frames whose samples are kept: of a stream the first alone."""
+        return self.source.sizes["frame"]
 
     def frames(self) -> Iterator[xr.DataArray]:
-        """Cubes of one frame each, those of a recording decoded when asked for."""
+        """Cubes of one frame each that are kept, those of a recording decoded when asked for."""
         return _one_by_one(self.source)
 
 
@@ -121,7 +123,6 @@ def run(
 
     source, radar, findings = _source(scenario, simulated, rng)
     opened = perf_counter()
-    chain = scenario.chain.fitted(radar)
     numbers = _numbers(source)
     times_s: list[float] = []
     took_out: list[tuple[Removed, ...]] = []
@@ -138,43 +139,79 @@ def run(
     with warnings.catch_warnings(record=True) as crowded:
         warnings.simplefilter("always", PhysicsWarning)
         detections = detect_each(
-            counted(), radar, chain, first=numbers.start, took_out=took_out.append
+            counted(), radar, scenario.chain, first=numbers.start, took_out=took_out.append
         )
+    found = Found(
+        first_frame=numbers.start,
+        detections=detections,
+        times_s=tuple(times_s),
+        took_out=tuple(took_out),
+        n_crowded=len(crowded),
+    )
+    detected = perf_counter()
+    made = concluded(scenario, radar, source, found)
+    return replace(
+        made,
+        truth=None if scenario.scene is None else _truth(scenario, radar),
+        budget=None if scenario.scene is None else link_budget(scenario, radar),
+        findings=(*findings, *made.findings),
+        timing_s={
+            "simulate" if scenario.scene is not None else "open": opened - started,
+            "process": detected - opened + made.timing_s["process"],
+        },
+    )
+
+
+@value
+class Found:
+    """What detection gave, of all frames."""
+
+    first_frame: int
+    detections: xr.Dataset
+    times_s: tuple[float, ...]
+    """Middle of each frame, from the first to the last."""
+    took_out: tuple[tuple[Removed, ...], ...]
+    """What clean-up took out of each frame."""
+    n_crowded: int
+    """Frames with more peaks than are kept."""
+
+
+def concluded(
+    scenario: Scenario, radar: Radar, source: xr.DataArray | Recording, found: Found
+) -> Result:
+    """Result of what was detected: clusters and tracks, maps of the first frame, remarks."""
+    started = perf_counter()
+    chain, first = scenario.chain.fitted(radar), found.first_frame
     fitted = replace(scenario, chain=chain)
     with called("tracker", instead_of="Tracker"):
-        followed = follow(detections, times_s, fitted, radar, first=numbers.start)
+        followed = follow(found.detections, found.times_s, fitted, radar, first=first)
     # Only now: held through the detection, these two maps would be a fourth cube in memory.
-    first = next(_one_by_one(source)).isel(frame=0)
-    of_first = radar.at(numbers.start)
-    power = power_map(first, of_first, chain)
+    of_first = radar.at(first)
+    power = power_map(next(_one_by_one(source)).isel(frame=0), of_first, chain)
     threshold = threshold_map(power, of_first, chain)
-    finished = perf_counter()
     return Result(
         scenario=fitted,
         radar=radar,
         source=source,
+        first_frame=first,
         power=power,
         threshold=threshold,
         detections=followed.detections,
         ego=followed.ego,
         clusters=followed.clusters,
         tracks=followed.tracks,
-        truth=None if scenario.scene is None else _truth(scenario, radar),
-        budget=None if scenario.scene is None else link_budget(scenario, radar),
+        truth=None,
+        budget=None,
         findings=(
-            *findings,
             *_fewer_cells(scenario.chain.cfar, chain.cfar),
             *remarks(radar, chain),
-            *near_field.remark(radar, detections),
-            *_crowded(len(crowded)),
-            *(summary(took_out) if took_out else ()),
+            *near_field.remark(radar, found.detections),
+            *_crowded(found.n_crowded),
+            *(summary(found.took_out) if found.took_out else ()),
             *followed.findings,
         ),
-        times_s=tuple(times_s),
-        timing_s={
-            "simulate" if scenario.scene is not None else "open": opened - started,
-            "process": finished - opened,
-        },
+        times_s=found.times_s,
+        timing_s={"process": perf_counter() - started},
     )
 
 
@@ -214,6 +251,21 @@ def one_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar]
     frames = _one_by_one(source)
     chosen = next(one for here, one in zip(numbers, frames, strict=True) if here == number)
     return chosen.isel(frame=0), radar.at(number)
+
+
+def simulated(
+    scenario: Scenario, *, progress: Callable[[int, int], None] | None = None
+) -> tuple[xr.DataArray, xr.Dataset, tuple[Finding, ...]]:
+    """Cube of a scene as `run` simulates it, its truth, and what is to be said about it.
+
+    Raises
+    ------
+    DechirpError
+        If a setting cannot work, or memory would not hold it.
+    """
+    source, radar, findings = _source(scenario, progress or (lambda done, of: None))
+    assert isinstance(source, xr.DataArray)  # a scenario with a scene
+    return source, _truth(scenario, radar), findings
 
 
 def recording_of(scenario: Scenario) -> Recording:

@@ -72,6 +72,8 @@ class Contents:
     """Order in which the parts of a sample were read, where the format has two."""
     settings_path: Path | None = None
     """File that says how bare samples lie."""
+    device: str | None = None
+    """Kind of the chip that made it, as `radar.devices` calls it; None where nothing says."""
     scale: float | None = None
     """Step of the converter in these units, where every sample is a whole number of them."""
     tables: Mapping[str, xr.Dataset] = field(default_factory=dict, repr=False)

@@ -18,6 +18,7 @@ import numpy as np
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.formats.base import Contents, Fit, Format, Told, foreign
+from dechirp.formats.kept_beside import is_kept, read_kept
 from dechirp.formats.samples.bare import bare_contents
 from dechirp.formats.samples.layouts import FourLanes, Layout, TwoLanes
 from dechirp.formats.settings.base import Settings
@@ -33,14 +34,16 @@ from dechirp.formats.streams.packets import (
 from dechirp.formats.streams.walk import walk
 
 _HEADER_BYTES = 14
-_SPLIT_BYTES = 2**29  # recorders split at 1 GB or more; a short capture is never split
+SPLIT_BYTES = 2**29
+"""Of a file: recorders split at 1 GB or more, and a short capture is never split."""
 
 
 @value
 class Dca1000(Format):
     """TI DCA1000 captures: bare samples (`.bin`), or with the headers of their packets.
 
-    Bare samples: everything but their order comes from the settings.
+    Bare samples: everything but their order comes from the settings. What `dechirp convert`
+    wrote has its own beside it.
     """
 
     options: ClassVar[tuple[str, ...]] = ("iq",)
@@ -49,12 +52,18 @@ class Dca1000(Format):
         """Tell by nothing in the content being of another kind; bare samples have no mark."""
         if not path.is_file():
             return Fit.NO
+        if is_kept(path):
+            return Fit.OWN
         if has_headers(path):
             return Fit.CONTAINER
         return Fit.POSSIBLE if foreign(path) is None else Fit.NO
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""
+        if is_kept(path):
+            kept = read_kept(path, None if told.settings is None else told.settings.radar)
+            settings = kept.settings
+            return kept.of(bare_contents(path, files_in(path), layouts(settings), settings, told))
         settings = settings_for(path, told)
         stream, findings = _stream(path, settings)
         return bare_contents(
@@ -131,7 +140,7 @@ def _packets(path: Path) -> tuple[BytesIn, tuple[Finding, ...]]:
     """Payloads of packets with their headers, of all the files over which they were split."""
     every, stopped = walk(path, in_runs(_headers), 0)
     parts, base = [path], 0
-    while (following := _following(parts)) is not None:
+    while (following := next_part(parts)) is not None:
         begins = _goes_on(parts[-1], stopped, following, last_number(every))
         if begins is None:
             break
@@ -181,7 +190,7 @@ def _parts(path: Path, settings: Settings) -> list[Path]:
     if name is None or _is_whole(size, settings):
         return [path]
     parts = [path]
-    while (following := _following(parts)) is not None:
+    while (following := next_part(parts)) is not None:
         # All but the last are full.
         if following.stat().st_size > size:
             break
@@ -191,7 +200,7 @@ def _parts(path: Path, settings: Settings) -> list[Path]:
     return parts
 
 
-def _following(parts: list[Path]) -> Path | None:
+def next_part(parts: list[Path]) -> Path | None:
     """File of the next number, in the same folder; None if there is none."""
     first = parts[0]
     name = re.fullmatch(r"(.*_)0(\.\w+)", first.name)
@@ -208,7 +217,7 @@ def _is_whole(size: int, settings: Settings) -> bool:
     frame_bytes = [radar.frame.n_sent * size for size in sizes]
     if settings.n_frames is not None:
         return any(size >= settings.n_frames * one for one in frame_bytes)
-    return size < _SPLIT_BYTES and any(size % one == 0 for one in frame_bytes)
+    return size < SPLIT_BYTES and any(size % one == 0 for one in frame_bytes)
 
 
 def _cut_packet(path: Path, stopped: int) -> Finding:

@@ -5,6 +5,7 @@ rx, sample) and the columns of the tables.
 """
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import field
 from pathlib import Path
@@ -14,12 +15,12 @@ import numpy as np
 import xarray as xr
 
 from dechirp.config import files
-from dechirp.config.texts import dump
-from dechirp.config.tree import read_tree
+from dechirp.config.texts import as_text
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.plain import labelled, plain
 from dechirp.core.values import value
-from dechirp.formats.base import Units
+from dechirp.formats.base import IQ_ORDERS, Contents, Units
+from dechirp.formats.settings.base import Iq
 from dechirp.radar.radar import Radar
 
 VERSION = 1
@@ -36,15 +37,21 @@ class Description:
     """Size of one step of the converter in these units, where samples are kept as its codes."""
     tables: Mapping[str, Any] = field(default_factory=dict)
     """Of each table, by name, what `core.plain` says of it."""
+    device: str | None = None
+    """Kind of the chip that made the samples, where it is known."""
+    iq: Iq | None = None
+    """Which part of a complex sample came first where they were recorded, if that is known."""
 
     @property
     def text(self) -> str:
         """JSON, as `of_text` reads it."""
         said = {
             "dechirp_exchange": VERSION,
-            "radar": read_tree(dump(self.radar), "").plain,
+            "radar": as_text(self.radar, None),
             "units": self.units,
             "scale": self.scale,
+            "device": self.device,
+            "iq": self.iq,
             "tables": dict(self.tables),
         }
         return json.dumps(said, ensure_ascii=True)
@@ -55,12 +62,19 @@ class Description:
 
 
 def described(
-    radar: Radar, units: Units, scale: float | None, tables: Mapping[str, xr.Dataset]
+    radar: Radar, held: Contents, scale: float | None, tables: Mapping[str, xr.Dataset]
 ) -> tuple[Description, dict[str, dict[str, np.ndarray]]]:
-    """Description of samples with tables, and the columns of each table."""
+    """Description of what a recording holds, with these tables, and the columns of each."""
     both = {name: plain(table) for name, table in tables.items()}
     said = {name: about for name, (_, about) in both.items()}
-    made = Description(radar=radar, units=units, scale=scale, tables=said)
+    made = Description(
+        radar=radar,
+        units=held.units,
+        scale=scale,
+        tables=said,
+        device=held.device,
+        iq=held.iq,
+    )
     return made, {name: columns for name, (columns, _) in both.items()}
 
 
@@ -84,20 +98,33 @@ def of_text(path: Path, text: str, radar: Radar | None = None) -> Description:
     said = json.loads(text)
     version, units = said.get("dechirp_exchange"), said.get("units")
     scale, tables = said.get("scale"), said.get("tables")
-    is_whole = isinstance(tables, dict) and (scale is None or isinstance(scale, int | float))
+    device, iq = said.get("device"), said.get("iq")
+    is_whole = isinstance(tables, dict) and isinstance(device, str | None)
+    is_whole &= iq in (None, *IQ_ORDERS) and isinstance(scale, int | float | None)
     if version != VERSION or units not in UNITS or not is_whole:
         raise RecordingError(
             path,
             got=f"described in version {version!r}, in units of {units!r}",
-            need=f"described in version {VERSION}, in {' or '.join(UNITS)}, with its tables",
+            need=f"described in version {VERSION}, in {' or '.join(UNITS)}, with its scale, tables"
+            " and device",
             fix="Read it with the version of dechirp that wrote it.",
         )
     return Description(
         radar=radar or _radar(path, said.get("radar")),
         units=cast(Units, units),
-        scale=None if scale is None else float(scale),
+        scale=_number(scale),
         tables=tables,
+        device=device,
+        iq=iq,
     )
+
+
+def _number(said: float | None) -> float | None:
+    """A number as float64, infinite where it is a whole one beyond all of them."""
+    try:
+        return None if said is None else float(said)
+    except OverflowError:
+        return math.inf
 
 
 def _radar(path: Path, said: Any) -> Radar:

@@ -1,266 +1,113 @@
-"""HDF5 files (`.h5`, also netCDF 4): one dataset holds the samples.
+"""HDF5 files (`.h5`, also netCDF 4): a dataset holds the samples, or one of ours says all."""
 
-Only what lies in the file itself is read: no links to other files, no external storage, no
-virtual datasets.
-"""
-
-import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from dechirp.core.errors import RecordingError
 from dechirp.core.values import value
 from dechirp.formats.arrays.axes import contents
 from dechirp.formats.arrays.encodings import LIMITS
-from dechirp.formats.arrays.stored import (
-    Part,
-    Stored,
-    absent_chunks,
-    chosen,
-    is_numeric,
-    must_be_countable,
-    must_be_plausible,
-    parsing,
-    too_large,
-)
-from dechirp.formats.arrays.unpacking import size_of_lzf, unpacks_beyond
+from dechirp.formats.arrays.hdf5_datasets import NEED, dataset_in, named, opened, stored, text_of
+from dechirp.formats.arrays.stored import ALLOWED_BYTES, parsing, too_large
 from dechirp.formats.base import Contents, Fit, Format, Told
+from dechirp.formats.description import is_ours
+from dechirp.formats.kept import LONGEST_TEXT, is_meant, kept
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _STARTS = (0, 512, 1024, 2048)  # a block of the user's own may come first
-_NEED = "an HDF5 file"
-_MOST_OBJECTS = 10_000
-_MOST_HOPS = 16
-_DEEPEST = 16
-# Chunks of several frames are kept until the next frame needs them.
-_CACHE_BYTES = 2**26
-_FILTERS_ADD = 1024  # bytes at most that others add to a chunk before it is compressed
-_DEFLATE, _FLETCHER32, _SZIP, _LZF = 1, 3, 4, 32000
-_PACKERS = (_DEFLATE, _SZIP, _LZF)
-_CHECKSUM_BYTES = 4
-_NOT_NUMBERS = (b"char", b"logical", b"cell", b"struct", b"function_handle")
+_OURS, _CUBE, _GAP = "dechirp", "cube", "gap"
 
 
 @value
 class Hdf5(Format):
     """HDF5 and netCDF4: a dataset whose axes the user names.
 
-    Any dataset of numbers, or of pairs called real and imag, re and im, r and i.
+    Any dataset of numbers, or of pairs called real and imag, re and im, r and i. What
+    `dechirp convert` wrote needs nothing told, unless the user names another array of it.
     """
 
     options: ClassVar[tuple[str, ...]] = ("axes", "encoding", "iq", "inside")
     encodings: ClassVar[tuple[str, ...]] = tuple(LIMITS)
 
     def recognise(self, path: Path) -> Fit:
-        """Tell by the signature; files of MATLAB 7.3 are their own format."""
+        """Tell by the signature, ours by its description; MATLAB 7.3 is its own format."""
         if not path.is_file():
             return Fit.NO
         with path.open("rb") as file:
             head = file.read(_STARTS[-1] + len(_MAGIC))
         found = any(head.startswith(_MAGIC, start) for start in _STARTS)
-        return Fit.CONTAINER if found and not head.startswith(b"MATLAB 7.3") else Fit.NO
+        if not found or head.startswith(b"MATLAB 7.3"):
+            return Fit.NO
+        return Fit.OWN if _description(path) else Fit.CONTAINER
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""
-        return contents(path, dataset_in(path, told), told, file_bytes=path.stat().st_size)
+        text = _description(path)
+        if text is None or not is_meant(text, told):
+            return contents(path, dataset_in(path, told), told, file_bytes=path.stat().st_size)
+        with parsing(path, f"{NEED} as it was written"):
+            return _own(path, text, told)
 
 
-def dataset_in(path: Path, told: Told, *, of_matlab: bool = False) -> Stored:
-    """Dataset that is meant, with its axes in the order of the file.
-
-    Raises
-    ------
-    RecordingError
-        If it is damaged, lies elsewhere, or it is not clear which one is meant.
-    """
-    import h5py  # takes 0.1 s, for this format alone
-
-    with parsing(path, _NEED):
-        file = h5py.File(path, "r", rdcc_nbytes=_CACHE_BYTES)
-        found = _datasets(file, of_matlab=of_matlab)
-        if told.inside and told.inside.strip("/") not in found:
-            found |= _named(path, file, told.inside.strip("/"))
-        name = chosen(path, {key: (one.shape, one.dtype) for key, one in found.items()}, told)
-        return _stored(path, file, found[name])
-
-
-def _datasets(file: Any, *, of_matlab: bool) -> dict[str, Any]:
-    """Datasets of numbers by path, found along hard links alone."""
-    import h5py
-
-    found: dict[str, Any] = {}
-    seen, n_objects = set(), 0
-    waiting = [("", file["/"])]
-    while waiting and n_objects < _MOST_OBJECTS:
-        prefix, group = waiting.pop(0)
-        address = h5py.h5o.get_info(group.id).addr
-        if address in seen or prefix.count("/") > _DEEPEST:  # groups can hold one another
-            continue
-        seen.add(address)
-        for name in group:
-            n_objects += 1
-            if n_objects >= _MOST_OBJECTS:
-                break
-            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                continue
-            member = group[name]
-            if isinstance(member, h5py.Group) and name != "#refs#":
-                waiting.append((f"{prefix}{name}/", member))
-            elif isinstance(member, h5py.Dataset) and _has_numbers(member, of_matlab=of_matlab):
-                found[f"{prefix}{name}"] = member
-    return found
-
-
-def _has_numbers(dataset: Any, *, of_matlab: bool) -> bool:
+def _description(path: Path) -> str | None:
+    """What a file of ours says of its samples; None if it is another's, or damaged."""
     try:
-        shape, dtype = dataset.shape, dataset.dtype
-    except TypeError:  # of a type that NumPy has not
-        return False
-    said = dataset.attrs.get("MATLAB_class") if of_matlab else None
-    return bool(shape) and is_numeric(dtype) and said not in _NOT_NUMBERS
-
-
-def _named(path: Path, file: Any, name: str) -> dict[str, Any]:
-    """Dataset of a path that leads through links within the file; none if it leads nowhere."""
-    import h5py
-
-    here, ahead, hops = file["/"], name.split("/"), 0
-    while ahead:
-        step = ahead.pop(0)
-        link = here.get(step, getlink=True) if isinstance(here, h5py.Group) else None
-        if isinstance(link, h5py.HardLink):
-            here = here[step]
-        elif isinstance(link, h5py.SoftLink) and hops < _MOST_HOPS:
-            hops += 1
-            here = file["/"] if link.path.startswith("/") else here
-            ahead = [part for part in link.path.split("/") if part not in ("", ".")] + ahead
-        elif isinstance(link, h5py.ExternalLink):
-            raise _elsewhere(path, name, f"a link to {link.filename}")
-        else:
-            return {}
-    fits = isinstance(here, h5py.Dataset) and _has_numbers(here, of_matlab=False)
-    return {name: here} if fits else {}
-
-
-def _elsewhere(path: Path, name: str, what: str) -> RecordingError:
-    return RecordingError(
-        path,
-        got=f"a file whose {name} is {what}",
-        need="samples in the file itself: it may not make other files be read",
-        fix="Copy the dataset into one file.",
-    )
-
-
-def _stored(path: Path, file: Any, dataset: Any) -> Stored:
-    name = dataset.name
-    if dataset.is_virtual:
-        raise _elsewhere(path, name, "a virtual dataset, made of others")
-    if dataset.external:
-        raise _elsewhere(path, name, "in external storage")
-
-    checked: set[tuple[int, ...]] = set()
-    filters = _filters(path, dataset)
-    is_packed = any(kind in _PACKERS for kind in filters)
-
-    def read(part: Part) -> np.ndarray:
-        assert file  # closed with its last reference, and its datasets with it
-        with parsing(path, _NEED):
-            if is_packed:
-                _must_unpack_to_size(path, dataset, part, filters, checked)
-            made: np.ndarray = dataset[part]
-        return made
-
-    stored = Stored(
-        shape=tuple(int(size) for size in dataset.shape),
-        dtype=dataset.dtype,
-        read=read,
-        chunk=dataset.chunks,
-    )
-    must_be_plausible(path, stored, file_bytes=path.stat().st_size)
-    return replace(stored, absent=_absent(path, stored, dataset))
-
-
-def _filters(path: Path, dataset: Any) -> tuple[int, ...]:
-    """Numbers of the filters that a dataset went through, in this order.
-
-    Raises
-    ------
-    RecordingError
-        If more was made of what one had compressed than a checksum was added.
-    """
-    made = dataset.id.get_create_plist()
-    kinds = tuple(made.get_filter(number)[0] for number in range(made.get_nfilters()))
-    packed = [place for place, kind in enumerate(kinds) if kind in _PACKERS]
-    if packed and kinds[packed[0] + 1 :] not in ((), (_FLETCHER32,)):
-        raise RecordingError(
-            path,
-            got=f"a file whose {dataset.name} went through filters {list(kinds)}",
-            need="samples that were compressed once (deflate, filter 1, LZF or SZIP), last of all",
-            fix="Save it again, with one compression or without.",
-        )
-    return kinds
-
-
-def _must_unpack_to_size(
-    path: Path,
-    dataset: Any,
-    part: Part,
-    filters: tuple[int, ...],
-    checked: set[tuple[int, ...]],
-) -> None:
-    """Raise `RecordingError` if a compressed chunk holds more than a chunk of the array.
-
-    HDF5 itself unpacks whatever is there: 2 MB can become 2 GB.
-    """
-    most = math.prod(dataset.chunks) * dataset.dtype.itemsize + _FILTERS_ADD
-    for slices in dataset.iter_chunks(part):
-        sizes = zip(slices, dataset.chunks, strict=True)
-        start = tuple(along.start // size * size for along, size in sizes)
-        if start in checked:
-            continue
-        checked.add(start)
-        if not dataset.id.get_chunk_info_by_coord(start).size:  # never written
-            continue
-        skipped, packed = dataset.id.read_direct_chunk(start)
-        used = [kind for place, kind in enumerate(filters) if not skipped >> place & 1]
-        n_behind = _CHECKSUM_BYTES if used[-1:] == [_FLETCHER32] else 0
-        if _unpacks_beyond(used, packed[: len(packed) - n_behind], most):
-            what = f"a piece of {len(packed)} bytes that unpacks to more than {most}"
-            raise too_large(path, what, file_bytes=path.stat().st_size)
-
-
-def _unpacks_beyond(filters: list[int], packed: bytes, most: int) -> bool:
-    if _DEFLATE in filters:
-        return unpacks_beyond("zlib", {}, packed, most)
-    if _LZF in filters:
-        return size_of_lzf(np.frombuffer(packed, np.uint8)) > most
-    # SZIP begins with the size that room is made for.
-    return _SZIP in filters and int.from_bytes(packed[:4], "little") > most
-
-
-def _absent(path: Path, stored: Stored, dataset: Any) -> np.ndarray | None:
-    """Chunks that were never written."""
-    if stored.chunk is None:
-        if dataset.id.get_storage_size() > 0:
-            return None
-        raise RecordingError(
-            path,
-            got=f"a file whose {dataset.name} was made, but never written",
-            need="one with samples",
-            fix="Record again, or name another array.",
-        )
-    n_chunks = must_be_countable(path, stored)
-    if dataset.id.get_num_chunks() >= n_chunks:
+        with opened(path) as file:
+            text = text_of(file, _OURS)
+    except Exception:  # foreign bytes: `read` says what is wrong with them
         return None
-    sizes = stored.chunk
-    there: set[tuple[int, ...]] = set()
+    return text if text and len(text) <= LONGEST_TEXT and is_ours(text) else None
 
-    def note(chunk: Any) -> None:
-        starts = zip(chunk.chunk_offset, sizes, strict=True)
-        there.add(tuple(start // size for start, size in starts))
 
-    dataset.id.chunk_iter(note)
-    return absent_chunks(stored, there.__contains__)
+def _own(path: Path, text: str, told: Told) -> Contents:
+    """A file that we wrote."""
+    file = opened(path)
+    beside = _Beside(path, file)
+    return kept(
+        path,
+        text,
+        stored(path, file, beside.dataset(_CUBE)),
+        told,
+        columns=beside.column,
+        gaps=None if named(path, file, _GAP) is None else beside.whole(_GAP),
+        file_bytes=path.stat().st_size,
+    )
+
+
+class _Beside:
+    """What lies in a file beside its samples, read at once; all of it together has a bound."""
+
+    def __init__(self, path: Path, file: Any) -> None:
+        self.path, self.file = path, file
+        self.file_bytes, self.held_bytes = path.stat().st_size, 0
+
+    def dataset(self, name: str) -> Any:
+        found = named(self.path, self.file, name)
+        if found is None:
+            raise KeyError(f"no dataset {name}")
+        return found
+
+    def whole(self, name: str) -> np.ndarray:
+        dataset = self.dataset(name)
+        if dataset.dtype.hasobject:  # of any length: a few bytes can stand for all of the file
+            raise TypeError(f"{name} of {dataset.dtype}")
+        self.held_bytes += dataset.nbytes
+        if self.held_bytes > 2 * self.file_bytes + ALLOWED_BYTES:
+            what = f"tables of {self.held_bytes} bytes"
+            raise too_large(self.path, what, file_bytes=self.file_bytes)
+        if dataset.shape and dataset.size:
+            part = tuple(slice(0, size) for size in dataset.shape)
+            return stored(self.path, self.file, dataset).read(part)
+        return np.asarray(dataset[()])
+
+    def column(self, table: str, name: str) -> np.ndarray:
+        """One as `core.plain` had it: of texts, flags, or both parts of complex numbers."""
+        values = self.whole(f"{table}/{name}")
+        dataset = self.dataset(f"{table}/{name}")
+        if values.dtype.kind == "S":
+            rows = np.frombuffer(values.tobytes(), np.uint8)
+            return rows.reshape(*values.shape, values.dtype.itemsize)
+        if text_of(dataset, "parts") == "real imaginary":
+            return np.ascontiguousarray(values).view(np.result_type(values.dtype, 1j))[..., 0]
+        return values.astype(bool) if text_of(dataset, "dtype") == "bool" else values

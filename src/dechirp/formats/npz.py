@@ -1,5 +1,9 @@
-"""NumPy archives (`.npz`): arrays in a ZIP file, of which one holds the samples."""
+"""NumPy archives (`.npz`): arrays in a ZIP file, of which one holds the samples.
 
+Those of ours have an array `dechirp` too, the description of the others.
+"""
+
+import math
 import struct
 import zipfile
 import zlib
@@ -13,8 +17,17 @@ from dechirp.core.values import value
 from dechirp.formats.arrays.axes import contents
 from dechirp.formats.arrays.encodings import LIMITS
 from dechirp.formats.arrays.on_disk import Forward, mapped, streamed
-from dechirp.formats.arrays.stored import Stored, chosen, must_be_plausible, parsing
+from dechirp.formats.arrays.stored import (
+    ALLOWED_BYTES,
+    Stored,
+    chosen,
+    must_be_plausible,
+    parsing,
+    too_large,
+)
 from dechirp.formats.base import Contents, Fit, Format, Told
+from dechirp.formats.description import is_ours
+from dechirp.formats.kept import LONGEST_TEXT, is_meant, kept
 from dechirp.formats.npy import HEAD_BYTES, Header
 
 _MAGIC = b"PK\x03\x04"
@@ -23,11 +36,12 @@ _LOCAL_HEADER_BYTES = 30  # of a member, before its name
 _MOST_MEMBERS = 1000
 _END_BYTES, _LONGEST_COMMENT = 22, 2**16
 _LONGEST_LIST = 2**22  # bytes; as objects, the members in it take 8 times as much
+_CUBE, _TEXT, _GAP = "cube", "dechirp", "gap"
 
 
 @value
 class Npz(Format):
-    """NumPy archives (`.npz`): an array whose axes the user names.
+    """NumPy archives (`.npz`): an array whose axes the user names, or a file of ours.
 
     Arrays of an archive are mapped where they lie; compressed ones are read in their order.
 
@@ -47,19 +61,24 @@ class Npz(Format):
         try:
             with _archive(path) as archive:
                 names = archive.namelist()
+                text = _text(path, archive)
         except Exception:  # foreign bytes: `read` says what is wrong with them
             return Fit.CONTAINER
+        if text is not None and is_ours(text):
+            return Fit.OWN
         return Fit.CONTAINER if any(name.endswith(".npy") for name in names) else Fit.NO
 
     def read(self, path: Path, told: Told) -> Contents:
         """See `Format.read`."""
         file_bytes = path.stat().st_size
         with parsing(path, _NEED), _archive(path) as archive:
+            text = _text(path, archive)
+            if text is not None and is_meant(text, told):
+                return _own(path, archive, text, told)
             headers = _headers(path, archive)
             name = chosen(path, {key: (h.shape, h.dtype) for key, h in headers.items()}, told)
             info = archive.getinfo(f"{name}.npy")
             header = headers[name]
-            header.must_fill(path, info.file_size)
             stored = _stored(path, info, header)
         must_be_plausible(path, stored, file_bytes=file_bytes)
         return contents(path, stored, told, file_bytes=file_bytes)
@@ -91,14 +110,57 @@ def _headers(path: Path, archive: zipfile.ZipFile) -> dict[str, Header]:
             need=f"of at most {_MOST_MEMBERS}",
             fix="Save the samples as one array with an axis for the frames.",
         )
-    headers = {}
-    for info in infos:
-        with archive.open(info) as member:
-            headers[info.filename.removesuffix(".npy")] = Header.read(path, member.read(HEAD_BYTES))
-    return headers
+    return {info.filename.removesuffix(".npy"): _header(path, archive, info) for info in infos}
+
+
+def _header(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Header:
+    with archive.open(info) as member:
+        return Header.read(path, member.read(HEAD_BYTES))
+
+
+def _array(path: Path, archive: zipfile.ZipFile, name: str, most_bytes: int) -> np.ndarray:
+    """A small array, read at once; raises `KeyError` if there is none of that name."""
+    info = archive.getinfo(f"{name}.npy")
+    header = _header(path, archive, info)
+    # NumPy makes room for what a header claims before it reads.
+    claimed = header.size + math.prod(header.shape) * header.dtype.itemsize
+    if info.file_size > most_bytes:
+        raise too_large(path, f"{name} of {claimed} bytes", file_bytes=path.stat().st_size)
+    if claimed != info.file_size:
+        raise ValueError(f"{name} of {info.file_size} bytes, whose header says {claimed}")
+    with archive.open(info) as member:
+        return np.lib.format.read_array(member, allow_pickle=False)
+
+
+def _text(path: Path, archive: zipfile.ZipFile) -> str | None:
+    """Text of the array `dechirp`; None if there is no such text."""
+    if f"{_TEXT}.npy" not in archive.namelist():
+        return None
+    array = _array(path, archive, _TEXT, 4 * LONGEST_TEXT)
+    return str(array) if array.ndim == 0 and array.dtype.kind == "U" else None
+
+
+def _own(path: Path, archive: zipfile.ZipFile, text: str, told: Told) -> Contents:
+    """What a file of ours holds."""
+    info = archive.getinfo(f"{_CUBE}.npy")
+    stored = _stored(path, info, _header(path, archive, info))
+    file_bytes = path.stat().st_size
+    must_be_plausible(path, stored, file_bytes=file_bytes)
+    most = 2 * file_bytes + ALLOWED_BYTES
+    has_gaps = f"{_GAP}.npy" in archive.namelist()
+    return kept(
+        path,
+        text,
+        stored,
+        told,
+        columns=lambda table, column: _array(path, archive, f"{table}.{column}", most),
+        gaps=_array(path, archive, _GAP, most) if has_gaps else None,
+        file_bytes=file_bytes,
+    )
 
 
 def _stored(path: Path, info: zipfile.ZipInfo, header: Header) -> Stored:
+    header.must_fill(path, info.file_size)
     with path.open("rb") as file:
         file.seek(info.header_offset)
         head = file.read(_LOCAL_HEADER_BYTES)

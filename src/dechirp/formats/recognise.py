@@ -6,6 +6,7 @@ from pathlib import Path
 
 from dechirp.core.errors import RecordingError
 from dechirp.formats.base import Contents, Fit, Format, Told, foreign
+from dechirp.formats.ros2_bag import Ros2Bag
 from dechirp.formats.samples.sample_order import choose
 from dechirp.formats.settings.read import holds_settings
 
@@ -135,7 +136,7 @@ def inside_of(path: Path) -> tuple[Path, str | None]:
     """Path on disk, and the name of an array in it where one is named below it."""
     if not path.exists():
         for above in path.parents:
-            if above.is_file():
+            if above.is_file() or Ros2Bag().recognise(above):
                 return above, path.relative_to(above).as_posix()
     return path, None
 

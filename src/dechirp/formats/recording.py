@@ -100,14 +100,15 @@ class Recording:
         return {name: self._in_frames(table) for name, table in self.contents.tables.items()}
 
     def _in_frames(self, table: xr.Dataset) -> xr.Dataset:
-        """The rows of the frames that are read; all of a table without frames."""
+        """The rows of the frames that are read; all of a table whose rows are of no frame."""
         if self.n_frames == self.contents.n_frames or "frame" not in table.variables:
             return table
         own = self.frame_numbers
         if "frame" in table.dims:
             return table.isel(frame=slice(own.start, own.stop))
-        (over,) = table["frame"].dims
-        numbers = table["frame"].values
+        if table["frame"].ndim != 1:
+            return table
+        (over,), numbers = table["frame"].dims, table["frame"].values
         return table.isel({over: np.flatnonzero((numbers >= own.start) & (numbers < own.stop))})
 
     def must_hold_samples(self) -> None:
@@ -179,17 +180,30 @@ class Recording:
             raise unreadable(self.path, error) from None
 
     def _labelled(self, samples: np.ndarray, numbers: range) -> xr.DataArray:
-        cube = labelled_cube(
-            samples, self.radar, units=self.contents.units, first_frame=numbers.start
-        )
-        if self.contents.scale is not None:
-            cube.attrs["scale"] = self.contents.scale
         gaps = self.contents.gaps
-        if gaps is None:
-            return cube
-        said = {"long_name": "samples of the chirp were lost and are zero"}
-        mark = xr.Variable(("frame", "chirp"), gaps[numbers.start : numbers.stop], said)
-        return cube.assign_coords(gap=mark)
+        return labelled_frames(
+            samples,
+            self.contents,
+            first=numbers.start,
+            gaps=None if gaps is None else gaps[numbers.start : numbers.stop],
+        )
+
+
+def labelled_frames(
+    samples: np.ndarray, contents: Contents, *, first: int, gaps: np.ndarray | None
+) -> xr.DataArray:
+    """Label samples (frame, chirp, rx, sample) of contents, the first frame of this number.
+
+    `gaps`, (frame, chirp), where not None, becomes the coordinate `gap`.
+    """
+    assert contents.radar is not None  # who has samples has their radar
+    cube = labelled_cube(samples, contents.radar, units=contents.units, first_frame=first)
+    if contents.scale is not None:
+        cube.attrs["scale"] = contents.scale
+    if gaps is None:
+        return cube
+    said = {"long_name": "samples of the chirp were lost and are zero"}
+    return cube.assign_coords(gap=xr.Variable(("frame", "chirp"), gaps, said))
 
 
 def open(
@@ -254,7 +268,7 @@ def open(
         axes = axes.replace(",", " ").split()
     must_be_one_of(path, "iq", iq, IQ_ORDERS)
     known = None if device is None else known_device(device)
-    told_settings = _settings(radar, settings, known)
+    told_settings = settings_told(radar, settings, known)
     try:
         file, inside = inside_of(path)
         told = Told(
@@ -277,7 +291,7 @@ def open(
     return whole if frames is None else whole.part(*frames)
 
 
-def _settings(
+def settings_told(
     radar: Radar | str | Path | None, layout: str | Path | None, device: Device | None
 ) -> Settings | None:
     """The radar, with what is known of the layout; none: neither was given."""

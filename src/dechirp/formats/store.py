@@ -1,6 +1,7 @@
 """Our own results: `cube.zarr`, or the folder of a run that holds it."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -13,9 +14,12 @@ from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.values import value
 from dechirp.formats.arrays.axes import contents
 from dechirp.formats.arrays.stored import parsing
+from dechirp.formats.arrays.zarr_plain import PlainChunks, plain_chunks, scale_codes
 from dechirp.formats.base import Contents, Fit, Format, Told, Units
+from dechirp.formats.kept import LARGEST_SCALE, lost_chirps
 from dechirp.formats.settings.base import Settings
-from dechirp.formats.zarr_array import NEED, array_in, read_json
+from dechirp.formats.zarr_array import NEED, array_in, read_array, read_json
+from dechirp.formats.zarr_tables import Tables
 from dechirp.radar.radar import Radar
 
 _CUBE, _MARK = "cube.zarr", "zarr.json"
@@ -27,7 +31,7 @@ _UNITS = ("sqrt(W)", "full scale")
 class Store(Format):
     """Our own store: `cube.zarr`, or the folder of a run.
 
-    The radar is that of the run; samples keep their units.
+    The radar is that of the run; samples keep their units, and tables lie beside them.
     """
 
     def recognise(self, path: Path) -> Fit:
@@ -52,6 +56,8 @@ class Store(Format):
             cube = read_json(folder / "cube" / _MARK)
             said = cube["attributes"]
             units, scale = said["units"], float(said.get("scale", 1.0))
+            if not 0 < scale < LARGEST_SCALE:
+                raise ValueError(f"its scale is {scale}")
             axes = tuple(cube.get("dimension_names") or CUBE_AXES)
             radar = None if told.settings else attributes["radar"]
         if attributes.get("format_version") != _VERSION or units not in _UNITS:
@@ -64,17 +70,52 @@ class Store(Format):
             )
         settings = told.settings or _settings(folder, radar)
         stored, file_bytes = array_in(folder, replace(told, inside="cube"))
+        plain = None
+        if axes[: len(CUBE_AXES)] == CUBE_AXES and stored.absent is None:
+            with parsing(path, NEED):
+                plain = plain_chunks(folder / "cube", cube, stored.dtype)
+        if plain is not None:
+            stored = replace(stored, read=plain.part)
         meant = Told(settings=settings, axes=axes, encoding="full-scale")
         held = contents(path, stored, meant, file_bytes=file_bytes)
-        decode = held.decode
-        assert decode is not None
+        has_codes = stored.dtype == np.int16
+        return replace(
+            held,
+            decode=_scaled(path, held, plain, scale) if has_codes else held.decode,
+            units=cast(Units, units),
+            scale=scale if has_codes else None,
+            gaps=lost_chirps(path, _gaps(path, folder / "gap"), held),
+            tables=Tables(folder, without=("calibration",)),
+        )
 
-        def scaled(index: int, out: np.ndarray) -> None:
+
+def _scaled(
+    path: Path, held: Contents, plain: PlainChunks | None, scale: float
+) -> Callable[[int, np.ndarray], None]:
+    """Fill a frame with samples of codes; those in plain chunks without a copy of all of it."""
+    decode, radar = held.decode, held.radar
+    assert decode is not None and radar is not None
+    n_parts = 2 if radar.frame.chirp.sampling == "complex" else 1
+    row_shape = (radar.array.n_rx, radar.frame.chirp.n_samples, *(2,) * (n_parts - 1))
+    step: Any = np.float32(scale)
+    is_quick = plain is not None and plain.row_shape == row_shape
+
+    def scaled(index: int, out: np.ndarray) -> None:
+        if plain is None or not is_quick or not out.flags.c_contiguous:
             decode(index, out)
-            if scale != 1:
-                out *= np.float32(scale)
+            out *= step
+            return
+        with parsing(path, NEED):
+            for first, rows in plain.read(index, 0, len(out)):
+                samples = out[first : first + len(rows)].reshape(-1).view(np.float32)
+                scale_codes(rows.reshape(-1), step, samples)
 
-        return replace(held, decode=scaled, units=cast(Units, units))
+    return scaled
+
+
+def _gaps(path: Path, folder: Path) -> np.ndarray | None:
+    """(frame, chirp), not zero where samples were lost; None where nothing is said of it."""
+    return read_array(path, folder) if (folder / _MARK).is_file() else None
 
 
 def _folder(path: Path) -> Path | None:

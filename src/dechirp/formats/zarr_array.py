@@ -80,11 +80,28 @@ def array_in(path: Path, told: Told) -> tuple[Stored, int]:
         meant = told.inside.strip("/") if told.inside else next(iter(folders), "")
         if meant in folders and (told.inside or len(folders) == 1):
             _must_be_plain(path, folders[meant])
-        opened = {name: _opened(folder) for name, folder in folders.items() if not _foreign(folder)}
+        opened = {
+            name: opened_array(folder)
+            for name, folder in folders.items()
+            if not unknown_codecs(folder)
+        }
         known = {name: (array.shape, array.dtype) for name, array in opened.items()}
         name = chosen(path, known, told)
-        files, n_bytes = _files(folders[name])
-        return _stored(path, opened[name], folders[name], files, n_bytes), n_bytes
+        return _stored(path, opened[name], folders[name])
+
+
+def read_array(path: Path, folder: Path) -> np.ndarray:
+    """All numbers of a small array, as one beside the samples.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged, leads elsewhere, or holds texts.
+    """
+    with parsing(path, NEED):
+        _must_be_plain(path, folder)
+        stored, _ = _stored(path, opened_array(folder), folder)  # what is not there is its filling
+        return stored.read(tuple(slice(0, size) for size in stored.shape))
 
 
 def _arrays(root: Path) -> Iterator[tuple[str, Path]]:
@@ -94,14 +111,14 @@ def _arrays(root: Path) -> Iterator[tuple[str, Path]]:
         folder = waiting.pop(0)
         n_folders += 1
         depth = len(folder.relative_to(root).parts)
-        if _metadata(folder) is not None:
+        if metadata_of(folder) is not None:
             yield folder.relative_to(root).as_posix(), folder
         elif depth < _DEEPEST:
             there = sorted(folder.iterdir())
             waiting += [one for one in there if one.is_dir() and not one.is_symlink()]
 
 
-def _metadata(folder: Path) -> dict[str, Any] | None:
+def metadata_of(folder: Path) -> dict[str, Any] | None:
     """What an array says of itself; None if the folder is none."""
     for name in (".zarray", "zarr.json"):
         file = folder / name
@@ -138,15 +155,15 @@ def _codecs(said: Any) -> Iterator[str]:
         yield str(said)
 
 
-def _foreign(folder: Path) -> list[str]:
+def unknown_codecs(folder: Path) -> list[str]:
     """Codecs of an array that are none of the known ones."""
-    said = _metadata(folder) or {}
+    said = metadata_of(folder) or {}
     keys = ("codecs", "filters", "compressor", "storage_transformers")
     return sorted({name for key in keys for name in _codecs(said.get(key))} - _CODECS)
 
 
 def _must_be_plain(path: Path, folder: Path) -> None:
-    foreign = _foreign(folder)
+    foreign = unknown_codecs(folder)
     if foreign:
         raise RecordingError(
             path,
@@ -158,14 +175,15 @@ def _must_be_plain(path: Path, folder: Path) -> None:
 
 def _has_numbers(folder: Path) -> bool:
     """Whether an array may hold numbers; texts need codecs of their own."""
-    said = _metadata(folder) or {}
+    said = metadata_of(folder) or {}
     if "dtype" in said:
         return isinstance(said["dtype"], list) or str(said["dtype"])[1:2] in tuple("iufc")
     kind = said.get("data_type")
     return isinstance(kind, dict) or str(kind).startswith(("int", "uint", "float", "complex"))
 
 
-def _opened(folder: Path) -> Any:
+def opened_array(folder: Path) -> Any:
+    """Array of Zarr's library, whose codecs are known; raises whatever that does of damage."""
     import zarr  # takes 0.3 s, for this format alone
     from zarr.storage import LocalStore
 
@@ -174,8 +192,11 @@ def _opened(folder: Path) -> Any:
         return zarr.open_array(LocalStore(folder, read_only=True), mode="r")
 
 
-def _files(folder: Path) -> tuple[set[str], int]:
-    """Names of the files of an array, relative to its folder, and their bytes together."""
+def files_in(folder: Path) -> tuple[set[str], int]:
+    """Names of the files of an array, relative to its folder, and their bytes together.
+
+    Raises `RecordingError` if one of them is a link.
+    """
     names, n_bytes, waiting = set(), 0, [""]
     while waiting:
         prefix = waiting.pop()
@@ -205,7 +226,8 @@ def _link(folder: Path, name: str) -> RecordingError:
     )
 
 
-def _stored(path: Path, array: Any, folder: Path, files: set[str], n_bytes: int) -> Stored:
+def _stored(path: Path, array: Any, folder: Path) -> tuple[Stored, int]:
+    files, n_bytes = files_in(folder)
     key = array.metadata.encode_chunk_key
     sizes = tuple(int(size) for size in array.shards or array.chunks)
     packing = packing_in(path, array.metadata.to_dict(), sizes, array.dtype.itemsize)
@@ -228,7 +250,8 @@ def _stored(path: Path, array: Any, folder: Path, files: set[str], n_bytes: int)
     )
     must_be_plausible(path, stored, file_bytes=n_bytes)
     must_be_countable(path, stored)
-    return replace(stored, absent=absent_chunks(stored, lambda place: key(place) in files))
+    absent = absent_chunks(stored, lambda place: key(place) in files)
+    return replace(stored, absent=absent), n_bytes
 
 
 def _places(part: Part, sizes: tuple[int, ...]) -> Iterator[tuple[int, ...]]:

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.extra import library
 from dechirp.objects.can_bus import LENGTHS
-from dechirp.objects.extra import library
 
 HEADER, PART = "ObjectListHeader", "ObjectListPart"
 

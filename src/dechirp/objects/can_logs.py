@@ -9,11 +9,11 @@ import xarray as xr
 
 from dechirp.core.checks import number, whole
 from dechirp.core.errors import InvalidSetting, RecordingError
+from dechirp.core.extra import library
 from dechirp.objects.can_bus import CanFd
 from dechirp.objects.can_frames import Frame, frames
 from dechirp.objects.can_layout import Layout, layout
 from dechirp.objects.can_lists import gathered
-from dechirp.objects.extra import library
 from dechirp.objects.whole import named, whole_file
 
 _MODULES = {".blf": "blf.BLF", ".asc": "asc.ASC", ".log": "canutils.CanutilsLog"}

@@ -34,8 +34,8 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import RecordingError
+from dechirp.core.extra import library
 from dechirp.core.units import decibels, from_decibels
-from dechirp.objects.extra import library
 from dechirp.objects.priority import in_order
 from dechirp.objects.rows import MEASURED, cycle_of, made, must_be_objects
 from dechirp.objects.whole import named, whole_file

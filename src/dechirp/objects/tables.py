@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import RecordingError
+from dechirp.core.extra import library
 from dechirp.core.units import decibels, from_decibels
-from dechirp.objects.extra import library
 from dechirp.objects.rows import COLUMNS, MEASURED, must_be_objects, of_rows
 from dechirp.objects.whole import named, whole_file
 

@@ -10,12 +10,11 @@ from dechirp.process.spectrogram import spectrogram
 from dechirp.report import directions, tables, tracked
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
 from dechirp.report.figures import spectrogram as over
-from dechirp.report.places import on_map
 from dechirp.report.summary import settings
 from dechirp.report.template import template, versions
 from dechirp.report.view import View, view_of
 from dechirp.report.words import quantity
-from dechirp.scene.folding import Place, folded
+from dechirp.scene.folding import Place, folded, on_map
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result

@@ -1,18 +1,8 @@
-"""Where what reflects is drawn: on the map, and in bodies of many scatterers."""
+"""Where what reflects is drawn: in bodies of many scatterers."""
 
 import numpy as np
 
-from dechirp.radar.radar import Radar
-from dechirp.scene.folding import Place, frequencies, wrapped
 from dechirp.scene.scene import Scene
-
-
-def on_map(place: Place, radar: Radar) -> Place:
-    """Return where such peaks lie on the map: coupling put back, velocities folded."""
-    chirp = radar.frame.chirp
-    beat_hz, doppler_hz = frequencies(place, radar)
-    doppler_hz = wrapped(doppler_hz, 1 / radar.frame.repetition_s)
-    return Place(chirp.range_m(1.0) * beat_hz, doppler_hz * chirp.wavelength_m / 2)
 
 
 def in_bodies(scene: Scene, at_most: int, among: np.ndarray | None = None) -> np.ndarray:

@@ -79,7 +79,7 @@ def render(result: StudyResult, judged: Sequence[Judged], *, yaml: str, made: Ma
         how_judged=_how_judged(result, judged),
         signed=_signed(result, made),
         trials=_trials(study),
-        varied=_varied(study),
+        varied=varied(study),
         plates=plates(result),
         about_figures=_about(study, "Bands and bars are intervals")
         + " Solid lines, or short strokes, are theory.",
@@ -396,7 +396,8 @@ def _trials(study: Study) -> list[tuple[str, str]]:
     return rows
 
 
-def _varied(study: Study) -> list[tuple[str, str]]:
+def varied(study: Study) -> list[tuple[str, str]]:
+    """Say of each setting that varies what it is, and its values."""
     rows = []
     for one in study.vary:
         words = setting_words(one.path)

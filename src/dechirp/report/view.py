@@ -8,9 +8,9 @@ import xarray as xr
 from dechirp.core.values import value
 from dechirp.evaluate.match import Match, match, scatterers, visible
 from dechirp.radar.radar import Radar
-from dechirp.report.places import in_bodies, on_map
+from dechirp.report.places import in_bodies
 from dechirp.scene import folding
-from dechirp.scene.folding import Place
+from dechirp.scene.folding import Place, on_map
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result

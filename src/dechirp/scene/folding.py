@@ -72,6 +72,14 @@ def frequencies(place: Place, radar: Radar) -> Frequencies:
     return Frequencies(*radar.frame.chirp.echo_frequencies_hz(*place))
 
 
+def on_map(place: Place, radar: Radar) -> Place:
+    """Return where such peaks lie on the map: coupling put back, velocities folded."""
+    chirp = radar.frame.chirp
+    beat_hz, doppler_hz = frequencies(place, radar)
+    doppler_hz = wrapped(doppler_hz, 1 / radar.frame.repetition_s)
+    return Place(chirp.range_m(1.0) * beat_hz, doppler_hz * chirp.wavelength_m / 2)
+
+
 def wrapped(amount: np.ndarray, period: float | np.ndarray) -> np.ndarray:
     """Return amounts within half a period of zero, whole periods taken off."""
     return (amount + period / 2) % period - period / 2

@@ -92,8 +92,11 @@ def _put_back(place: Path) -> None:
         shutil.rmtree(before.with_suffix(""), ignore_errors=True)
 
 
-def write_whole(out: Path, text: str) -> None:
-    """Write a file of text, in place of what was there.
+@contextmanager
+def whole_file(out: Path) -> Iterator[Path]:
+    """Give the name of a new file, which takes the place of `out` at the end.
+
+    Whatever goes wrong, `out` stays as it was and the new file is removed.
 
     Raises
     ------
@@ -104,12 +107,66 @@ def write_whole(out: Path, text: str) -> None:
     made = _beside(place)
     try:
         try:
-            made.write_text(text, encoding="utf-8")
+            yield made
             made.replace(place)
         finally:
             made.unlink(missing_ok=True)
     except OSError as error:
         raise _unwritable(out, error) from None
+
+
+@contextmanager
+def whole_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
+    """Give names of new files, which take the places of `outs` together at the end.
+
+    A new file that is not written leaves its place empty. Whatever goes wrong, all that was
+    there stays as it was and the new files are removed.
+
+    Raises
+    ------
+    DechirpError
+        If one is a folder, they cannot be written, or the disk is full.
+    """
+    if folder := next((out for out in outs if out.is_dir()), None):
+        raise _refused(folder, got="a folder", fix="Give the name of a file.")
+    places = [out.resolve() for out in outs]
+    made = [_beside(place) for place in places]
+    before = [new.with_name(f"{new.name}.before") for new in made]
+    placed: list[Path] = []
+    is_done = False
+    try:
+        yield tuple(made)
+        for place, old in zip(places, before, strict=True):
+            if place.exists():
+                place.rename(old)
+        for place, new in zip(places, made, strict=True):
+            if new.exists():
+                new.rename(place)
+                placed.append(place)
+        is_done = True
+    except OSError as error:
+        raise _unwritable(outs[0], error) from None
+    finally:
+        if not is_done:
+            for place in placed:
+                place.unlink(missing_ok=True)
+            for place, old in zip(places, before, strict=True):
+                if old.exists():
+                    old.rename(place)
+        for file in (*made, *before):
+            file.unlink(missing_ok=True)
+
+
+def write_whole(out: Path, text: str) -> None:
+    """Write a file of text, in place of what was there.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be written, or the disk is full.
+    """
+    with whole_file(out) as made:
+        made.write_text(text, encoding="utf-8")
 
 
 def _must_be_writable(out: Path) -> None:

@@ -27,6 +27,10 @@ class Writer(Family):
     def check(self, recording: Recording) -> None:
         """Raise `DechirpError` where the format cannot hold a recording; writes nothing."""
 
+    def files(self, recording: Recording, out: Path) -> tuple[Path, ...]:
+        """Files and folders that writing it under this name would make; `out` alone for most."""
+        return (out,)
+
     @abstractmethod
     def write(
         self, recording: Recording, out: Path, progress: Progress | None = None

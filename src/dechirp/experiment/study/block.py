@@ -35,3 +35,5 @@ class Block:
     theory: np.ndarray | None = None
     """With the first block of the point: what theory gives, of each score and subject, side by
     side, see `Layout.theory_of`; kept in the ledger beside the sums."""
+    items: bytes = b""
+    """All that is small of what a data set keeps of its trials, see `data_set`; kept as it is."""

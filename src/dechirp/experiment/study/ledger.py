@@ -50,6 +50,12 @@ CREATE TABLE findings (
 CREATE TABLE theory (point INTEGER PRIMARY KEY, numbers BLOB NOT NULL);
 CREATE TABLE ended (point INTEGER PRIMARY KEY, n_blocks INTEGER NOT NULL);
 """
+# Only studies that keep a data set have it.
+_ITEMS = """
+CREATE TABLE IF NOT EXISTS items (
+    point INTEGER NOT NULL, number INTEGER NOT NULL, content BLOB NOT NULL,
+    PRIMARY KEY (point, number))
+"""
 
 _LONGEST_MESSAGE = 2000
 _LONGEST_SHOWN = 100
@@ -189,9 +195,26 @@ class Record:
             for point, level, setting, got, need, fix in rows
         ]
 
+    def items(self, *, number: int | None = None) -> Iterator[tuple[int, int, bytes]]:
+        """Point, number and what a data set keeps of each block, in this order.
+
+        `number`: of blocks of that number alone.
+        """
+        if not self._has_items:
+            return
+        query = "SELECT point, number, content FROM items"
+        if number is not None:
+            query += f" WHERE number = {int(number)}"
+        yield from self._connection.execute(f"{query} ORDER BY point, number")
+
     def seconds(self) -> float:
         """Time that all blocks took, added."""
         return float(self._connection.execute("SELECT total(seconds) FROM blocks").fetchone()[0])
+
+    @property
+    def _has_items(self) -> bool:
+        query = "SELECT count(*) FROM sqlite_master WHERE name = 'items'"
+        return bool(self._connection.execute(query).fetchone()[0])
 
     def _said(self, key: str) -> str:
         row = self._connection.execute("SELECT said FROM meta WHERE key = ?", (key,)).fetchone()
@@ -332,6 +355,10 @@ class Ledger(Record):
                 "INSERT OR IGNORE INTO theory VALUES (?, ?)",
                 ((b.point, _as_bytes(b.theory)) for b in blocks if b.theory is not None),
             )
+            items = [(block.point, block.number, block.items) for block in blocks if block.items]
+            if items:
+                self._connection.execute(_ITEMS)
+                self._connection.executemany("INSERT OR IGNORE INTO items VALUES (?, ?, ?)", items)
 
     def end(self, point: int, n_blocks: int) -> None:
         """Say that a point has enough after so many blocks, and drop those past it.
@@ -345,6 +372,8 @@ class Ledger(Record):
             past = (point, n_blocks)
             self._connection.execute("DELETE FROM blocks WHERE point = ? AND number >= ?", past)
             self._connection.execute("DELETE FROM failures WHERE point = ? AND number >= ?", past)
+            if self._has_items:
+                self._connection.execute("DELETE FROM items WHERE point = ? AND number >= ?", past)
             self._connection.execute("INSERT OR REPLACE INTO ended VALUES (?, ?)", past)
 
     def _say(self, key: str, said: str) -> None:

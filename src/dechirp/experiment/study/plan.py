@@ -133,15 +133,18 @@ class Plan:
 
     def drawn(self, trial: int) -> dict[str, str]:
         """Path and text of what is drawn anew in a trial, the same at every point."""
+        axes = self.drawn_axes if self.draws_anew else ()
+        both = zip(axes, self.numbers_drawn(trial), strict=True)
+        return {axis.path: _in_words(axis, number) for axis, number in both}
+
+    def numbers_drawn(self, trial: int) -> tuple[float, ...]:
+        """The same as numbers, in the units of `drawn_axes`."""
         if not self.draws_anew:
-            return {}
+            return ()
         axes = self.drawn_axes
         sequence = np.random.SeedSequence(self.study.seed, spawn_key=(trial, DRAWN_KEY))
         shares = np.random.default_rng(sequence).random(len(axes))
-        return {
-            axis.path: _in_words(axis, _drawn(axis, u))
-            for axis, u in zip(axes, shares, strict=True)
-        }
+        return tuple(_rounded(axis, _drawn(axis, u)) for axis, u in zip(axes, shares, strict=True))
 
     def scenario(self, point: int, drawn: Mapping[str, str] | None = None) -> Scenario:
         """Scenario of a point, with what is drawn in a trial.
@@ -159,8 +162,13 @@ class Plan:
         `study` and `scenario`, their texts; `version` of this package; and for each file that
         settings name, `file PATH`, the SHA-256 of its content.
         """
-        # A study that stopped may go on with a larger share: no number depends on it.
-        asked = replace(self.study, stop_after_failures=Study.stop_after_failures)
+        # A study that stopped may go on with a larger share, or more room: no number depends
+        # on them.
+        asked = replace(
+            self.study,
+            stop_after_failures=Study.stop_after_failures,
+            at_most_bytes=Study.at_most_bytes,
+        )
         found = {
             "study": study_text(asked, with_scenario=False),
             "scenario": self._variants.text,

@@ -48,6 +48,8 @@ _PLAIN = (
     "sensor",
     "at_most_points",
     "at_most_trials",
+    "keep",
+    "at_most_bytes",
 )
 _AT_ONCE = 10  # values of one setting that cannot be, before the rest is left untried
 

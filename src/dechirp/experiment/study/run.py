@@ -1,8 +1,9 @@
 """A study from its file to its estimates: the page that calls the rest of this folder."""
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor
+from concurrent.futures import Executor, wait
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from dechirp.core.findings import Finding
 from dechirp.core.threads import alone
 from dechirp.evaluate.look import Look
 from dechirp.experiment.run import Result, run
+from dechirp.experiment.study import data_set
+from dechirp.experiment.study.assembled import complete
 from dechirp.experiment.study.environment import environment
 from dechirp.experiment.study.executors import Workers, given
 from dechirp.experiment.study.layout import Layout
@@ -65,9 +68,11 @@ def run_study(
         another study's, is written to by another process or cannot be written; if too many
         trials raised or workers died. What was done is kept.
     """
-    with open_ledger(study, Path(out)) as ledger, given(executor) as workers:
-        run_trials(Plan.of(study), ledger, workers, progress)
-        return finished(Plan.of(study), ledger)
+    plan = Plan.of(study)
+    with open_ledger(study, Path(out)) as ledger:
+        with given(executor) as workers:
+            run_trials(plan, ledger, workers, progress)
+        return finished(plan, ledger)
 
 
 def open_ledger(study: Study, out: Path) -> Ledger:
@@ -76,6 +81,8 @@ def open_ledger(study: Study, out: Path) -> Ledger:
     check_study(plan)
     identity = plan.digest()
     _must_be_same(out, identity)
+    if study.keep:
+        data_set.check(plan)
     return Ledger.open(out, identity=identity, environment=environment())
 
 
@@ -116,8 +123,12 @@ def run_trials(
 ) -> None:
     """Run the trials that a ledger does not have; raises as `run_study`."""
     study = plan.study
-    run_blocks(
-        run_block,
+    work = run_block
+    if study.keep:
+        data_set.check_disk(plan, ledger, ledger.path.parent)
+        work = partial(run_block, keeper=data_set.Keeper.of(plan, ledger.path.parent))
+    needless = run_blocks(
+        work,
         plan,
         n_points=plan.n_points,
         trials=study.trials,
@@ -127,10 +138,14 @@ def run_trials(
         stop_after_failures=study.stop_after_failures,
         progress=progress,
     )
+    if study.keep:
+        wait(needless)  # they would write beside what is made whole
 
 
 def finished(plan: Plan, ledger: Ledger) -> Finished:
-    """What the trials of a ledger come to."""
+    """What the trials of a ledger come to; its data set, where there is one, is made whole."""
+    if plan.study.keep:
+        complete(plan, ledger, ledger.path.parent)
     result = collect(plan.study, layout_of(plan), measured(plan, layout_of(plan), ledger))
     return Finished(result, judge(result, ledger.sums), ledger.doubts)
 

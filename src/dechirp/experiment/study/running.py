@@ -71,7 +71,7 @@ def run_blocks(
     enough: Enough | None = None,
     stop_after_failures: float = 0.01,
     progress: Callable[[Progress], None] | None = None,
-) -> None:
+) -> list[Future[Block]]:
     """Do all blocks of a study that its ledger does not have.
 
     Points are taken in order, and their blocks in order. Where `enough` decides, a point has at
@@ -104,6 +104,11 @@ def run_blocks(
     progress : callable, optional
         Called after each writing, and each second without.
 
+    Returns
+    -------
+    list of Future
+        Blocks past the end of a point that workers are still at; nobody needs them.
+
     Raises
     ------
     DechirpError
@@ -116,6 +121,7 @@ def run_blocks(
     running = _Running(work, plan, queue, ledger, workers, stop_after_failures, progress)
     try:
         running.run()
+        return [future for future in running.needless if not future.done()]
     except KeyboardInterrupt:
         running.keep_finished()
         raise KeyboardInterrupt(
@@ -308,6 +314,7 @@ class _Running:
         self._stop_after, self._progress = stop_after_failures, progress
         self._out: dict[Future[Block], tuple[int, int]] = {}
         self._finished: SimpleQueue[Future[Block]] = SimpleQueue()
+        self.needless: list[Future[Block]] = []
         self._n_failures = ledger.n_failures()
         self._n_renewals = 0
         self._started = monotonic()
@@ -405,7 +412,8 @@ class _Running:
             for future, place in list(self._out.items()):
                 if not self._queue.is_wanted(place):
                     del self._out[future]
-                    future.cancel()
+                    if not future.cancel():
+                        self.needless.append(future)
         self._must_not_fail()
 
     def _renew(self, lost: list[tuple[int, int]], errors: list[BaseException]) -> None:

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import Literal
+from typing import Literal, get_args
 
 from dechirp.config.nearest import did_you_mean
 from dechirp.core.checks import count, instances, not_negative, positive, probability
@@ -11,6 +11,8 @@ from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.values import value
 from dechirp.evaluate.score.base import Score
 from dechirp.experiment.scenario import Scenario
+
+Kept = Literal["cubes", "maps", "detections"]
 
 
 @value
@@ -184,14 +186,19 @@ class Study:
     require: tuple[Requirement, ...] = ()
     sensor: Literal["signal", "statistical"] = "signal"
     """Whether trials simulate and process samples, or draw detections from theory."""
+    keep: tuple[Kept, ...] = ()
+    """What of each trial becomes an item of a data set, with its truth; none: no data set."""
     at_most_points: int = 100_000
     """More are refused, so that a slip of the pen does not fill a disk; raise it for more."""
     at_most_trials: int = 100_000_000
     """The same of the trials of all points together."""
+    at_most_bytes: int = 100_000_000_000
+    """The same of a data set, before it is packed."""
 
     def __post_init__(self) -> None:
         fix = "Write (DetectionProbability(),), with both brackets, even for one alone."
         object.__setattr__(self, "scores", instances("Study.scores", self.scores, Score, fix=fix))
+        object.__setattr__(self, "keep", tuple(self.keep))
         wrong = list(self._wrong())
         if wrong:
             # All at once, as mistakes of a file are told.
@@ -209,6 +216,7 @@ class Study:
             lambda: count(self, "seed", at_least=0, at_most=2**63 - 1),
             lambda: count(self, "at_most_points", at_most=2**63 - 1),
             lambda: count(self, "at_most_trials", at_most=2**63 - 1),
+            lambda: count(self, "at_most_bytes", at_most=2**63 - 1),
             lambda: probability("Study.confidence", self.confidence),
             lambda: not_negative(self, "stop_after_failures", at_most=1.0),
         )
@@ -226,6 +234,7 @@ class Study:
             )
         yield from self._wrong_scores()
         yield from self._wrong_points()
+        yield from self._wrong_keep()
         labels = tuple(score.label() for score in self.scores)
         told: list[tuple[str, Requirement | Until]] = [
             (f"Study.require.{at}", one) for at, one in enumerate(self.require)
@@ -283,6 +292,25 @@ class Study:
                 got=f"{self.trials.at_most}, which makes {n_trials} at {n_points} points",
                 need=f"at most at_most_trials, {self.at_most_trials}, in all",
                 fix=f"Take fewer, or confirm it: at_most_trials: {n_trials}.",
+            )
+
+    def _wrong_keep(self) -> Iterator[InvalidSetting]:
+        known = get_args(Kept)
+        wrong = [one for one in self.keep if one not in known or self.keep.count(one) > 1]
+        if wrong:
+            yield InvalidSetting(
+                "Study.keep",
+                got=f"{wrong[0]} twice" if wrong[0] in known else repr(wrong[0]),
+                need=f"some of {', '.join(known)}, each once",
+                fix=did_you_mean(str(wrong[0]), known),
+            )
+        drawn = [one for one in self.keep if one != "detections"]
+        if drawn and self.sensor == "statistical":
+            yield InvalidSetting(
+                "Study.keep",
+                got=f"{drawn[0]}, with sensor: statistical",
+                need="detections alone: there are no samples that they could be of",
+                fix="Set sensor: signal, or write keep: [detections].",
             )
 
 

@@ -53,6 +53,9 @@ def _lines(study: Study, with_scenario: bool) -> Iterator[str]:
     yield f"sensor: {study.sensor}"
     yield f"at_most_points: {study.at_most_points}"
     yield f"at_most_trials: {study.at_most_trials}"
+    if study.keep:
+        yield f"keep: [{', '.join(study.keep)}]"
+        yield f"at_most_bytes: {study.at_most_bytes}"
 
 
 def _requirement(

@@ -1,7 +1,7 @@
 """One trial of one point, and some of them in a block."""
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from time import perf_counter
@@ -22,6 +22,7 @@ from dechirp.experiment.scenario import Scenario
 from dechirp.experiment.statistical.sensor import Sensor
 from dechirp.experiment.study.block import Block, Failure
 from dechirp.experiment.study.case import case_of
+from dechirp.experiment.study.data_set import Keeper, Keeping, about_point
 from dechirp.experiment.study.layout import Layout
 from dechirp.experiment.study.plan import Plan
 from dechirp.experiment.study.study import Requirement, Until
@@ -48,12 +49,15 @@ class Prepared:
         *,
         seed: int,
         sensor: str = "signal",
+        keep: Collection[str] = (),
     ) -> None:
         self.scenario, self.scores, self.seed = scenario, scores, seed
         self.case = case_of(scenario)
         check_scores(scores, scenario, self.case, sensor=sensor)
         self.layout = Layout.of_case(scores, self.case)
         self._needs = frozenset[Need]().union(*(score.needs for score in scores))
+        if "maps" in keep:
+            self._needs |= {"maps"}
         self._match = Matcher(self.case.truth, self.case.radar, self.case.scene)
         self._sensor = Sensor(scenario) if sensor == "statistical" else None
         self._echoes = self._noises = None
@@ -68,6 +72,11 @@ class Prepared:
         """Whether maps of noise alone need no samples."""
         is_white = np.isfinite(self.case.noise_power_w)
         return bool(is_white and draws_directly(self.case.radar, self.case.chain))
+
+    @property
+    def cube(self) -> xr.DataArray | None:
+        """Samples of the trial that was looked at last, which the next one overwrites."""
+        return self._cube
 
     def sums(self, trial: int) -> np.ndarray:
         """Sums of all scores of one trial, (n_columns,), see `Layout`."""
@@ -204,20 +213,25 @@ def _repeated(scenario: Scenario, echoes_of: Scene) -> Repeated:
     )
 
 
-def run_block(plan: Plan, point: int, number: int) -> Block:
+def run_block(plan: Plan, point: int, number: int, keeper: Keeper | None = None) -> Block:
     """Trials of one block, those that raise left out and told, on one thread.
+
+    `keeper` keeps their items for a data set; they are on disk on return.
 
     Raises
     ------
     DechirpError
-        If memory is short: that is not the trial's, which would do on another machine.
+        If memory is short, or the disk is full: that is not the trial's, which would do on
+        another machine.
     """
     trials = plan.study.trials
     first = number * trials.block
     numbers = range(first, min(first + trials.block, trials.at_most))
+    keeping = None if keeper is None else keeper.block(point, first)
     with alone(), heard() as said:
         started = perf_counter()
-        sums, failures = _tried(plan, point, numbers)
+        sums, failures = _tried(plan, point, numbers, keeping)
+        items = b"" if keeping is None else keeping.end(_about(plan, point, number))
         theory = _theory(plan, point) if number == 0 else None
         seconds = perf_counter() - started
     return Block(
@@ -229,7 +243,12 @@ def run_block(plan: Plan, point: int, number: int) -> Block:
         failures=tuple(failures),
         findings=tuple(dict.fromkeys(said)) if number == 0 else (),
         theory=theory,
+        items=items,
     )
+
+
+def _about(plan: Plan, point: int, number: int) -> Mapping[str, np.ndarray]:
+    return {} if number else about_point(plan, point)
 
 
 @lru_cache(maxsize=4)
@@ -242,7 +261,7 @@ def prepared(plan: Plan, point: int, trial: int) -> Prepared:
     """The scenario of a trial of a point, with what is drawn anew for it."""
     study = plan.study
     scenario = plan.scenario(point, plan.drawn(trial))
-    return Prepared(scenario, study.scores, seed=study.seed, sensor=study.sensor)
+    return Prepared(scenario, study.scores, seed=study.seed, sensor=study.sensor, keep=study.keep)
 
 
 @lru_cache(maxsize=2)
@@ -265,17 +284,27 @@ def _ready(plan: Plan, point: int, trial: int) -> Prepared:
     return made
 
 
-def _tried(plan: Plan, point: int, trials: range) -> tuple[np.ndarray, list[Failure]]:
+def _tried(
+    plan: Plan, point: int, trials: range, keeping: Keeping | None
+) -> tuple[np.ndarray, list[Failure]]:
     """Sums of some trials, (n_trials, n_columns), NaN where one raised, and what it said."""
     sums = np.full((len(trials), layout_of(plan).n_columns), np.nan)
     failures: list[Failure] = []
     for row, trial in enumerate(trials):
+        taken = None
         try:
-            sums[row] = _ready(plan, point, trial).sums(trial)
+            ready = _ready(plan, point, trial)
+            look = ready.look(trial)
+            of_trial = ready.sums_of(look)
+            if keeping is not None:
+                taken = keeping.taken(ready.case, ready.cube, look)
+            sums[row] = of_trial
         except MemoryError as error:
             raise _short_of_memory(point, trial, error) from None
         except Exception as error:  # whatever it is, it is this trial's: told with its number
             failures.append(Failure(trial, f"{type(error).__name__}: {error}"))
+        if keeping is not None:
+            keeping.add(taken)
     return sums, failures
 
 

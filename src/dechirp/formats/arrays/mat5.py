@@ -14,14 +14,14 @@ MathWorks, MAT-File Format, level 5.
 import math
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from dechirp.core.values import value
 from dechirp.formats.arrays.on_disk import Forward, mapped, streamed
-from dechirp.formats.arrays.stored import Part, Stored, parsing
+from dechirp.formats.arrays.stored import Part, Stored, parsing, too_large
 
 NEED = "a MATLAB file of version 5 to 7.3"
 
@@ -30,14 +30,15 @@ _HEAD_BYTES = 4096  # of an element: those before its numbers fit, with the long
 _MOST_ELEMENTS = 10_000
 
 _MATRIX, _COMPRESSED = 14, 15
-_COMPLEX = 0x0800
+_COMPLEX, _LOGICAL = 0x0800, 0x0200
+_WITHOUT_SIZES = (0, 16, 17)  # functions, objects: their elements have another form
 # By number of the class: what MATLAB calls double, single, int8 and so on.
-_CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4"} | {
+CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4"} | {
     14: "i8",
     15: "u8",
 }
 # By number of the type: how the numbers are kept.
-_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"} | {
+TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"} | {
     12: "i8",
     13: "u8",
 }
@@ -98,8 +99,8 @@ class Variable:
         fill = self._bytes()
         tag = np.empty(8, np.uint8)
         fill(at, tag)
-        kind, n_bytes, start, after = _element(tag.tobytes(), 0, self.order)
-        dtype = np.dtype(self.order + _TYPES[kind])
+        kind, n_bytes, start, after = element(tag.tobytes(), 0, self.order)
+        dtype = np.dtype(self.order + TYPES[kind])
         needed = math.prod(self.shape) * dtype.itemsize
         if n_bytes != needed:
             raise ValueError(f"{n_bytes} bytes for an array of {needed}")
@@ -124,19 +125,98 @@ class Variable:
         return fill
 
 
-def variables(path: Path) -> dict[str, Variable]:
-    """Arrays of numbers in the file, by name; texts, structures and others are left out.
+@value
+class Element:
+    """A variable of any class in the file."""
+
+    path: Path
+    order: str
+    """`<` or `>`: which byte of a number comes first."""
+    start: int
+    """First byte of it in the file, or of the compressed bytes of it."""
+    n_bytes: int
+    """In the file."""
+    is_packed: bool
+    head: bytes
+    """Those before its numbers, unpacked."""
+
+    @property
+    def name(self) -> str:
+        """Empty for what MATLAB keeps for itself."""
+        return header(self.head, 0, self.order).name
+
+    def content(self, most: int) -> bytes:
+        """All of it, unpacked; raises `RecordingError` if that is more than so many bytes."""
+        if self.is_packed:
+            made = _unpacked(self.path, self.start, self.n_bytes).head(most + 1)
+            n_bytes = len(made)
+        else:
+            n_bytes = self.n_bytes
+        if n_bytes > most:
+            what = f"a variable {self.name!r} of more than {most} bytes"
+            raise too_large(self.path, what, file_bytes=self.path.stat().st_size)
+        if self.is_packed:
+            return made
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            return file.read(n_bytes)
+
+
+@value
+class Header:
+    """What an array says before its numbers."""
+
+    kind: int
+    """Number of its class."""
+    is_complex: bool
+    is_logical: bool
+    shape: tuple[int, ...]
+    name: str
+    after: int
+    """Where its first part is."""
+
+
+def header(data: bytes, at: int, order: str) -> Header:
+    """Header of the array whose element begins there; nameless where the class has another form.
+
+    Raises
+    ------
+    ValueError, struct.error
+        If it is damaged.
+    """
+    kind, _, at, _ = element(data, at, order)
+    if kind != _MATRIX:
+        raise ValueError(f"an element of type {kind}")
+    _, _, flags_at, at = element(data, at, order)
+    (flags,) = struct.unpack_from(f"{order}I", data, flags_at)
+    if flags & 0xFF in _WITHOUT_SIZES:
+        return Header(
+            kind=flags & 0xFF, is_complex=False, is_logical=False, shape=(), name="", after=at
+        )
+    _, n_bytes, sizes_at, at = element(data, at, order)
+    shape = struct.unpack_from(f"{order}{n_bytes // 4}i", data, sizes_at)
+    _, n_bytes, name_at, at = element(data, at, order)
+    return Header(
+        kind=flags & 0xFF,
+        is_complex=bool(flags & _COMPLEX),
+        is_logical=bool(flags & _LOGICAL),
+        shape=shape,
+        name=data[name_at : name_at + n_bytes].decode("latin-1"),
+        after=at,
+    )
+
+
+def elements(path: Path) -> Iterator[Element]:
+    """Variables of a file, of any class, in their order.
 
     Raises
     ------
     RecordingError
         If the file is damaged.
     """
-    found: dict[str, Variable] = {}
     size = path.stat().st_size
     with parsing(path, NEED), path.open("rb") as file:
-        header = file.read(_HEADER_BYTES)
-        order = {b"IM": "<", b"MI": ">"}[header[126:128]]
+        order = {b"IM": "<", b"MI": ">"}[file.read(_HEADER_BYTES)[126:128]]
         at = _HEADER_BYTES
         for _ in range(_MOST_ELEMENTS):
             file.seek(at)
@@ -146,52 +226,59 @@ def variables(path: Path) -> dict[str, Variable]:
             kind, n_bytes = struct.unpack(f"{order}II", tag)
             if at + 8 + n_bytes > size:
                 raise EOFError(f"a variable of {n_bytes} bytes at byte {at} of {size}")
-            if kind == _COMPRESSED:
-                start, packed = at + 8, n_bytes
-                head = _unpacked(path, start, packed).head(_HEAD_BYTES)
-            elif kind == _MATRIX:
-                start, packed = at, None
+            if kind not in (_COMPRESSED, _MATRIX):
+                raise ValueError(f"an element of type {kind} at byte {at}")
+            is_packed = kind == _COMPRESSED
+            if is_packed:
+                start, n_held = at + 8, n_bytes
+                head = _unpacked(path, start, n_held).head(_HEAD_BYTES)
+            else:
+                start, n_held = at, n_bytes + 8
                 file.seek(at)
                 head = file.read(_HEAD_BYTES)
-            else:
-                raise ValueError(f"an element of type {kind} at byte {at}")
-            found |= _variable(path, head, order, start, packed)
+            yield Element(
+                path=path, order=order, start=start, n_bytes=n_held, is_packed=is_packed, head=head
+            )
             at += 8 + n_bytes
+
+
+def variables(path: Path) -> dict[str, Variable]:
+    """Arrays of numbers in the file, by name; texts, structures and others are left out.
+
+    Raises
+    ------
+    RecordingError
+        If the file is damaged.
+    """
+    found: dict[str, Variable] = {}
+    with parsing(path, NEED):
+        for one in elements(path):
+            found |= variable(one)
     return found
 
 
-def _variable(
-    path: Path, head: bytes, order: str, start: int, packed: int | None
-) -> dict[str, Variable]:
-    """Array that an element holds, by name; none if it holds something else."""
-    kind, _, at, _ = _element(head, 0, order)
-    if kind != _MATRIX:
-        raise ValueError(f"an element of type {kind}")
-    _, _, flags_at, at = _element(head, at, order)
-    (flags,) = struct.unpack_from(f"{order}I", head, flags_at)
-    numbers = _CLASSES.get(flags & 0xFF)
+def variable(one: Element) -> dict[str, Variable]:
+    """Array of numbers that an element is, by name; none if it is something else."""
+    said = header(one.head, 0, one.order)
+    numbers = CLASSES.get(said.kind)
     if numbers is None:
         return {}
-    _, n_bytes, sizes_at, at = _element(head, at, order)
-    shape = struct.unpack_from(f"{order}{n_bytes // 4}i", head, sizes_at)
-    _, n_bytes, name_at, at = _element(head, at, order)
-    name = head[name_at : name_at + n_bytes].decode("latin-1")
-    if not shape or min(shape) < 0 or at + 8 > len(head):
-        raise ValueError(f"a variable {name!r} of sizes {shape}")
-    variable = Variable(
-        path=path,
-        order=order,
-        start=start,
-        packed_bytes=packed,
-        shape=shape,
+    if not said.shape or min(said.shape) < 0 or said.after + 8 > len(one.head):
+        raise ValueError(f"a variable {said.name!r} of sizes {said.shape}")
+    made = Variable(
+        path=one.path,
+        order=one.order,
+        start=one.start,
+        packed_bytes=one.n_bytes if one.is_packed else None,
+        shape=said.shape,
         numbers=np.dtype(numbers),
-        is_complex=bool(flags & _COMPLEX),
-        first_part=at,
+        is_complex=said.is_complex,
+        first_part=said.after,
     )
-    return {name: variable} if name else {}  # what MATLAB keeps for itself has no name
+    return {said.name: made} if said.name else {}  # what MATLAB keeps for itself has no name
 
 
-def _element(head: bytes, at: int, order: str) -> tuple[int, int, int, int]:
+def element(head: bytes, at: int, order: str) -> tuple[int, int, int, int]:
     """Type of an element, its size, where its data are, and where the next one is."""
     kind, n_bytes = struct.unpack_from(f"{order}II", head, at)
     if kind >> 16:  # up to 4 bytes lie within the tag itself

@@ -76,6 +76,8 @@ def bare_contents(
         decode=best.decode,
         gaps=best.gaps(),
         findings=findings,
+        scale=best.code.scale,
+        device=settings.device,
         iq=iq,
         settings_path=settings.path,
         concentration=concentrations[place],

@@ -42,9 +42,22 @@ class Code:
         return 16 - self.bits
 
     @property
+    def scale(self) -> float:
+        """Size of one step, where full scale is 1."""
+        return 2.0 ** (1 - self.bits)
+
+    @property
     def flip(self) -> int:
         """Bits to turn around, of a word shifted up, that make it two's complement."""
         return -32768 if self.offset_binary else 0
+
+    def words(self, codes: np.ndarray) -> np.ndarray:
+        """Words of codes, (chirp, rx, sample) or (chirp, rx, sample, 2), int16 of the same shape.
+
+        Of complex ones the part that comes first is first. Bits above the code repeat its sign.
+        """
+        words = ((codes << self.unused_bits) ^ self.flip) >> self.unused_bits
+        return words[..., ::-1] if words.ndim == 4 and self.iq == "qi" else words
 
 
 class Layout(ABC):
@@ -69,6 +82,18 @@ class Layout(ABC):
             How a word stands for a number.
         """
 
+    @abstractmethod
+    def encode(self, codes: np.ndarray, code: Code) -> np.ndarray:
+        """Words of so many chirps, (chirp, word) int16, of which `decode` makes the codes again.
+
+        Parameters
+        ----------
+        codes : (chirp, rx, sample) int16, or (chirp, rx, sample, 2) of complex samples
+            Of the converter, both parts of a sample side by side, the in-phase part first.
+        code : Code
+            How a word stands for a number.
+        """
+
 
 @value
 class TwoLanes(Layout):
@@ -88,6 +113,14 @@ class TwoLanes(Layout):
         rows = out.reshape(len(out), -1).view(np.float32)
         _convert(words.reshape(rows.shape), rows, code.unused_bits, code.flip)
 
+    def encode(self, codes: np.ndarray, code: Code) -> np.ndarray:
+        """See `Layout.encode`; complex samples must be even in number."""
+        words = code.words(codes)
+        if words.ndim == 4:
+            groups = words.reshape(*words.shape[:2], -1, 2, 2)
+            words = np.swapaxes(groups, -2, -1)
+        return words.reshape(len(codes), -1)
+
 
 @value
 class FourLanes(Layout):
@@ -105,6 +138,13 @@ class FourLanes(Layout):
     def decode(self, words: np.ndarray, out: np.ndarray, code: Code) -> None:
         """See `Layout.decode`."""
         _in_turn(words, out, code, np.array(self.receivers), n_present=N_LANES, of_lanes=True)
+
+    def encode(self, codes: np.ndarray, code: Code) -> np.ndarray:
+        """See `Layout.encode`; lanes that do not count are zero."""
+        turns = np.moveaxis(code.words(codes), 1, -1)
+        words = np.zeros((*turns.shape[:-1], N_LANES), np.int16)
+        words[..., self.receivers] = turns
+        return words.reshape(len(codes), -1)
 
 
 @value
@@ -125,6 +165,13 @@ class Pairs(Layout):
         """See `Layout.decode`."""
         places = np.array(self.receivers)
         _in_turn(words, out, code, places, n_present=self.n_present, of_lanes=False)
+
+    def encode(self, codes: np.ndarray, code: Code) -> np.ndarray:
+        """See `Layout.encode`; places that do not count are zero."""
+        turns = np.moveaxis(code.words(codes), 1, 2)
+        words = np.zeros((*turns.shape[:2], self.n_present, *turns.shape[3:]), np.int16)
+        words[:, :, self.receivers] = turns
+        return words.reshape(len(codes), -1)
 
 
 def _in_turn(

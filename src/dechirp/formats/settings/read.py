@@ -1,12 +1,13 @@
 """Settings of a recording, from whatever file holds them."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from dechirp.config import files
 from dechirp.config.models import Readers
-from dechirp.core.errors import RecordingError
+from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.formats.settings import (
     infineon_json,
     mmwave_json,
@@ -76,8 +77,8 @@ def read_settings(file: Path, device: Device | None = None) -> Settings:
 def find_settings(recording: Path) -> Path:
     """Find the settings file beside a recording: of the same name, else the only one.
 
-    A `.setup.json` and the `.mmwave.json` it names are one. Links that lead out of the folder
-    are left alone.
+    A `.setup.json` and the `.mmwave.json` it names are one; of several of the recording's name
+    that say the same, it is the first. Links that lead out of the folder are left alone.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def find_settings(recording: Path) -> Path:
         )
     ]
     for choice in (exact, named, candidates):
-        if len(choice) == 1:
+        if len(choice) == 1 or (choice and choice is not candidates and _say_the_same(choice)):
             return choice[0]
         if choice:
             break
@@ -116,6 +117,15 @@ def find_settings(recording: Path) -> Path:
         fix="Give the radar: --radar FILE (radar=FILE in Python), a YAML file or the settings"
         " file of its vendor.",
     )
+
+
+def _say_the_same(files: Sequence[Path]) -> bool:
+    """Whether several files are settings of one radar, and of one layout."""
+    try:
+        said = [replace(read_settings(file), path=None, findings=()) for file in files]
+    except DechirpError:
+        return False
+    return all(one == said[0] for one in said)
 
 
 def holds_settings(file: Path) -> bool:

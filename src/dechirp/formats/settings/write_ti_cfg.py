@@ -11,9 +11,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dechirp.core.checks import Vector, whole
+from dechirp.core.checks import whole
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
-from dechirp.radar.array import Array
+from dechirp.formats.settings.base import Iq
+from dechirp.formats.settings.ti_numbers import (
+    antennas_on,
+    decimal,
+    in_steps,
+    mask,
+    must_be_one_profile,
+)
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.known import device as device_named
@@ -21,18 +28,22 @@ from dechirp.radar.devices.rules import USABLE_BAND
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
-# Times count in 10 ns, frame periods in 5 ns, rates in 1 kS/s: `Limits` of every TI chip.
-_TIMES_PER_S, _PERIODS_PER_S, _RATE_HZ = 1e8, 2e8, 1e3
 _FIRST = "xwr1443"  # its demo ended with SDK 2, and knows no sub-frames
 _SDKS = {_FIRST: (1, 2, 3), "xwr1642": (2, 3), "xwr1843": (3,), "xwr6843": (3,)}
 _GAINS = {"xwr6843": 158}  # 30 dB, and a code for the radio's own, as TI's files have it
 _LOW_POWER = ("xwr1642",)  # whose converter TI's files run in its mode of less power
 _BPM = ("xwr1642", "xwr6843")  # whose demos also wait for the code of their transmitters
-_APART_M = 10e-6  # positions that are the same: 1 degree of phase
 _THRESHOLD_DB = 15
 
 
-def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: int = 3) -> str:
+def ti_cfg_text(
+    radar: Radar,
+    *,
+    device: Device | str,
+    n_frames: int = 0,
+    sdk: int = 3,
+    iq: Iq | None = None,
+) -> str:
     """Text of the file with which a TI device becomes a radar.
 
     Times, rates and periods are rounded to the chip's steps. Start and slope, whose steps
@@ -50,6 +61,9 @@ def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: i
     sdk : {3, 2, 1}
         SDK of the demo: 3, or 2 for an xwr1642. That of the xwr1443 ended with 2, and takes the
         same commands since 1.2: it gets them for 3 as well.
+    iq : {"iq", "qi"}, optional
+        Which part of a sample comes first in a capture that the file shall describe; without
+        it as the demo processes them.
 
     Raises
     ------
@@ -63,7 +77,8 @@ def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: i
     whole("n_frames", n_frames, at_least=0, at_most=65_535)
     _demo_must_be(of, sdk)
     tx, rx = antennas_on(radar.array, of)
-    rounded = replace(radar, frame=_in_steps(radar.frame))
+    _must_be_told(radar.frame)
+    rounded = replace(radar, frame=in_steps(radar.frame))
     broken = [rule for rule in of.broken_rules(rounded) if rule.level == "error"]
     if broken:
         raise DechirpError(
@@ -76,14 +91,15 @@ def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: i
     index = "" if first else "-1 "
     new = sdk == 3 and not first
     # Q comes first, but for the demo of SDK 2 on a DSP. The first chip alternates receivers.
-    layout = "0 1 0 1" if first else "0 1 1 1" if new else "0 0 1 1"
+    q_first = new or first if iq is None else iq == "qi"
+    layout = f"0 {int(q_first)} {int(not first)} 1"
     lines = [
         f"% Created for SDK ver:{'03' if new else '02'}",
         f"% Platform:xWR{of.kind()[3:5]}xx",
         "sensorStop",
         "flushCfg",
         "dfeDataOutputMode 1",
-        f"channelCfg {_mask(rx)} {_mask(tx)} 0",
+        f"channelCfg {mask(rx)} {mask(tx)} 0",
         "adcCfg 2 1",
         f"adcbufCfg {index}{layout}",
         *_sent(rounded.frame, tx, n_frames, gain=_GAINS.get(of.kind(), 30)),
@@ -92,29 +108,6 @@ def ti_cfg_text(radar: Radar, *, device: Device | str, n_frames: int = 0, sdk: i
         "sensorStart",
     ]
     return "\n".join(lines) + "\n"
-
-
-def antennas_on(array: Array, of: Device) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Which antennas of a device those of an array are: transmitters, then receivers, from 0.
-
-    All transmitters may lie elsewhere by one vector, and all receivers: that turns the phases
-    of all echoes alike.
-
-    Raises
-    ------
-    InvalidSetting
-        If they are not, or if receivers come in another order than their samples.
-    """
-    tx = _places("Radar.array.tx_m", array.tx_m, of.tx_m, of)
-    rx = _places("Radar.array.rx_m", array.rx_m, of.rx_m, of)
-    if list(rx) != sorted(rx):
-        raise InvalidSetting(
-            "Radar.array.rx_m",
-            got=f"receivers {', '.join(str(place + 1) for place in rx)} of {of.name}",
-            need="in the order of the board, in which their samples come",
-            fix="Sort them.",
-        )
-    return tx, rx
 
 
 def _demo_must_be(of: Device, sdk: int) -> None:
@@ -135,49 +128,13 @@ def _demo_must_be(of: Device, sdk: int) -> None:
         )
 
 
-def _places(
-    where: str, used: Sequence[Vector], there: Sequence[Vector], of: Device
-) -> tuple[int, ...]:
-    """Place of each used antenna among those that are there, with the smallest shift of all."""
-    shifts = (tuple(b - a for a, b in zip(used[0], one, strict=True)) for one in there)
-    for shift in sorted(shifts, key=lambda shift: math.hypot(*shift)):
-        moved = [tuple(a + b for a, b in zip(one, shift, strict=True)) for one in used]
-        places = [
-            next((n for n, one in enumerate(there) if math.dist(one, at) < _APART_M), -1)
-            for at in moved
-        ]
-        if -1 not in places and len(set(places)) == len(places):
-            return tuple(places)
-    raise InvalidSetting(
-        where,
-        got="at positions that are not those of the board",
-        need=f"some of those of {of.name}: "
-        + ", ".join(f"({x * 1e3:.3g}, {y * 1e3:.3g}, {z * 1e3:.3g}) mm" for x, y, z in there),
-        fix=f"Take the array from the device: device('{of.kind()}').part(tx_mask, rx_mask).",
-    )
-
-
-def _mask(places: Sequence[int]) -> int:
-    return sum(1 << place for place in places)
-
-
-def _in_steps(frame: Frame) -> Frame:
-    """Make a frame of which the chip can count every time and rate."""
-    chirp = frame.chirp
-    if frame.n_intervals > 1 or frame.modulation is not None:
-        several = frame.n_intervals > 1
-        raise InvalidSetting(
-            "Frame.interval_s" if several else "Frame.modulation",
-            got=f"a list of {frame.n_intervals}" if several else "ramps that differ",
-            need="one profile, with one interval: no other is written as .cfg",
-            fix="Write each as a configuration of its own, such as of radar.at(0)."
-            if several
-            else "Leave the modulation out, or set the chip up with another tool.",
-        )
-    if chirp.sampling != "complex":
+def _must_be_told(frame: Frame) -> None:
+    """Raise `InvalidSetting` for what the commands have no numbers for."""
+    must_be_one_profile(frame)
+    if frame.chirp.sampling != "complex":
         raise InvalidSetting(
             "Chirp.sampling",
-            got=chirp.sampling,
+            got=frame.chirp.sampling,
             need="complex: the demo processes no other samples",
             fix="Take complex samples, at half the rate for the same range.",
         )
@@ -188,25 +145,6 @@ def _in_steps(frame: Frame) -> Frame:
             need="given: the chip starts frames by its clock, and rests between them",
             fix=f"Give one above {frame.duration_s * 1e3:.6g} ms.",
         )
-    rate_hz = round(chirp.sample_rate_hz / _RATE_HZ) * _RATE_HZ
-    adc_start_s = round(chirp.adc_start_s * _TIMES_PER_S) / _TIMES_PER_S
-    # The end of the ramp, and the period, are rounded up, so that all that was in them fits.
-    last_sample_s = adc_start_s + (chirp.n_samples - 1) / rate_hz if rate_hz else 0.0
-    ramp_s = _up(max(chirp.ramp_duration_s, last_sample_s), _TIMES_PER_S)
-    idle_s = max(round((frame.only_interval_s - ramp_s) * _TIMES_PER_S), 0) / _TIMES_PER_S
-    return replace(
-        frame,
-        chirp=replace(
-            chirp, sample_rate_hz=rate_hz, adc_start_s=adc_start_s, ramp_duration_s=ramp_s
-        ),
-        interval_s=ramp_s + idle_s,
-        period_s=_up(frame.period_s, _PERIODS_PER_S),
-    )
-
-
-def _up(time_s: float, steps_per_s: float) -> float:
-    """Round up, but not for the sake of the last digits of a float."""
-    return math.ceil(time_s * steps_per_s - 1e-4) / steps_per_s
 
 
 def _sent(frame: Frame, tx: Sequence[int], n_frames: int, gain: int) -> list[str]:
@@ -215,46 +153,25 @@ def _sent(frame: Frame, tx: Sequence[int], n_frames: int, gain: int) -> list[str
     idle_s = frame.only_interval_s - chirp.ramp_duration_s
     numbers = (
         "0",
-        _decimal(chirp.start_frequency_hz / 1e9, 9),
+        decimal(chirp.start_frequency_hz / 1e9, 9),
         *(
-            _decimal(time_s * 1e6, 2)
+            decimal(time_s * 1e6, 2)
             for time_s in (idle_s, chirp.adc_start_s, chirp.ramp_duration_s)
         ),
         "0 0",
-        _decimal(chirp.slope_hz_per_s / 1e12, 4),
+        decimal(chirp.slope_hz_per_s / 1e12, 4),
         "1",
         str(chirp.n_samples),
-        _decimal(chirp.sample_rate_hz / 1e3, 0),
+        decimal(chirp.sample_rate_hz / 1e3, 0),
         f"0 0 {gain}",
     )
-    turns = [1 << tx[index] for index in _turns(frame)]
-    period_ms = _decimal((frame.period_s or frame.duration_s) * 1e3, 6)
+    turns = [1 << tx[index] for index in frame.turns or ()]
+    period_ms = decimal((frame.period_s or frame.duration_s) * 1e3, 6)
     return [
         f"profileCfg {' '.join(numbers)}",
         *(f"chirpCfg {n} {n} 0 0 0 0 0 {mask}" for n, mask in enumerate(turns)),
         f"frameCfg 0 {len(turns) - 1} {frame.n_chirps} {n_frames} {period_ms} 1 0",
     ]
-
-
-def _turns(frame: Frame) -> tuple[int, ...]:
-    """Transmitters in their order, which must take turns."""
-    if frame.turns is None:
-        raise InvalidSetting(
-            "Frame.multiplexing",
-            got="one in which several transmitters send in a chirp",
-            need="of kind tdm, or none: no other is written as .cfg",
-            fix="Let the transmitters take turns, or set the chip up with another tool.",
-        )
-    return frame.turns
-
-
-def _decimal(number: float, digits: int) -> str:
-    """Fixed point, rounded up: what was a step of the chip must not become the one below.
-
-    The last digit is at most 1/50 of a step of the chip, for start and slope.
-    """
-    text = f"{math.ceil(number * 10**digits - 1e-4) / 10**digits:.{digits}f}"
-    return text.rstrip("0").rstrip(".") if digits else text
 
 
 def _processing(radar: Radar, of: Device) -> list[str]:

@@ -46,14 +46,14 @@ class _Scale:
     label: str
 
 
-def whole(marked: MarkedMap) -> Markup:
+def whole(marked: MarkedMap, *, in_colours_of: MarkedMap | None = None) -> Markup:
     """Draw the whole map, with the strongest detections circled.
 
-    Large maps are drawn from the largest cell of each block, so that no peak is lost.
+    Large maps are drawn from the largest cell of each block, so that no peak is lost. In the
+    colours of another map both can be compared by eye.
     """
-    return _drawn(
-        marked, marked.power, _absolute(marked), label="Range-Doppler map", circle_points=11
-    )
+    scale = _absolute(marked if in_colours_of is None else in_colours_of)
+    return _drawn(marked, marked.power, scale, label="Range-Doppler map", circle_points=11)
 
 
 def whole_picture(marked: MarkedMap, *, title: str) -> bytes:

@@ -38,8 +38,8 @@ def _profile(power: xr.DataArray, *, units: str, title: str) -> bytes:
 
 def points_from_above(points: xr.Dataset, *, title: str) -> bytes:
     """PNG of all detections seen from above, those that move in another colour."""
-    forward = points.range * np.cos(points.elevation) * np.cos(points.azimuth)
-    left = points.range * np.cos(points.elevation) * np.sin(points.azimuth)
+    ground = points.range * np.cos(points.elevation.fillna(0.0))  # a level array tells none
+    forward, left = ground * np.cos(points.azimuth), ground * np.sin(points.azimuth)
     moving = abs(points.velocity) > 0
     groups = (("at rest", ~moving, BLUE), ("moving", moving, ORANGE))
 

@@ -1,0 +1,167 @@
+"""How fast int16 codes go to a Zarr store and come back, beside the same bytes in a bare file.
+
+Frames of 1 MiB: 128 chirps, 8 receivers, 256 complex samples, noise of 12 bits; 20 of them, and
+256. All in the file cache, in one folder of the disk that the argument names (a temporary one
+without it), files new each time. Ratios of the fastest of turns A B A B:
+
+write    `write_cube` of int16 codes over `ndarray.tofile` of the same codes; at most 2.
+encode   the same of the complex64 cube, whose codes are made and checked bit by bit, over its
+         codes made by NumPy, cube / scale, rint and astype, and `tofile` of those.
+read     all codes by `zarr.open_array(...)[:]` over `numpy.fromfile`; at most 2.
+decode   the complex64 cube by `dechirp.open(...).cube` over `fromfile` and codes * scale.
+frames   the same frame by frame, `dechirp.open(...).frames()`: one is held at a time.
+
+Radar, coordinates and metadata take the same time whatever the number of frames: that of a store
+of one frame is given in ms, and is part of `write` and `encode`.
+
+    python benchmarks/exchange.py [FOLDER]
+"""
+
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+
+for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[pool] = "1"
+
+import numpy as np
+import xarray as xr
+import zarr
+
+import dechirp as dc
+from dechirp.radar.cube import labelled_cube
+from dechirp.store.cube import write_cube
+
+N_CHIRPS, N_RX, N_SAMPLES = 128, 8, 256
+SCALE = 2.0**-15
+TURNS = 9
+CHIRP = dc.Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=30e12,
+    ramp_duration_s=30e-6,
+    sample_rate_hz=10e6,
+    n_samples=N_SAMPLES,
+    sampling="complex",
+)
+RADAR = dc.Radar(
+    frame=dc.Frame(chirp=CHIRP, n_chirps=N_CHIRPS, interval_s=40e-6, period_s=50e-3),
+    array=dc.Array(rx_m=tuple((0.0, 0.002 * n, 0.0) for n in range(N_RX))),
+)
+
+
+class Case:
+    """Codes of so many frames, and the ways to write and to read them."""
+
+    def __init__(self, folder: Path, n_frames: int) -> None:
+        rng = np.random.default_rng(1)
+        shape = (n_frames, N_CHIRPS, N_RX, N_SAMPLES, 2)
+        self.numbers = rng.normal(0, 40, shape).round().astype(np.int16)
+        samples = (self.numbers * np.float32(SCALE)).view(np.complex64)[..., 0]
+        self.cube = labelled_cube(samples, RADAR, units="full scale").assign_attrs(scale=SCALE)
+        self.codes = dc.codes(self.cube)
+        self.frames_of_codes, self.frames_of_cube = (
+            [cube[index : index + 1] for index in range(n_frames)]
+            for cube in (self.codes, self.cube)
+        )
+        self.store, self.bare = folder / "x.zarr", folder / "x.bin"
+
+    def clear(self) -> None:
+        """Take away what was written."""
+        shutil.rmtree(self.store, ignore_errors=True)
+        self.bare.unlink(missing_ok=True)
+
+    def tofile(self) -> None:
+        """Write the codes to a bare file."""
+        self.numbers.tofile(self.bare)
+
+    def write(self, frames: list[xr.DataArray]) -> None:
+        """Write frames to a store."""
+        write_cube(self.store, frames, n_frames=len(frames), radar=RADAR, groups={})
+
+    def by_hand(self) -> None:
+        """Make codes of the samples with NumPy and write them to a bare file."""
+        parts = self.cube.values.view(np.float32)
+        np.rint(parts / np.float32(SCALE)).astype(np.int16).tofile(self.bare)
+
+    def fromfile(self) -> np.ndarray:
+        """Read the bare file."""
+        return np.fromfile(self.bare, np.int16)
+
+    def read(self) -> np.ndarray:
+        """Read the codes of the store with Zarr alone."""
+        return np.asarray(zarr.open_array(self.store / "cube", mode="r")[:])
+
+    def decoded_by_hand(self) -> np.ndarray:
+        """Read the bare file and make samples of it with NumPy."""
+        return (self.fromfile() * np.float32(SCALE)).view(np.complex64)
+
+    def decode(self) -> np.ndarray:
+        """Read the samples of the store at once."""
+        return dc.open(self.store).cube.values
+
+    def frames(self) -> None:
+        """Read the samples of the store frame by frame."""
+        for _ in dc.open(self.store).frames():
+            pass
+
+
+def seconds(call: Callable[[], object], before: Callable[[], object]) -> float:
+    before()
+    start = perf_counter()
+    kept = call()
+    taken = perf_counter() - start
+    del kept
+    return taken
+
+
+def ratio(
+    ours: Callable[[], object], theirs: Callable[[], object], before: Callable[[], object]
+) -> dict[str, float]:
+    """Fastest of each, in turns, in ms, and their ratio."""
+    pairs = [(seconds(ours, before), seconds(theirs, before)) for _ in range(TURNS)]
+    one, other = (min(times) for times in zip(*pairs, strict=True))
+    return {
+        "ratio": round(one / other, 2),
+        "ms": round(1e3 * one, 1),
+        "of_ms": round(1e3 * other, 1),
+    }
+
+
+def measured(folder: Path, n_frames: int) -> dict[str, object]:
+    case = Case(folder, n_frames)
+    written, coded = case.frames_of_codes, case.frames_of_cube
+    case.write(coded[:1])  # compiles, imports
+    alone = [seconds(lambda: case.write(written[:1]), case.clear) for _ in range(TURNS)]
+    made: dict[str, object] = {
+        "MiB": case.numbers.nbytes >> 20,
+        "one frame, ms": round(1e3 * min(alone), 1),
+        "write": ratio(lambda: case.write(written), case.tofile, case.clear),
+        "encode": ratio(lambda: case.write(coded), case.by_hand, case.clear),
+    }
+    case.clear()
+    case.write(written)
+    case.tofile()
+    case.decode()
+    for name, ours, theirs in (
+        ("read", case.read, case.fromfile),
+        ("decode", case.decode, case.decoded_by_hand),
+        ("frames", case.frames, case.decoded_by_hand),
+    ):
+        made[name] = ratio(ours, theirs, lambda: None)
+    case.clear()
+    return made
+
+
+def main() -> None:
+    place = sys.argv[1] if len(sys.argv) > 1 else None
+    with tempfile.TemporaryDirectory(dir=place) as folder:
+        print(json.dumps([measured(Path(folder), n) for n in (20, 256)], indent=2))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""Whether a stream keeps up: a DCA1000 at full rate, on loopback.
+
+20 frames/s of 128 chirps x 8 channels x 256 complex samples of int16: 1 MiB a frame, 21 MB/s,
+14,400 packets/s. The channels are two transmitters that take turns with four receivers each, as a
+DCA1000 has four lanes: 256 chirps are sent a frame. Another process sends, in steps of 16 packets,
+which takes one core most of its time; both share this machine.
+
+taken      frames are taken, and nothing is done with them
+detected   each goes through `detect`: maps, detections, directions
+held       after every 15th, Python code runs for 0.5 s and does not let go of the interpreter
+
+For each: frames a second; packets lost; frames with gaps; share of a core that this process takes
+(receiving, placing, decoding, and what is done with the frames).
+
+    python benchmarks/streams.py [SECONDS]
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[pool] = "1"
+
+import numpy as np
+import xarray as xr
+
+import dechirp as dc
+
+FRAMES_PER_S = 20
+CHIRP = dc.Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=30e12,
+    ramp_duration_s=30e-6,
+    sample_rate_hz=10e6,
+    n_samples=256,
+    sampling="complex",
+)
+RADAR = dc.Radar(
+    frame=dc.Frame(
+        chirp=CHIRP,
+        n_chirps=128,
+        interval_s=40e-6,
+        period_s=1 / FRAMES_PER_S,
+        multiplexing=dc.Tdm(order=(0, 1)),
+    ),
+    array=dc.Array(
+        tx_m=((0.0, 0.0, 0.0), (0.0, 0.0076, 0.0)),
+        rx_m=tuple((0.0, 0.0019 * n, 0.0) for n in range(4)),
+    ),
+)
+FRAME_BYTES = RADAR.frame.n_sent * 4 * 256 * 4
+SENDER = """
+import sys, dechirp as dc
+print(dc.replay(sys.argv[1], sys.argv[2], bytes_per_s=float(sys.argv[3])))
+"""
+
+
+def streamed(capture: Path, use: Callable[[int, xr.DataArray], object]) -> dict[str, float]:
+    """Send the capture, take its frames, and do something with each."""
+    told = {"radar": RADAR, "device": "xwr1843", "iq": "iq"}
+    first = next(iter(dc.open(capture, **told, frames=(0, 1)).frames()))
+    use(1, first)  # compiles
+    pace = str(FRAMES_PER_S * FRAME_BYTES)
+    with dc.listen("127.0.0.1:0", **told, idle_s=5) as stream:
+        arguments = [sys.executable, "-c", SENDER, str(capture), stream.address, pace]
+        with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as sender:
+            times_s, n_gaps, busy_s = [], 0, 0.0
+            for frame in stream:
+                if not times_s:
+                    busy_s = -time.process_time()
+                times_s.append(time.perf_counter())
+                n_gaps += bool(frame.gap.any())
+                use(len(times_s), frame)
+                if len(times_s) * FRAME_BYTES >= capture.stat().st_size:
+                    break
+            busy_s += time.process_time()
+            n_sent = int(sender.communicate()[0])
+    took_s = times_s[-1] - times_s[0]
+    return {
+        "frames": len(times_s),
+        "frames_per_s": (len(times_s) - 1) / took_s,
+        "packets_sent": n_sent,
+        "packets_lost": -(-stream._window.lost_bytes // 1456),
+        "frames_with_gaps": n_gaps,
+        "share_of_a_core": busy_s / took_s,
+    }
+
+
+def held(n: int, frame: xr.DataArray) -> None:
+    """Keep the interpreter for 0.5 s, now and then."""
+    end_s = time.perf_counter() + (0 if n % 15 else 0.5)
+    while time.perf_counter() < end_s:
+        sum(range(100))
+
+
+def main() -> None:
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
+    n_frames = round(seconds * FRAMES_PER_S)
+    rng = np.random.default_rng(0)
+    with tempfile.TemporaryDirectory() as folder:
+        capture = Path(folder) / "capture.bin"
+        part = rng.integers(-2000, 2000, FRAME_BYTES // 2, dtype=np.int16).tobytes()
+        with capture.open("wb") as out:
+            for _ in range(n_frames):
+                out.write(part)
+        measured = {
+            "taken": streamed(capture, lambda n, frame: None),
+            "detected": streamed(capture, lambda n, frame: dc.detect(frame, RADAR)),
+            "held": streamed(capture, held),
+        }
+    print(json.dumps({"measured": measured, "at_most": {"packets_lost": 0}}, indent=2))
+    lost = any(one["packets_lost"] or one["frames"] < n_frames for one in measured.values())
+    raise SystemExit(1 if lost else 0)
+
+
+if __name__ == "__main__":
+    main()

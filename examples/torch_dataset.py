@@ -1,0 +1,127 @@
+"""A data set of `dechirp study` for PyTorch: maps or samples of items, and their labels.
+
+    dechirp study examples/studies/data-set.yaml
+    python examples/torch_dataset.py dechirp-study/data.zarr
+
+`Items` needs zarr and NumPy alone; `TorchItems` gives the same as tensors, and is read by as many
+workers of a `DataLoader` as one likes.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+try:
+    import torch
+    from torch.utils.data import Dataset
+except ImportError:  # the reading needs none of it
+    torch = None
+    Dataset = object
+
+
+class Items:
+    """Items that were made, one after the other, as arrays.
+
+    Parameters
+    ----------
+    path : Path
+        The folder `data.zarr`.
+    what : str
+        `power`: maps in dBW, float32 (frame, velocity, range). `cube`: samples in sqrt(W),
+        complex64, or float32 of real sampling, (frame, chirp, rx, sample).
+    trials : tuple of float
+        Share of the trials that are taken, from and to: (0, 0.8) to train, (0.8, 1) to test.
+        Trial t has the same noise at every point, so parts are of trials, not of points.
+    """
+
+    def __init__(
+        self, path: Path, what: str = "power", trials: tuple[float, float] = (0.0, 1.0)
+    ) -> None:
+        self.path, self.what = Path(path), what
+        self._group: zarr.Group | None = None
+        made = self.group["made"][:]
+        ends = np.round(np.array(trials) * made.shape[1]).astype(int)
+        places = np.argwhere(made)
+        self.places = places[(places[:, 1] >= ends[0]) & (places[:, 1] < ends[1])]
+        self.names = [str(name) for name in self.group["truth/target"][:]]
+        self.classes = [str(name) for name in self.group["truth/class"][:]]
+
+    @property
+    def group(self) -> zarr.Group:
+        """The data set; each process opens its own."""
+        if self._group is None:
+            self._group = zarr.open_group(self.path, mode="r")
+        return self._group
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_group": None}
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, index: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """The item, and its labels, each (frame, target).
+
+        `range` (m), `velocity` (m/s), `azimuth` (rad) and `snr` (ratio); of maps `row` and
+        `column` too: where on the map each target is, in cells.
+        """
+        point, trial = (int(one) for one in self.places[index])
+        truth = {
+            name: self.group[f"truth/{name}"][point, trial].astype(np.float32)
+            for name in ("range", "velocity", "azimuth", "snr")
+        }
+        numbers = self.group[self.what][point, trial]
+        if self.what == "power":
+            step_db = self.group["power"].attrs["scale_factor"]
+            return numbers * np.float32(step_db), {**truth, **self._cells(point, trial)}
+        samples = numbers * np.float32(self.group["cube_scale"][point, trial])
+        if self.group["cube"].metadata.dimension_names[-1] == "iq":
+            samples = samples.view(np.complex64)[..., 0]
+        return samples, truth
+
+    def _cells(self, point: int, trial: int) -> dict[str, np.ndarray]:
+        ranges, velocities = (self.group[f"{one}_bins"][point] for one in ("range", "velocity"))
+        at = {one: self.group[f"truth/map_{one}"][point, trial] for one in ("range", "velocity")}
+        rows = [
+            np.interp(of, bins, np.arange(len(bins)))
+            for of, bins in zip(at["velocity"], velocities, strict=True)
+        ]
+        columns = np.interp(at["range"], ranges, np.arange(len(ranges)))
+        return {"row": np.array(rows, np.float32), "column": columns.astype(np.float32)}
+
+
+class TorchItems(Dataset):
+    """The same as tensors, for `torch.utils.data.DataLoader`."""
+
+    def __init__(self, items: Items) -> None:
+        self.items = items
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __getitem__(self, index: int) -> tuple[Any, dict[str, Any]]:
+        item, labels = self.items[index]
+        return torch.from_numpy(item), {name: torch.from_numpy(of) for name, of in labels.items()}
+
+
+def main(path: str) -> None:
+    """Show the first item; with PyTorch, go through all of them in batches."""
+    items = Items(Path(path))
+    item, labels = items[0]
+    print(f"{len(items)} items of {items.what} {item.shape}")
+    for at, name in enumerate(items.names):
+        row, column = (float(labels[one][0, at]) for one in ("row", "column"))
+        print(f"{name} ({items.classes[at]}): row {row:.1f}, column {column:.1f}")
+    if torch is None:
+        print("PyTorch is not installed: no batches.")
+        return
+    loader = torch.utils.data.DataLoader(TorchItems(items), batch_size=32, shuffle=True)
+    n_batches = sum(1 for _ in loader)
+    print(f"{n_batches} batches")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,76 @@
+"""`dechirp run` on what is still arriving: a line for each frame, and Ctrl-C ends it well."""
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from dechirp.config.quantities import quantity
+from dechirp.core.errors import InvalidSetting
+from dechirp.experiment.run import Result
+from dechirp.experiment.scenario import Scenario
+from dechirp.experiment.watch import Seen, stream_of, watch
+from dechirp.live.stream import Stream
+from dechirp.live.udp import is_address
+from dechirp.report.words import fixed, ratio_db
+
+_IDLE = "10 s"
+
+
+def is_stream(scenario: Scenario, *, follow: bool, idle: str | None) -> bool:
+    """Whether a source is to be followed: it was asked for, or is an address.
+
+    Raises
+    ------
+    InvalidSetting
+        If a time to wait is given for another.
+    """
+    source = scenario.recording
+    if follow or (source is not None and is_address(source.path)):
+        return True
+    if idle is not None:
+        raise InvalidSetting(
+            "--idle",
+            got="given without --follow",
+            need="left out: nothing is waited for",
+            fix="Give --follow too, or leave it out.",
+        )
+    return False
+
+
+def followed(scenario: Scenario, *, idle: str | None, quiet: bool) -> Result:
+    """Follow until nothing comes or Ctrl-C; a line on standard error for each frame."""
+    idle_s = quantity(_IDLE if idle is None else idle, "s", setting="--idle")
+    stream = stream_of(scenario, idle_s=idle_s)
+    with _ended_by_interrupt(stream):
+        return watch(scenario, stream, tell=None if quiet else _tell)
+
+
+@contextmanager
+def _ended_by_interrupt(stream: Stream) -> Iterator[None]:
+    """Let Ctrl-C end the stream, so that its results are written; a second one ends all."""
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, before)
+        stream.stop()
+
+    before = signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _tell(seen: Seen) -> None:
+    n = seen.detections.sizes["detection"]
+    said = f"frame {seen.number}: {n} detection{'' if n == 1 else 's'}"
+    if n:
+        best = seen.detections.isel(detection=int(seen.detections.snr.values.argmax()))
+        said += (
+            f", the strongest at {fixed(float(best.range), 2)} m,"
+            f" {fixed(float(best.velocity), 2)} m/s, {fixed(ratio_db(float(best.snr)), 1)} dB"
+        )
+    if seen.n_gaps:
+        said += f"; {seen.n_gaps} chirps with gaps"
+    print(said, file=sys.stderr, flush=True)

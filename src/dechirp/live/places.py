@@ -1,0 +1,199 @@
+"""Packets of a DCA1000 put in their places, by the bytes sent before them, frame by frame.
+
+A packet has a uint32 number from 1, a uint48 count of the bytes sent before, and the payload,
+which is full in all but the last: so the number follows from the count, and what has others is no
+packet of samples.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from dechirp.core.memory import must_fit
+from dechirp.formats.streams.packets import LARGEST_PAYLOAD
+from dechirp.live.taking import Slots
+
+HEADER_BYTES = 10
+LATE_BYTES = 256 * LARGEST_PAYLOAD
+"""By which a packet may be late in any frame: networks exchange neighbours."""
+_FARTHEST_BYTES = 2**32  # that may be lost at a stretch: 200 s at 21 MB/s
+
+# Places in the counters that the compiled code shares with `Window`.
+(
+    _OLDEST,  # number of the oldest frame that is open; -1 before the first packet
+    _NEEDED,  # what it has to be for the packet that comes next
+    _SENDER,
+    _IS_NEW,  # whether the radar began anew
+    _BEGAN,  # bytes that were sent before the first packet
+    _ENDED,  # and with the farthest one
+    N_BYTES,
+    N_PACKETS,
+    N_SORTED,
+    N_TWICE,  # or too late for their frame
+    N_WRONG_SIZE,
+    N_WRONG_COUNT,
+    N_STRANGERS,
+    _N_COUNTERS,
+) = range(14)
+
+
+class Frame(NamedTuple):
+    """Bytes of a frame; to be used before the next one is asked for."""
+
+    number: int
+    """Counted from 0, the first that the radar sent."""
+    content: np.ndarray
+    """(frame_bytes,) uint8, zero where they were lost."""
+    arrived: np.ndarray
+    """(frame_bytes,) bool."""
+
+
+class Window:
+    """The frames that packets may still come for: two, or more where they are small.
+
+    Raises
+    ------
+    NotEnoughMemory
+        If they would not fit.
+    """
+
+    def __init__(self, frame_bytes: int) -> None:
+        n_open = 2 + LATE_BYTES // frame_bytes
+        must_fit(
+            "the frames that are received",
+            needed_bytes=2.0 * n_open * frame_bytes,
+            fix="Check the settings of the radar, or send smaller frames.",
+        )
+        self._content = np.zeros((n_open, frame_bytes), np.uint8)
+        self._arrived = np.zeros((n_open, frame_bytes), np.bool_)
+        self._filled = np.zeros(n_open, np.int64)  # bytes
+        self.counters = np.zeros(_N_COUNTERS, np.int64)
+        self.counters[_OLDEST] = -1
+        none = Slots(np.zeros((0, 1), np.uint8), np.zeros(0, np.int64), np.zeros(0, np.int64))
+        self._put(none)  # compiles now, and not while packets wait
+
+    @property
+    def began_anew(self) -> bool:
+        """Whether the radar started a second time; nothing of that is placed."""
+        return bool(self.counters[_IS_NEW])
+
+    @property
+    def lost_bytes(self) -> int:
+        """That never came, between the first packet and the farthest."""
+        counters = self.counters
+        return int(counters[_ENDED] - counters[_BEGAN] - counters[N_BYTES])
+
+    def place(self, packets: Slots) -> Iterator[Frame]:
+        """Place packets, and give each frame that is whole, or for which none is waited for."""
+        at, n = 0, len(packets.sizes)
+        while at < n and not self.began_anew:
+            at += self._put(packets.some(at, n))
+            while self._filled[self._slot] == self._content.shape[1]:
+                yield from self._closed()
+            if at < n:
+                yield from self.up_to(int(self.counters[_NEEDED]))
+
+    @property
+    def sending(self) -> int:
+        """Number of the frame that goes on with the byte after the farthest."""
+        return int(self.counters[_ENDED]) // self._content.shape[1]
+
+    def up_to(self, number: int) -> Iterator[Frame]:
+        """Give what came of the frames before this one, and wait for no more of it."""
+        while self.counters[_OLDEST] < number and self._filled.any():
+            yield from self._closed()
+        self.counters[_OLDEST] = max(self.counters[_OLDEST], number)
+
+    def _put(self, packets: Slots) -> int:
+        return int(_place(*packets, self.counters, self._content, self._arrived, self._filled))
+
+    @property
+    def _slot(self) -> int:
+        return int(self.counters[_OLDEST]) % len(self._filled)
+
+    def _closed(self) -> Iterator[Frame]:
+        """Be done with the oldest frame, and open the one after the last."""
+        slot, number = self._slot, int(self.counters[_OLDEST])
+        if self._filled[slot]:
+            yield Frame(number, self._content[slot], self._arrived[slot])
+        self._content[slot] = 0
+        self._arrived[slot] = False
+        self._filled[slot] = 0
+        self.counters[_OLDEST] += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def _little(content: np.ndarray, at: int, n: int) -> int:
+    """Whole number of n bytes, the least one first."""
+    made = np.int64(0)
+    for i in range(n):
+        made |= np.int64(content[at + i]) << (8 * i)
+    return int(made)
+
+
+@numba.njit(cache=True, nogil=True)
+def _place(
+    packets: np.ndarray,
+    sizes: np.ndarray,
+    senders: np.ndarray,
+    counters: np.ndarray,
+    content: np.ndarray,
+    arrived: np.ndarray,
+    filled: np.ndarray,
+) -> int:
+    """Place packets until one is of a frame that is not open yet; how many are done with."""
+    n_open, frame_bytes = content.shape
+    for i in range(len(sizes)):
+        size = sizes[i] - HEADER_BYTES
+        if size < 1 or size > LARGEST_PAYLOAD:
+            counters[N_WRONG_SIZE] += 1
+            continue
+        number, start = _little(packets[i], 0, 4), _little(packets[i], 4, 6)
+        stop = start + size
+        is_first = counters[_OLDEST] < 0
+        in_step = start % LARGEST_PAYLOAD == 0 and (
+            (start // LARGEST_PAYLOAD + 1) % 2**32 == number
+        )
+        if not in_step or (not is_first and start > counters[_ENDED] + _FARTHEST_BYTES):
+            counters[N_WRONG_COUNT] += 1
+            continue
+        if is_first:
+            counters[_OLDEST] = max(start - LATE_BYTES, 0) // frame_bytes
+            counters[_SENDER] = senders[i]
+            counters[_BEGAN] = counters[_ENDED] = start
+        if senders[i] != counters[_SENDER]:
+            counters[N_STRANGERS] += 1
+            continue
+        if start == 0 and counters[_ENDED] > LATE_BYTES:
+            counters[_IS_NEW] = 1
+            return i
+        needed = (stop - 1) // frame_bytes - n_open + 1
+        if needed > counters[_OLDEST]:
+            counters[_NEEDED] = needed
+            return i
+        n_new = 0
+        at = max(start, counters[_OLDEST] * frame_bytes)
+        while at < stop:
+            frame, inside = divmod(at, frame_bytes)
+            slot = frame % n_open
+            n = min(stop - at, frame_bytes - inside)
+            taken = 0
+            for k in range(n):
+                if not arrived[slot, inside + k]:
+                    content[slot, inside + k] = packets[i, HEADER_BYTES + at - start + k]
+                    arrived[slot, inside + k] = True
+                    taken += 1
+            filled[slot] += taken
+            n_new += taken
+            at += n
+        if n_new == 0:
+            counters[N_TWICE] += 1
+            continue
+        counters[N_PACKETS] += 1
+        counters[N_BYTES] += n_new
+        counters[N_SORTED] += stop < counters[_ENDED]
+        counters[_BEGAN] = min(counters[_BEGAN], start)
+        counters[_ENDED] = max(counters[_ENDED], stop)
+    return len(sizes)

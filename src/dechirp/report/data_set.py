@@ -1,0 +1,370 @@
+"""The datasheet of a data set: what is in it, how it was made, how to read it, what it is not."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+
+from dechirp.core.units import decibels
+from dechirp.core.values import value
+from dechirp.experiment.study.data_set import data_bytes, in_gigabytes
+from dechirp.experiment.study.plan import Plan
+from dechirp.experiment.study.study import Listed, Study
+from dechirp.report.amounts import counted
+from dechirp.report.figures import data_set as figures
+from dechirp.report.figures import range_doppler
+from dechirp.report.settings_words import setting_words, value_words, with_unit
+from dechirp.report.study import varied
+from dechirp.report.template import template, versions
+from dechirp.report.words import number
+from dechirp.scene.folding import Place, on_map
+
+_MOST_ITEMS = 20_000  # that figures look at, evenly over all
+_MOST_MARKS = 3000
+_MOST_VALUES = 12
+_MOST_MAPS = 4
+_MOST_DRAWN = 6
+
+_WORDS = {
+    "cube": "samples of the converter, whole numbers; times cube_scale of the item, in single"
+    " precision, sqrt(W)",
+    "cube_scale": "one number an item: the step of the converter where the scenario has one, else"
+    " the largest part of any sample over 32767",
+    "power": "range-Doppler map, mean over channels; times 0.01 it is 10 log10 of watts (xarray"
+    " does that)",
+    "made": "whether there is such an item: trials that failed or were not needed are zeros",
+    "scenario": "scenario of each point as YAML, its radar in it",
+}
+"""Of what stands at the top, where its own attribute does not say it."""
+
+
+@value
+class Row:
+    """One array, as the columns of a table."""
+
+    name: str
+    axes: str
+    kind: str
+    units: str
+    words: str
+
+
+@value
+class Counted:
+    """Items of one value of a setting."""
+
+    words: str
+    number: str
+    share: float
+    """Of the most that any value has, in percent."""
+
+
+@value
+class Plate:
+    """A figure with its caption."""
+
+    title: str
+    words: str
+    figure: Markup
+
+
+def render(study: Study, data: Mapping[str, xr.Dataset], *, n_bytes: int) -> str:
+    """Return the HTML of the page; one data set always gives one page.
+
+    Parameters
+    ----------
+    study : Study
+        What it was made by.
+    data : mapping
+        The data set, as `store.data_set.read_data_set` gives it.
+    n_bytes : int
+        What its files take.
+
+    Returns
+    -------
+    str
+        A page that asks for no other file.
+    """
+    made = np.argwhere(data[""].made.values)
+    shown = _Shown(study, data, made)
+    return template("data_set.html").render(
+        study=study,
+        headline=_headline(study, len(made)),
+        lead=_lead(study),
+        cards=list(_cards(study, data, made, n_bytes)),
+        groups=[(name, list(_rows(of, name))) for name, of in data.items()],
+        varied=varied(study),
+        n_items=list(_n_items(study, made)),
+        plates=list(shown.plates()),
+        about_sample=shown.about,
+        maps=list(shown.maps()),
+        simulated=list(_simulated(study)),
+        targets=_targets(data),
+        yaml=data[""].attrs["study"],
+        version=data[""].attrs["dechirp"],
+        versions=versions(),
+    )
+
+
+def _headline(study: Study, n: int) -> str:
+    what = " and ".join([", ".join(study.keep[:-1]), study.keep[-1]]) if study.keep[1:] else ""
+    return f"{counted(n)} items: {what or study.keep[0]}, with truth"
+
+
+def _lead(study: Study) -> str:
+    how = (
+        "Detections drawn from theory"
+        if study.sensor == "statistical"
+        else "Samples simulated and processed"
+    )
+    return f"{study.scenario.name}. {how}; nothing in it was measured. Seed {study.seed}."
+
+
+def _cards(
+    study: Study, data: Mapping[str, xr.Dataset], made: np.ndarray, n_bytes: int
+) -> Iterator[Mapping[str, str]]:
+    sizes = data["truth"].sizes
+    n_planned = data[""].made.size
+    size, _, unit = in_gigabytes(n_bytes).partition(" ")
+    yield {
+        "name": "items",
+        "number": counted(len(made)),
+        "unit": "",
+        "words": "all that were planned"
+        if len(made) == n_planned
+        else f"of {counted(n_planned)} planned; made says which",
+    }
+    yield {
+        "name": "an item",
+        "number": counted(sizes["frame"]),
+        "unit": "frame" if sizes["frame"] == 1 else "frames",
+        "words": f"of {sizes['target']} targets" if sizes["target"] != 1 else "of one target",
+    }
+    if "detections" in data:
+        yield {
+            "name": "detections",
+            "number": counted(data["detections"].sizes["detection"]),
+            "unit": "",
+            "words": f"{number(data['detections'].sizes['detection'] / max(len(made), 1), 3)}"
+            " an item",
+        }
+    raw = data_bytes(Plan.of(study))
+    yield {
+        "name": "on disk",
+        "number": size,
+        "unit": unit,
+        "words": f"samples and maps of {in_gigabytes(raw)}, packed" if raw else "",
+    }
+
+
+def _rows(data: xr.Dataset, group: str) -> Iterator[Row]:
+    order = {name: at for at, name in enumerate(_WORDS)}
+    names = sorted(map(str, data.variables), key=lambda one: (order.get(one, len(order)), one))
+    for name in names:
+        of = data[name]
+        kept = of.encoding.get("dtype", of.dtype)
+        words = str(of.attrs.get("long_name", ""))
+        if not group:
+            words = _WORDS.get(name, words)
+        elif group == "settings":
+            words = setting_words(str(of.attrs["path"]))
+        elif name == "class":
+            words = "kind of the body of the target; point where it has none"
+        elif name == "target" and group == "truth":
+            words = "name of the target"
+        units = str(of.attrs.get("units", ""))
+        yield Row(
+            name=name,
+            axes=", ".join(f"{dim}\N{NO-BREAK SPACE}{counted(n)}" for dim, n in of.sizes.items()),
+            kind="text" if np.dtype(kept).kind in "OT" else str(kept),
+            units="" if units == "1" else units,
+            words=words,
+        )
+
+
+def _n_items(study: Study, made: np.ndarray) -> Iterator[tuple[str, list[Counted], int]]:
+    """Of each listed setting its values with the items that they have, and how many more."""
+    plan = Plan.of(study)
+    of_point = np.bincount(made[:, 0], minlength=plan.n_points)
+    for along, axis in enumerate(plan.axes):
+        if len(axis.texts) < 2:
+            continue
+        of_value = of_point.reshape(plan.shape)
+        others = tuple(one for one in range(of_value.ndim) if one != along)
+        counts = of_value.sum(axis=others)
+        most = max(int(counts.max()), 1)
+        rows = [
+            Counted(words=value_words(label), number=counted(int(n)), share=100 * n / most)
+            for label, n in zip(axis.labels, counts, strict=True)
+        ]
+        yield setting_words(axis.path), rows[:_MOST_VALUES], max(len(rows) - _MOST_VALUES, 0)
+
+
+def _targets(data: Mapping[str, xr.Dataset]) -> list[tuple[str, str]]:
+    truth = data["truth"]
+    return list(zip(truth.target.values.tolist(), truth["class"].values.tolist(), strict=True))
+
+
+def _simulated(study: Study) -> Iterator[str]:
+    """What is in it of a real radar, and what is not."""
+    scenario = study.scenario
+    impairments = ", ".join(one.kind().replace("-", " ") for one in scenario.impairments)
+    changed = any(axis.path.startswith("impairments") for axis in study.vary)
+    yield (
+        f"Impairments: {impairments or 'none, not even noise'}"
+        f"{'; they vary, see above' if changed else ''}. What is not named is not in it."
+    )
+    yield (
+        "Targets are points, or bodies of scatterers with mean cross sections; what is between"
+        " them is empty unless a target, a wall or clutter is named. Echoes do not bounce between"
+        " targets."
+    )
+    yield (
+        "The place of a body is that of the origin of its axes; its peaks lie where its parts"
+        " reflect, meters from there."
+    )
+    yield (
+        "The cross section and the ratio of the truth are means: where a target fluctuates, those"
+        " of the item are not told."
+    )
+    if study.sensor == "statistical":
+        yield (
+            "Detections are drawn from theory, not processed from samples: no phase noise, no"
+            " interference, no images."
+        )
+    yield (
+        "A detection is of the target within two cells of it on every axis, the nearest one. The"
+        " sidelobe of a strong target is of that target or of none."
+    )
+    yield (
+        "Trial t of every point has the same noise: split by trial, not by point, or the same"
+        " noise is in both parts."
+    )
+    yield (
+        "Nothing here was measured. What a network learns of it is to be tested on recordings;"
+        " dechirp twin and dechirp inspect say how far a scenario is from one."
+    )
+
+
+class _Shown:
+    """Items that figures show: all, or some evenly over all."""
+
+    def __init__(self, study: Study, data: Mapping[str, xr.Dataset], made: np.ndarray) -> None:
+        self.study, self.data, self.made = study, data, made
+        step = max(1, -(-len(made) // _MOST_ITEMS))
+        points, trials = made[::step].T
+        self.n = len(points)
+        self.at = {
+            "point": xr.DataArray(points, dims="item"),
+            "trial": xr.DataArray(trials, dims="item"),
+        }
+        self.about = "" if step == 1 else f"Of {counted(self.n)} items, evenly over all. "
+        known = data["truth"]["class"].values.tolist()
+        self.classes = list(dict.fromkeys(known))[: figures.MOST_CLASSES]
+        self.of_class = {name: np.flatnonzero(np.array(known) == name) for name in self.classes}
+
+    def plates(self) -> Iterator[Plate]:
+        """Draw where targets are, how strong, how many detections there are, what is drawn."""
+        if not self.n:
+            return
+        range_m, velocity, snr = (self._truth(name) for name in ("range", "velocity", "snr"))
+        if self.classes:
+            step = max(1, max(of.size for of in range_m.values()) // _MOST_MARKS)
+            yield Plate(
+                title="Where targets are.",
+                words="Velocity over range, true, of each target in each frame"
+                + (", every so many." if step > 1 else "."),
+                figure=figures.places(
+                    {name: (range_m[name][::step], velocity[name][::step]) for name in range_m}
+                ),
+            )
+            with np.errstate(divide="ignore"):
+                levels = {name: decibels(of) for name, of in snr.items()}
+            yield Plate(
+                title="How strong they are.",
+                words="Mean ratio to the noise after integration over samples, chirps and"
+                " channels.",
+                figure=figures.spread(levels, words="ratio of target to noise, dB", of="targets"),
+            )
+        if "detections" in self.data:
+            rows = self.data["detections"]
+            counts = (rows.stop - rows.start).isel(self.at).values
+            yield Plate(
+                title="How many detections items have.",
+                words="Of targets and of noise together, all frames.",
+                figure=figures.spread(
+                    {"": counts.astype(float)},
+                    words="detections of an item",
+                    of="items",
+                    whole=True,
+                ),
+            )
+        yield from self._drawn()
+
+    def maps(self) -> Iterator[Plate]:
+        """Draw the maps of a few items, taken by chance, as they are kept."""
+        if "power" not in self.data[""] or not len(self.made):
+            return
+        n = min(_MOST_MAPS, len(self.made))
+        chosen = np.sort(np.random.default_rng(0).choice(len(self.made), n, replace=False))
+        plan = Plan.of(self.study)
+        for point, trial in self.made[chosen].tolist():
+            settings = ", ".join(
+                f"{setting_words(path)} {value_words(text)}" for path, text in plan.labels(point)
+            )
+            yield Plate(
+                title=f"Point {point}, trial {trial}.",
+                words=f"{settings}. First frame." if settings else "First frame.",
+                figure=range_doppler.whole(self._marked(plan, point, trial)),
+            )
+
+    def _marked(self, plan: Plan, point: int, trial: int) -> range_doppler.MarkedMap:
+        top, truth = self.data[""], self.data["truth"]
+        level_db = top.power[point, trial, 0].values
+        power = xr.DataArray(
+            10 ** (level_db / 10),
+            dims=("velocity", "range"),
+            coords={
+                "velocity": top.velocity_bins.values[point, 0],
+                "range": top.range_bins.values[point],
+            },
+        )
+        known = truth.isel(point=point, trial=trial, frame=0)
+        found = Place(np.empty(0), np.empty(0))
+        radar = plan.scenario(point, plan.drawn(trial)).radar
+        if "detections" in self.data and radar is not None:
+            rows = self.data["detections"]
+            own = slice(int(rows.start[point, trial]), int(rows.stop[point, trial]))
+            first = rows.frame.values[own] == 0
+            there = Place(*(rows[name].values[own][first] for name in ("range", "velocity")))
+            found = on_map(there, radar.at(0))
+        return range_doppler.MarkedMap(
+            power=power,
+            units="sqrt(W)",
+            found=found,
+            truth=Place(known.map_range.values, known.map_velocity.values),
+        )
+
+    def _truth(self, name: str) -> dict[str, np.ndarray]:
+        """Values of all targets of each class, one after the other."""
+        of = self.data["truth"][name].isel(self.at).transpose("item", "frame", "target").values
+        return {kind: of[..., own].ravel() for kind, own in self.of_class.items()}
+
+    def _drawn(self) -> Iterator[Plate]:
+        """Draw how what is drawn lies, over the items."""
+        drawn = [axis for axis in self.study.vary if not isinstance(axis, Listed)]
+        for axis in drawn[:_MOST_DRAWN]:
+            values = self.data["settings"][axis.path.replace("/", "-")]
+            along = str(values.dims[0])
+            tried = np.unique(self.at[along].values)
+            words = setting_words(axis.path)
+            yield Plate(
+                title=f"{words[:1].upper()}{words[1:]}.",
+                words=f"Drawn for each {along}.",
+                figure=figures.spread(
+                    {"": values.values[tried].astype(float)},
+                    words=with_unit(words, axis.unit),
+                    of=f"{along}s",
+                ),
+            )

@@ -1,0 +1,98 @@
+"""The example that reads a data set for PyTorch, with and without it."""
+
+import importlib.util
+import pickle
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import data_set_study
+import dechirp as dc
+from dechirp.store.data_set import read_data_set
+
+FILE = Path(dc.__file__).parents[2] / "examples" / "torch_dataset.py"
+
+
+@pytest.fixture(scope="module")
+def example():
+    spec = importlib.util.spec_from_file_location("torch_dataset", FILE)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["torch_dataset"] = module  # so that workers find its classes
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules["torch_dataset"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("data")
+    data_set_study.run(out, data_set_study.adaptive())
+    return out / "data.zarr"
+
+
+def test_items_are_those_that_were_made(example, folder):
+    data = read_data_set(folder)
+    items = example.Items(folder)
+    assert len(items) == int(data[""].made.sum()) < data[""].made.size
+    for index in (0, len(items) - 1):
+        point, trial = items.places[index]
+        item, labels = items[index]
+        assert item.dtype == np.float32
+        np.testing.assert_allclose(item, data[""].power[point, trial], atol=1e-4)
+        np.testing.assert_allclose(labels["range"], data["truth"].range[point, trial], rtol=1e-6)
+    assert items.classes == ["point", "point"]
+
+
+def test_labels_lie_on_the_peaks_of_the_map(example, folder):
+    """The van is 25 dB over the noise: its peak is in the nearest cell, or at the next one."""
+    items = example.Items(folder)
+    for index in range(len(items)):
+        level_dbw, labels = items[index]
+        row, column = (round(float(labels[one][0, 1])) for one in ("row", "column"))
+        around = level_dbw[0, row - 3 : row + 4, column - 3 : column + 4]
+        at = np.array(np.unravel_index(around.argmax(), around.shape))
+        assert abs(at - 3).max() <= 1
+
+
+def test_samples_are_complex_and_those_of_the_data_set(example, folder):
+    data = read_data_set(folder)[""]
+    cube, labels = example.Items(folder, what="cube")[2]
+    scale = np.float32(data.cube_scale[0, 2])
+    np.testing.assert_array_equal(cube.imag, data.cube[0, 2, ..., 1] * scale)
+    assert "row" not in labels
+
+
+def test_parts_by_trials_share_none(example, folder):
+    parts = [example.Items(folder, trials=ends) for ends in ((0, 0.5), (0.5, 1))]
+    tried = [set(part.places[:, 1].tolist()) for part in parts]
+    assert not tried[0] & tried[1]
+    assert sum(map(len, parts)) == len(example.Items(folder))
+
+
+def test_items_travel_to_other_processes(example, folder):
+    items = example.Items(folder)
+    again = pickle.loads(pickle.dumps(items))
+    np.testing.assert_array_equal(again[3][0], items[3][0])
+
+
+def test_the_example_shows_the_first_item(example, folder, capsys):
+    example.main(str(folder))
+    said = capsys.readouterr().out
+    assert "items of power (1, 32, 64)" in said
+    assert "van (point): row" in said
+
+
+@pytest.mark.parametrize("n_workers", [0, 2])
+def test_a_data_loader_gives_the_same_items(example, folder, n_workers):
+    torch = pytest.importorskip("torch")
+    items = example.Items(folder)
+    loader = torch.utils.data.DataLoader(
+        example.TorchItems(items), batch_size=4, num_workers=n_workers
+    )
+    level_dbw, labels = next(iter(loader))
+    assert level_dbw.dtype == torch.float32
+    for index in range(4):
+        np.testing.assert_array_equal(level_dbw[index].numpy(), items[index][0])
+        np.testing.assert_array_equal(labels["range"][index].numpy(), items[index][1]["range"])
