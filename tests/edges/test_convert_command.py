@@ -143,6 +143,16 @@ def test_a_run_is_converted_with_its_detections(folder, capsys, kind):
             np.testing.assert_array_equal(tables[name][column], variable, f"{name}.{column}")
 
 
+def test_what_a_format_did_to_the_samples_is_said(folder, capsys):
+    for ending, settings in (("bin", {"scale"}), ("npz", set())):
+        _, out, _ = call(capsys, "scene.yaml", f"x.{ending}", "--json")
+        said = {one["setting"] for one in json.loads(out)["findings"]}
+        assert said & {"scale"} == settings
+    _, out, _ = call(capsys, "x.bin", "y.npz", "--json")
+    call(capsys, "y.npz", "z.bin")
+    assert Path("z.bin").read_bytes() == Path("x.bin").read_bytes()
+
+
 def test_a_part_of_a_recording_is_converted(folder, capsys):
     recording = of_tables()
     dc.write(recording, "in.zarr")

@@ -47,6 +47,7 @@ def convert(
     from dechirp.core.errors import DechirpError
     from dechirp.exchange.convert import write, writer_of
     from dechirp.exchange.part import counted_from_0
+    from dechirp.formats.recording import open as open_recording
 
     try:
         writer = writer_of(out, to)
@@ -57,6 +58,8 @@ def convert(
             written = write(recording, out, format=to, progress=report)
     except DechirpError as error:
         raise under_option(error, _OPTIONS) from None
+    if writer.is_read:  # what it says of itself, as what was rounded
+        said = (*said, *(one for one in open_recording(written[0]).findings if one not in said))
     _tell(written, writer, recording, said, as_json=as_json, quiet=quiet)
     return 0
 

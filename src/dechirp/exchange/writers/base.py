@@ -22,6 +22,8 @@ class Writer(Family):
     """Of names that stand for it, as `.h5`; the first is its own."""
     keeps: ClassVar[str]
     """In a few words for the list of formats: what it keeps of a recording."""
+    is_read: ClassVar[bool] = True
+    """Whether `formats` reads it back."""
 
     @abstractmethod
     def check(self, recording: Recording) -> None:

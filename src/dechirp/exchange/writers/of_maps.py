@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from pathlib import Path
+from typing import ClassVar
 
 import xarray as xr
 
@@ -17,6 +18,8 @@ from dechirp.store.whole import whole_files
 @value
 class OfMaps(Writer):
     """The map of each frame, as the default chain gives it."""
+
+    is_read: ClassVar[bool] = False
 
     @abstractmethod
     def content(self, power: xr.DataArray, units: Units, title: str) -> bytes:
