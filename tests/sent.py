@@ -18,21 +18,30 @@ _GIVE_UP_S = 20.0
 
 def heard(sent: Iterable[bytes], radar: dc.Radar, **told) -> tuple[list[xr.DataArray], dc.Listener]:
     """Frames that a stream gives of packets, and the stream when it has ended."""
-    stream = dc.listen("127.0.0.1:0", radar=radar, **{"idle_s": 0.5, **told})
-    sender = threading.Thread(target=send, args=(stream, list(sent)))
+    stream = dc.listen("127.0.0.1:0", radar=radar, **{"idle_s": 1.0, **told})
+    ended = threading.Event()
+    sender = threading.Thread(target=send, args=(stream, list(sent), ended))
     sender.start()
     try:
         return list(stream), stream
     finally:
+        ended.set()
         sender.join()
 
 
-def send(stream: dc.Listener, sent: list[bytes]) -> None:
-    """Send, but never more than 64 packets ahead of what the receiver has taken."""
+def send(stream: dc.Listener, sent: list[bytes], ended: threading.Event | None = None) -> None:
+    """Send, but never more than 64 packets ahead of what the receiver has taken, until it ends."""
     host, port = stream.address.split(":")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         for n, one in enumerate(sent):
-            give_up_s = time.monotonic() + _GIVE_UP_S
-            while n - stream._receiver._n_came > 64 and time.monotonic() < give_up_s:
-                time.sleep(1e-3)
+            wait_for(stream, n - 64, ended)
             out.sendto(one, (host, int(port)))
+
+
+def wait_for(stream: dc.Listener, n: int, ended: threading.Event | None = None) -> None:
+    """Until so many packets came, or no more are taken."""
+    give_up_s = time.monotonic() + _GIVE_UP_S
+    while stream.n_packets < n and time.monotonic() < give_up_s:
+        if ended is not None and ended.is_set():
+            return
+        time.sleep(1e-3)

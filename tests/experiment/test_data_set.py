@@ -277,13 +277,17 @@ def test_a_full_disk_stops_it_in_words_and_counts_nothing_that_is_not_there(
     assert fingerprint(tmp_path) == fingerprint(undisturbed)
 
 
-def test_a_disk_without_room_is_refused_before_any_trial(tmp_path, monkeypatch):
+def test_a_disk_without_room_is_refused_and_the_folder_is_free_for_a_smaller_one(
+    tmp_path, monkeypatch
+):
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(10**6, 10**6 - 10**5, 10**5))
+    out = tmp_path / "new"
     with pytest.raises(DechirpError, match="disk with 100 kB of room"):
-        run(tmp_path)
-    with Record.read(tmp_path) as record:
-        assert len(record.done()) == 0
+        run(out)
+    assert not out.exists()
+    run(out, study(keep=("detections",)))
+    assert read_data_set(out / "data.zarr")
 
 
 def test_files_that_have_gone_are_missed_before_it_goes_on(tmp_path):

@@ -32,8 +32,8 @@ from dechirp.exchange.ros_messages import (
     cloud_message,
     text_message,
 )
+from dechirp.exchange.said import said_of
 from dechirp.exchange.writers.base import Progress
-from dechirp.formats.description import described
 from dechirp.formats.messages.kept import DESCRIPTION, ROOT
 from dechirp.formats.messages.ours import DETECTIONS
 from dechirp.formats.messages.ros import NANO, Message
@@ -41,6 +41,7 @@ from dechirp.formats.recording import Recording
 
 KEEPS = "detections and tables, no samples"
 _PLACES = ("x", "y", "z", "intensity")
+_NO_MESSAGE = ("float16", "longdouble", "clongdouble", "float128", "complex256")
 _LARGEST = 2**53  # whole numbers up to this are float64s
 
 
@@ -64,13 +65,14 @@ def must_have_detections(recording: Recording) -> None:
         )
     for name, table in tables.items():
         for column, variable in table.variables.items():
-            if variable.dtype.kind not in "biufcUO":
+            if variable.dtype.kind not in "biufcUO" or variable.dtype.name in _NO_MESSAGE:
                 raise _refused(
                     recording,
                     got=f"with a table {name!r} whose {column} is {variable.dtype}",
-                    need="numbers and texts",
-                    fix="Leave the column out.",
+                    need="texts, or numbers whose parts have 64 bits at most, floats at least 32",
+                    fix="Leave the column out, or convert it.",
                 )
+    said_of(recording, None, tables)
 
 
 def tables_of(recording: Recording) -> dict[str, xr.Dataset]:
@@ -83,7 +85,7 @@ def tables_of(recording: Recording) -> dict[str, xr.Dataset]:
 def messages(recording: Recording, progress: Progress | None = None) -> Iterator[Message]:
     """All messages of a recording that was checked, in the order of their times."""
     tables, n_frames = tables_of(recording), recording.n_frames
-    description, columns = described(recording.radar, recording.contents, None, tables)
+    description, columns = said_of(recording, None, tables)
     said = dict(description.tables)
     clouds: dict[str, list[np.ndarray]] = {}
     arrays: dict[str, np.ndarray] = {}
@@ -122,9 +124,10 @@ def _parts(table: xr.Dataset, n_frames: int) -> list[Any] | None:
             return None
         return [(*whole[:place], i, *whole[place + 1 :]) for i in range(n_frames)]
     numbers = table["frame"].values
+    if table["frame"].dims != over or len(over) != 1 or numbers.dtype.kind not in "iuf":
+        return None
     ends = np.searchsorted(numbers, np.arange(n_frames + 1))
-    is_whole = table["frame"].dims == over and len(over) == 1 and numbers.dtype.kind in "iuf"
-    if not is_whole or (np.diff(numbers) < 0).any() or ends[0] or ends[-1] != len(numbers):
+    if (np.diff(numbers) < 0).any() or ends[0] or ends[-1] != len(numbers):
         return None
     return [slice(*part) for part in pairwise(ends)]
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+import xarray as xr
 
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.formats.arrays.json_columns import TYPES
@@ -13,16 +14,26 @@ Columns = Mapping[str, Mapping[str, np.ndarray]]
 """Of each table, its columns by name."""
 
 
-def said_of(recording: Recording, scale: float | None) -> tuple[Description, Columns]:
+def said_of(
+    recording: Recording,
+    scale: float | None,
+    tables: Mapping[str, xr.Dataset] | None = None,
+) -> tuple[Description, Columns]:
     """Description of a recording, whose text can be made, and the columns of its tables.
+
+    `tables`, where given, are described in place of its own.
 
     Raises
     ------
     DechirpError
-        If attributes of a table are neither texts nor numbers nor lists of them.
+        If attributes of a table are neither texts nor numbers nor lists of them, or names of
+        columns or objects in them are no texts.
     """
+    tables = recording.tables if tables is None else tables
+    for name, table in tables.items():
+        _must_be_of_texts(name, table)
     try:
-        made = described(recording.radar, recording.contents, scale, recording.tables)
+        made = described(recording.radar, recording.contents, scale, tables)
         assert made[0].text
     except DechirpError:
         raise
@@ -36,6 +47,23 @@ def said_of(recording: Recording, scale: float | None) -> tuple[Description, Col
             )
         ) from None
     return made
+
+
+def _must_be_of_texts(name: str, table: xr.Dataset) -> None:
+    """Raise `DechirpError` where something that has to be a text is none."""
+    names = [name, *table.variables, *table.dims]
+    objects = [one for one in table.variables.values() if one.dtype.kind == "O"]
+    values = (value for one in objects for value in one.values.reshape(-1))
+    for one in (*names, *values):
+        if not isinstance(one, str):
+            raise DechirpError(
+                Mistake(
+                    setting="tables",
+                    got=f"with {one!r} in {name}, of type {type(one).__name__}",
+                    need="with names that are texts, of columns of texts, flags or numbers",
+                    fix="Convert it.",
+                )
+            )
 
 
 def must_be_listed(recording: Recording) -> None:

@@ -29,6 +29,8 @@ from dechirp.radar.radar import Radar
 
 MOST_BYTES = 2**25
 """Of such a file, of which objects and lists take 100 bytes, and all else 12 for each."""
+SAMPLES = ".bin"
+"""Ending of the file of samples."""
 _MOST_BRACKETS = 2**18
 _MARK = b'"dechirp_exchange"'
 _LANES = (2, N_LANES)
@@ -107,7 +109,8 @@ def beside(path: Path) -> Path:
 def is_kept(path: Path) -> bool:
     """Whether such a file of ours lies beside one of samples."""
     file = beside(path)
-    if not lies_in_its_folder(file):
+    # x.h5 and x.sigmf-data may lie beside x.bin.
+    if path.suffix.lower() != SAMPLES or not lies_in_its_folder(file):
         return False
     with file.open("rb") as opened:
         return _MARK in opened.read(64)

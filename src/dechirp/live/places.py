@@ -19,6 +19,7 @@ HEADER_BYTES = 10
 LATE_BYTES = 256 * LARGEST_PAYLOAD
 """By which a packet may be late in any frame: networks exchange neighbours."""
 _FARTHEST_BYTES = 2**32  # that may be lost at a stretch: 200 s at 21 MB/s
+_MOST_BEHIND = 16  # packets in a row that no network delays so: the radar counts from 0 again
 
 # Places in the counters that the compiled code shares with `Window`.
 (
@@ -35,8 +36,9 @@ _FARTHEST_BYTES = 2**32  # that may be lost at a stretch: 200 s at 21 MB/s
     N_WRONG_SIZE,
     N_WRONG_COUNT,
     N_STRANGERS,
+    _N_BEHIND,  # in a row, by more than a packet may be late
     _N_COUNTERS,
-) = range(14)
+) = range(15)
 
 
 class Frame(NamedTuple):
@@ -134,6 +136,46 @@ def _little(content: np.ndarray, at: int, n: int) -> int:
 
 
 @numba.njit(cache=True, nogil=True)
+def _is_other(payload: np.ndarray, at: int, content: np.ndarray, arrived: np.ndarray) -> bool:
+    """Whether bytes came before with other values: those of another recording."""
+    n_open, frame_bytes = content.shape
+    k = 0
+    while k < len(payload):  # frame by frame: a division for each byte takes longer than the rest
+        frame, inside = divmod(at + k, frame_bytes)
+        n = min(len(payload) - k, frame_bytes - inside)
+        part = slice(inside, inside + n)
+        there, known = arrived[frame % n_open, part], content[frame % n_open, part]
+        for j in range(n):
+            if there[j] and known[j] != payload[k + j]:
+                return True
+        k += n
+    return False
+
+
+@numba.njit(cache=True, nogil=True)
+def _take(
+    payload: np.ndarray, at: int, content: np.ndarray, arrived: np.ndarray, filled: np.ndarray
+) -> int:
+    """Put bytes into the frames that are open; how many were not there before."""
+    n_open, frame_bytes = content.shape
+    k, n_new = 0, 0
+    while k < len(payload):
+        frame, inside = divmod(at + k, frame_bytes)
+        n = min(len(payload) - k, frame_bytes - inside)
+        part, slot = slice(inside, inside + n), frame % n_open
+        there, known = arrived[slot, part], content[slot, part]
+        taken = 0
+        for j in range(n):
+            taken += not there[j]
+            known[j] = payload[k + j]
+            there[j] = True
+        filled[slot] += taken
+        n_new += taken
+        k += n
+    return n_new
+
+
+@numba.njit(cache=True, nogil=True)
 def _place(
     packets: np.ndarray,
     sizes: np.ndarray,
@@ -166,31 +208,25 @@ def _place(
         if senders[i] != counters[_SENDER]:
             counters[N_STRANGERS] += 1
             continue
-        if start == 0 and counters[_ENDED] > LATE_BYTES:
+        is_behind = start < counters[_ENDED] - LATE_BYTES
+        if is_behind and (start == 0 or counters[_N_BEHIND] == _MOST_BEHIND):
             counters[_IS_NEW] = 1
             return i
         needed = (stop - 1) // frame_bytes - n_open + 1
         if needed > counters[_OLDEST]:
             counters[_NEEDED] = needed
             return i
-        n_new = 0
         at = max(start, counters[_OLDEST] * frame_bytes)
-        while at < stop:
-            frame, inside = divmod(at, frame_bytes)
-            slot = frame % n_open
-            n = min(stop - at, frame_bytes - inside)
-            taken = 0
-            for k in range(n):
-                if not arrived[slot, inside + k]:
-                    content[slot, inside + k] = packets[i, HEADER_BYTES + at - start + k]
-                    arrived[slot, inside + k] = True
-                    taken += 1
-            filled[slot] += taken
-            n_new += taken
-            at += n
+        payload = packets[i, HEADER_BYTES + at - start : HEADER_BYTES + size]
+        if _is_other(payload, at, content, arrived):
+            counters[_IS_NEW] = 1
+            return i
+        n_new = _take(payload, at, content, arrived, filled)
         if n_new == 0:
             counters[N_TWICE] += 1
+            counters[_N_BEHIND] += is_behind
             continue
+        counters[_N_BEHIND] = 0
         counters[N_PACKETS] += 1
         counters[N_BYTES] += n_new
         counters[N_SORTED] += stop < counters[_ENDED]

@@ -57,6 +57,11 @@ class Receiver:
         self._thread = Thread(target=self._receive, name="dechirp-receiver", daemon=True)
         self._thread.start()
 
+    @property
+    def n_packets(self) -> int:
+        """Packets that came, whatever they are."""
+        return self._n_came
+
     def waiting(self) -> Slots:
         """Packets that wait, some of those that lie side by side; maybe none."""
         start = self._n_gone % _SLOTS

@@ -55,6 +55,11 @@ class Listener(Stream):
         host, port = self._receiver.address
         return f"{host}:{port}"
 
+    @property
+    def n_packets(self) -> int:
+        """Packets that came, whatever they are; some may wait to be used."""
+        return self._receiver.n_packets
+
     def close(self) -> None:
         """See `Stream.close`."""
         super().close()
@@ -155,7 +160,7 @@ class Listener(Stream):
         return RecordingError(
             self.address,
             got=f"silent: no packet of samples came {waited}{f', but {wrong}' if wrong else ''}",
-            need="the address to which a DCA1000 sends",
+            need="an address to which a DCA1000 sends",
             fix="Start the radar, check the address of the network card and the firewall, or wait"
             " longer (--idle; idle_s in Python).",
         )

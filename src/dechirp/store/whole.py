@@ -154,7 +154,8 @@ def whole_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
                 if old.exists():
                     old.rename(place)
         for file in (*made, *before):
-            file.unlink(missing_ok=True)
+            with suppress(OSError):  # none is there, or a file stands where the folder should
+                file.unlink()
 
 
 def write_whole(out: Path, text: str) -> None:

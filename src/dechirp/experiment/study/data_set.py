@@ -188,14 +188,22 @@ def check_disk(plan: Plan, record: Record, out: Path) -> None:
             )
         )
     must_be_there(keeper, blocks)
-    left = plan.n_points * plan.study.trials.at_most - int(blocks[:, 2].sum())
-    needed, free = left * keeper.form.item_bytes, shutil.disk_usage(out).free
-    if needed > free and not store.is_complete(keeper.folder):
+    if not store.is_complete(keeper.folder):
+        left = plan.n_points * plan.study.trials.at_most - int(blocks[:, 2].sum())
+        check_room(left * keeper.form.item_bytes, out)
+
+
+def check_room(needed_bytes: int, out: Path) -> None:
+    """Raise `DechirpError` unless the disk of a folder, which need not be there, has room."""
+    there = next(one for one in (out, *out.absolute().parents) if one.is_dir())
+    free = shutil.disk_usage(there).free
+    if needed_bytes > free:
         raise DechirpError(
             Mistake(
                 setting="--out",
                 got=f"on a disk with {in_gigabytes(free)} of room",
-                need=f"on one with {in_gigabytes(needed)}, what is left to do before it is packed",
+                need=f"on one with {in_gigabytes(needed_bytes)}, what is left to do before it is"
+                " packed",
                 fix="Name a folder on another disk, or take fewer trials.",
             )
         )
