@@ -13,7 +13,7 @@ from formats.containers import simulated, small
 CONTAINERS = ("x.h5", "x.nc", "x.mat", "x.npz", "x.sigmf-meta")
 
 
-@pytest.mark.parametrize("name", CONTAINERS)
+@pytest.mark.parametrize("name", [*CONTAINERS, "x.zarr"])
 def test_a_capture_has_the_same_bytes_after_a_stay_in_a_container(tmp_path, name):
     radar = small()
     held = dc.recording_of(simulated(radar, bits=16), radar)

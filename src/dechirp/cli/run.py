@@ -116,6 +116,7 @@ def write(result: "Result", *, source: Path | None, out: Path, objects: Sequence
     """Write the results, and give the JSON document that is one of them."""
     from dechirp.cli.document import document
     from dechirp.config.texts import dump
+    from dechirp.formats.recording import Recording
     from dechirp.report.page import render
     from dechirp.store.results import files_in, write_results
     from dechirp.store.tables import json_text
@@ -130,6 +131,7 @@ def write(result: "Result", *, source: Path | None, out: Path, objects: Sequence
     files = files_in(out, there) | {file.name: file for file in objects}
     made = document(result, source=source, files=files, timing_s=timing_s)
     texts = {"report.html": page, "scenario.yaml": yaml, "run.json": json_text(made)}
+    made_by = result.source.contents if isinstance(result.source, Recording) else None
     write_results(
         out,
         texts,
@@ -139,6 +141,8 @@ def write(result: "Result", *, source: Path | None, out: Path, objects: Sequence
         detections=result.detections,
         truth=result.truth,
         others=there,
+        device=made_by.device if made_by else None,
+        iq=made_by.iq if made_by else None,
     )
     return texts["run.json"]
 

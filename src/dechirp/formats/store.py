@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from dechirp.core.values import value
 from dechirp.formats.arrays.axes import contents
 from dechirp.formats.arrays.stored import parsing
 from dechirp.formats.arrays.zarr_plain import PlainChunks, plain_chunks, scale_codes
-from dechirp.formats.base import Contents, Fit, Format, Told, Units
+from dechirp.formats.base import IQ_ORDERS, Contents, Fit, Format, Told, Units
 from dechirp.formats.kept import LARGEST_SCALE, lost_chirps
 from dechirp.formats.settings.base import Settings
 from dechirp.formats.zarr_array import NEED, array_in, read_array, read_json
@@ -33,6 +33,8 @@ class Store(Format):
 
     The radar is that of the run; samples keep their units, and tables lie beside them.
     """
+
+    options: ClassVar[tuple[str, ...]] = ("iq",)
 
     def recognise(self, path: Path) -> Fit:
         """Tell by the attributes that a run writes."""
@@ -60,6 +62,11 @@ class Store(Format):
                 raise ValueError(f"its scale is {scale}")
             axes = tuple(cube.get("dimension_names") or CUBE_AXES)
             radar = None if told.settings else attributes["radar"]
+            device, iq = attributes.get("device"), attributes.get("iq")
+            if not isinstance(device, str | None) or iq not in (None, *IQ_ORDERS):
+                raise ValueError(f"its device is {device!r} and its order {iq!r}")
+            if told.iq not in (None, iq):
+                raise ValueError(f"its samples have the order {iq or 'of no recorder'}")
         if attributes.get("format_version") != _VERSION or units not in _UNITS:
             raise RecordingError(
                 path,
@@ -86,6 +93,8 @@ class Store(Format):
             scale=scale if has_codes else None,
             gaps=lost_chirps(path, _gaps(path, folder / "gap"), held),
             tables=Tables(folder, without=("calibration",)),
+            device=device,
+            iq=iq,
         )
 
 

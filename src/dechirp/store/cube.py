@@ -32,6 +32,8 @@ def write_cube(
     n_frames: int,
     radar: Radar,
     groups: Mapping[str, xr.Dataset | None],
+    device: str | None = None,
+    iq: str | None = None,
 ) -> None:
     """Write a new store, one frame after the other, so that one is held at a time.
 
@@ -50,8 +52,11 @@ def write_cube(
         has one, is also a group of that name, over `element`.
     groups : mapping
         Detections, truth and what else there is: become groups of these names.
+    device, iq : str, optional
+        Kind of the chip that made the samples, and which part of them came first, where known.
     """
     attributes = {"format_version": FORMAT_VERSION, "radar": as_text(radar, None)}
+    attributes |= {name: of for name, of in (("device", device), ("iq", iq)) if of is not None}
     store = zarr.create_group(path, zarr_format=3, attributes=attributes)
     starts_s = np.zeros(n_frames)
     beside: dict[str, list[np.ndarray]] = {"chirp_time": [], "gap": []}

@@ -35,6 +35,8 @@ def write_results(
     detections: xr.Dataset,
     truth: xr.Dataset | None,
     others: Mapping[str, xr.Dataset] = MappingProxyType({}),
+    device: str | None = None,
+    iq: str | None = None,
 ) -> dict[str, Path]:
     """Write results into a folder, in place of earlier ones; all of them or none.
 
@@ -50,6 +52,8 @@ def write_results(
         Kept with the cube; the detections also as CSV and JSON.
     others : mapping
         What else there is of `ego`, `clusters` and `tracks`: kept with the cube, and as CSV.
+    device, iq : str, optional
+        Of a recording, see `write_cube`.
 
     Returns
     -------
@@ -73,6 +77,8 @@ def write_results(
             n_frames=n_frames,
             radar=radar,
             groups={"detections": detections, "truth": truth, **others},
+            device=device,
+            iq=iq,
         )
         for name, table in others.items():
             (made / f"{name}.csv").write_text(csv_text(table), encoding="utf-8")

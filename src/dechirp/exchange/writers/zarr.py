@@ -65,6 +65,8 @@ class Zarr(Writer):
                     n_frames=recording.n_frames,
                     radar=recording.radar,
                     groups=recording.tables,
+                    device=recording.contents.device,
+                    iq=recording.contents.iq,
                 )
 
         if_codes(recording, write_with)
