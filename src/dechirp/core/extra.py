@@ -16,8 +16,7 @@ def library(name: str, *, of: str = "objects") -> Any:
     except ImportError as error:
         raise InvalidSetting(
             of,
-            got=f"to be written or read by {name.partition('.')[0]}, while "
-            f"{error.name or name} is not installed",
-            need="the libraries of the extra io",
+            got=f"of a format that needs {error.name or name}, which is not installed",
+            need="of one that needs nothing else, or the extra io installed",
             fix="Run pip install 'dechirp[io]'.",
         ) from None
