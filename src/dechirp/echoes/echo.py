@@ -158,7 +158,8 @@ def _simulated(
     progress: Callable[[int, int], None] | None,
 ) -> xr.DataArray:
     must_be_possible(scene, radar, n_frames=n_frames)
-    arrived = arriving(scene, radar, stages, n_frames, dtype, rng, engine, progress=progress)
+    numbers = range(n_frames)
+    arrived = arriving(scene, radar, stages, numbers, dtype, rng, engine, progress=progress)
     for receiver in receivers_of(stages, scene, radar):
         receiver(arrived.samples, rng)
     kept = np.ascontiguousarray(kept_of(arrived.samples, radar, stages))
@@ -178,7 +179,7 @@ def arriving(
     scene: Scene,
     radar: Radar,
     stages: Stages,
-    n_frames: int,
+    numbers: Sequence[int],
     dtype: np.dtype[np.complexfloating],
     rng: np.random.Generator,
     engine: Engine | None,
@@ -186,21 +187,21 @@ def arriving(
     seeded: Callable[[int], np.random.Generator] = np.random.default_rng,
     progress: Callable[[int, int], None] | None = None,
 ) -> Arriving:
-    """Sum the echoes of all frames, with all impairments before the receiver.
+    """Sum the echoes of frames of those numbers, with all impairments before the receiver.
 
     `seeded` makes the generators of what paths add, from seeds that are drawn from `rng`, a
     frame's at a time: `path_seeds`. The scene is one that `must_be_possible`.
     """
     before, after = stages.margins(radar)
-    samples = _empty_samples(scene, radar, n_frames, before + after, dtype)
+    samples = _empty_samples(scene, radar, len(numbers), before + after, dtype)
     kernels: set[str] = set()
-    for index in range(n_frames):
-        kept = window(radar, index).wider(before, after)
+    for index, number in enumerate(numbers):
+        kept = window(radar, number).wider(before, after)
         kernels |= _add_frame(
             samples[index], scene, radar, kept, stages, rng, engine or Engine(), seeded
         )
         if progress is not None:
-            progress(index + 1, n_frames)
+            progress(index + 1, len(numbers))
     return Arriving(samples, frozenset(kernels))
 
 
@@ -223,10 +224,15 @@ def kept_of(samples: np.ndarray, radar: Radar, stages: Stages) -> np.ndarray:
 
 
 def labelled(
-    samples: np.ndarray, kernels: Iterable[str], radar: Radar, stages: Stages
+    samples: np.ndarray,
+    kernels: Iterable[str],
+    radar: Radar,
+    stages: Stages,
+    *,
+    first_frame: int = 0,
 ) -> xr.DataArray:
     """A simulated cube of samples that receivers gave."""
-    cube = labelled_cube(samples, radar, units="sqrt(W)")
+    cube = labelled_cube(samples, radar, units="sqrt(W)", first_frame=first_frame)
     said = stages.receivers[-1].attributes(radar) if stages.receivers else {}
     cube.attrs |= {"kernels": ", ".join(sorted(kernels)), **said}
     return cube

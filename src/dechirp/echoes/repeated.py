@@ -107,8 +107,9 @@ class Repeated:
         return self._kept._replace(samples=own)
 
     def _arriving(self, rng: np.random.Generator) -> Arriving:
+        numbers = range(self._n_frames)
         return arriving(
-            self._scene, self._radar, self._stages, self._n_frames, _COMPLEX, rng, self._engine
+            self._scene, self._radar, self._stages, numbers, _COMPLEX, rng, self._engine
         )
 
     def _if_the_same(self, scene: Scene, radar: Radar) -> Arriving | None:
@@ -123,8 +124,9 @@ class Repeated:
             made.append((seed, np.random.default_rng(seed)))
             return made[-1][1]
 
+        numbers = range(self._n_frames)
         found = arriving(
-            scene, radar, self._stages, self._n_frames, _COMPLEX, rng, self._engine, seeded=seeded
+            scene, radar, self._stages, numbers, _COMPLEX, rng, self._engine, seeded=seeded
         )
         for _ in range(self._n_frames):
             path_seeds(self._stages, alike)

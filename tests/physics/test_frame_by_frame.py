@@ -1,0 +1,63 @@
+"""Frames of a scene one at a time: each is that of the whole, but for its own chance."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import dechirp as dc
+from dechirp.echoes.frame_by_frame import FrameByFrame
+
+pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
+
+CHIRP = dc.Chirp(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=30e12,
+    adc_start_s=2e-6,
+    ramp_duration_s=12e-6,
+    sample_rate_hz=10e6,
+    n_samples=80,
+    sampling="complex",
+)
+IMBALANCE = dc.IqImbalance(gain=1.1, phase_rad=0.03)
+SCENE = dc.Scene(
+    targets=[
+        dc.Target(position_m=(20.0, 1.0, 0), velocity_m_per_s=(30.0, -4.0, 0), rcs_m2=10.0),
+        dc.Target(position_m=(9.0, -1.0, 0), velocity_m_per_s=(0, 3.0, 0), rcs_m2=1.0),
+    ]
+)
+
+
+def radar_of(interval_s: object = 15e-6) -> dc.Radar:
+    return dc.Radar(
+        frame=dc.Frame(chirp=CHIRP, n_chirps=12, interval_s=interval_s, period_s=20e-3),
+        array=dc.Array(tx_m=[(0, 0, 0)], rx_m=[(0, 0, 0), (0, 2e-3, 0)]),
+        hardware=dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10.0),
+    )
+
+
+@pytest.mark.parametrize("interval_s", [15e-6, (15e-6, 17e-6)])
+@pytest.mark.parametrize("impairments", [(), (IMBALANCE,)], ids=["none", "imbalance"])
+def test_without_chance_a_frame_is_to_the_bit_that_of_the_whole(interval_s, impairments):
+    radar = radar_of(interval_s)
+    whole = dc.simulate(SCENE, radar, impairments=impairments, n_frames=4)
+    frames = FrameByFrame(SCENE, radar, impairments=impairments, n_frames=4)
+    for number in (3, 0, 2, 1):
+        alone = frames.cube(number, np.random.default_rng(number))
+        xr.testing.assert_identical(alone, whole.isel(frame=[number]))
+
+
+def test_the_first_has_the_noise_of_a_frame_simulated_alone_and_others_their_own():
+    radar = radar_of()
+    frames = FrameByFrame(SCENE, radar, n_frames=2)
+    first = frames.cube(0, np.random.default_rng(7))
+    xr.testing.assert_identical(first, dc.simulate(SCENE, radar, seed=7))
+    again = frames.cube(1, np.random.default_rng(8))
+    np.testing.assert_array_equal(again, frames.cube(1, np.random.default_rng(8)))
+    assert not np.any(again.values == frames.cube(1, np.random.default_rng(9)).values)
+
+
+@pytest.mark.parametrize("number", [-1, 2, 1.0])
+def test_a_frame_that_the_scene_has_not_is_refused(number):
+    frames = FrameByFrame(SCENE, radar_of(), n_frames=2)
+    with pytest.raises(dc.DechirpError, match=r"number"):
+        frames.cube(number, np.random.default_rng(0))
