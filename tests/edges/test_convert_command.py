@@ -143,6 +143,27 @@ def test_a_run_is_converted_with_its_detections(folder, capsys, kind):
             np.testing.assert_array_equal(tables[name][column], variable, f"{name}.{column}")
 
 
+@pytest.mark.parametrize("kind", CLOUDS)
+def test_a_scene_becomes_clouds_of_what_a_run_of_it_detects(folder, capsys, kind):
+    pytest.importorskip("mcap" if kind == "mcap" else "rosbags")
+    out = f"out{WRITERS[kind].endings[0]}"
+    status, _, err = call(capsys, "scene.yaml", out)
+    assert (status, err) == (0, "")
+    opened, result = dc.open(out), dc.run(dc.load("scene.yaml"))
+    assert opened.radar == result.radar
+    assert opened.points.sizes["detection"] > 0
+    xr.testing.assert_identical(opened.points, result.detections)
+    xr.testing.assert_identical(opened.tables["truth"], result.truth)
+
+
+@pytest.mark.parametrize("kind", CLOUDS)
+def test_a_recording_without_detections_is_to_be_run_first(folder, capsys, kind):
+    pytest.importorskip("mcap" if kind == "mcap" else "rosbags")
+    dc.write(of_complex_codes(), "in.zarr")
+    one = mistake(capsys, "in.zarr", f"out{WRITERS[kind].endings[0]}")
+    assert one["fix"].count("dechirp ") == 2
+
+
 def test_what_a_format_did_to_the_samples_is_said(folder, capsys):
     for ending, settings in (("bin", {"scale"}), ("npz", set())):
         _, out, _ = call(capsys, "scene.yaml", f"x.{ending}", "--json")

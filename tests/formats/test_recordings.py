@@ -460,6 +460,24 @@ def test_codes_of_a_12_bit_converter_span_full_scale(tmp_path):
     assert np.allclose(recording.cube.values, expected, rtol=0, atol=2e-7)
 
 
+def test_codes_of_an_infineon_radar_stay_whole_numbers_of_half_steps(tmp_path):
+    recorded = codes(2, 3, 4, 8)
+    recorded[1, 2, 3, 4], recorded[1, 2, 3, 5] = 0, 4095
+    recording = open_recording(infineon_folder(tmp_path, recorded))
+    dc.write(recording, tmp_path / "x.npz")
+    with np.load(tmp_path / "x.npz") as file:
+        assert file["cube"].dtype == np.int16
+        assert np.array_equal(file["cube"], 2 * recorded.astype(int).transpose(0, 2, 1, 3) - 4095)
+    assert np.array_equal(open_recording(tmp_path / "x.npz").cube.values, recording.cube.values)
+
+
+def test_the_device_says_where_the_antennas_of_an_infineon_radar_are(tmp_path):
+    folder = infineon_folder(tmp_path, codes(2, 3, 4, 8))
+    known = open_recording(folder, device="bgt60tr13c").radar.array
+    told = open_recording(folder, radar=folder / "config.json", device="bgt60tr13c").radar.array
+    assert known == told != open_recording(folder).radar.array
+
+
 def test_two_transmitters_in_turn_are_read_in_either_order_of_their_chirps(tmp_path):
     sent = codes(2, 4, 2, 3, 8)  # frame, chirp of a transmitter, transmitter, rx, sample
     text = json.dumps(config(mimo_mode="tdm", tx_antennas=[1, 2]))

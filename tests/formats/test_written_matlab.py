@@ -19,7 +19,6 @@ from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.echoes.codes import codes
 from formats.any_bytes import damaged, gives_a_cube_or_says_why
 from formats.containers import (
-    EVERY_CASE,
     must_be_equal,
     must_keep_a_real_recording,
     must_leave_what_was_there,
@@ -28,19 +27,9 @@ from formats.containers import (
     of_lost_chirps,
     of_one_number_a_frame,
     of_tables,
-    of_transmitters_in_turns,
     real,
     small,
 )
-
-
-@EVERY_CASE
-def test_every_recording_comes_back_bit_by_bit(tmp_path, made):
-    recording = made()
-    assert dc.write(recording, tmp_path / "x.mat") == (tmp_path / "x.mat",)
-    opened = dc.open(tmp_path / "x.mat")
-    assert opened.format == "matlab"
-    must_be_equal(opened, recording)
 
 
 def test_scipy_sees_axes_in_the_opposite_order_and_tables_as_structures(tmp_path):
@@ -120,20 +109,6 @@ def test_what_octave_saved_again_is_still_ours(tmp_path, version):
     dc.write(recording, tmp_path / "x.mat")
     octave(tmp_path, f"load x.mat; save('{version}', 'y.mat');")
     must_be_equal(dc.open(tmp_path / "y.mat"), recording)
-
-
-def test_a_part_is_written_as_a_recording_of_its_own(tmp_path):
-    recording = of_transmitters_in_turns()
-    dc.write(recording.part(1, 3), tmp_path / "x.mat")
-    opened = dc.open(tmp_path / "x.mat")
-    assert np.array_equal(opened.cube.values, recording.cube.values[1:])
-    assert np.allclose(opened.cube.chirp_time, recording.cube.chirp_time[1:], rtol=1e-12)
-
-
-def test_the_radar_that_the_user_gives_comes_first(tmp_path):
-    dc.write(of_complex_samples(), tmp_path / "x.mat")
-    other = replace(small(), array=dc.Array(rx_m=[(0, 0, 0), (0, 2.1e-3, 0)]))
-    assert dc.open(tmp_path / "x.mat", radar=other).radar == other
 
 
 def test_an_array_that_is_named_is_read_as_of_any_workspace(tmp_path):

@@ -4,7 +4,6 @@ import io
 import json
 import os
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.echoes.codes import codes
 from formats.any_bytes import damaged, gives_a_cube_or_says_why
 from formats.containers import (
-    EVERY_CASE,
     must_be_equal,
     must_keep_a_real_recording,
     must_leave_what_was_there,
@@ -25,19 +23,9 @@ from formats.containers import (
     of_complex_samples,
     of_lost_chirps,
     of_tables,
-    of_transmitters_in_turns,
     real,
     small,
 )
-
-
-@EVERY_CASE
-def test_every_recording_comes_back_bit_by_bit(tmp_path, made):
-    recording = made()
-    assert dc.write(recording, tmp_path / "x.npz") == (tmp_path / "x.npz",)
-    opened = dc.open(tmp_path / "x.npz")
-    assert opened.format == "npz"
-    must_be_equal(opened, recording)
 
 
 def test_numpy_alone_gives_cube_and_tables(tmp_path):
@@ -69,24 +57,6 @@ def test_the_same_recording_gives_the_same_bytes(tmp_path):
     for name in ("a.npz", "b.npz"):
         dc.write(of_tables(), tmp_path / name)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-
-
-def test_a_part_is_written_as_a_recording_of_its_own(tmp_path):
-    recording = of_transmitters_in_turns()
-    dc.write(recording.part(1, 3), tmp_path / "x.npz")
-    opened = dc.open(tmp_path / "x.npz")
-    assert np.array_equal(opened.cube.values, recording.cube.values[1:])
-    # Intervals of 35 and 38 us take turns: the first frame that is there has the second.
-    assert np.allclose(opened.cube.chirp_time, recording.cube.chirp_time[1:], rtol=1e-12)
-
-
-def test_the_radar_that_the_user_gives_comes_first(tmp_path):
-    dc.write(of_complex_samples(), tmp_path / "x.npz")
-    other = replace(small(), array=dc.Array(rx_m=[(0, 0, 0), (0, 2.1e-3, 0)]))
-    assert dc.open(tmp_path / "x.npz", radar=other).radar == other
-    longer = small(n_chirps=8)
-    with pytest.raises(RecordingError, match="6 along chirp"):
-        dc.open(tmp_path / "x.npz", radar=longer)
 
 
 def test_an_array_that_is_named_is_read_as_of_any_archive(tmp_path):

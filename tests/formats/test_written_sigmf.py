@@ -40,7 +40,7 @@ META, DATA = "x.sigmf-meta", "x.sigmf-data"
 @EVERY_CASE
 def test_every_recording_comes_back_bit_by_bit_by_either_name(tmp_path, made):
     recording = made()
-    assert dc.write(recording, tmp_path / "x.sigmf") == (tmp_path / META, tmp_path / DATA)
+    assert dc.write(recording, tmp_path / META) == (tmp_path / META, tmp_path / DATA)
     for name in (META, DATA):
         opened = dc.open(tmp_path / name)
         assert opened.format == "sigmf"
@@ -104,25 +104,22 @@ def test_captures_are_frames_and_annotations_lost_chirps(tmp_path):
     assert runs == [(5 * 32, 3 * 32), (17 * 32, 32)]
 
 
-def test_a_part_is_written_as_a_recording_of_its_own(tmp_path):
-    recording = of_transmitters_in_turns()
-    dc.write(recording.part(1, 3), tmp_path / META)
+def test_captures_of_a_part_say_when_its_own_chirps_start(tmp_path):
+    dc.write(of_transmitters_in_turns().part(1, 3), tmp_path / META)
     opened = dc.open(tmp_path / META)
-    assert np.array_equal(opened.cube.values, recording.cube.values[1:])
-    assert np.allclose(opened.cube.chirp_time, recording.cube.chirp_time[1:], rtol=1e-12)
     captures = json.loads((tmp_path / META).read_text())["captures"]
     starts_s = [one["radar:chirp_starts"] for one in captures]
     assert np.array_equal(starts_s, opened.cube.chirp_time)
 
 
-def test_the_radar_that_the_user_gives_comes_first(tmp_path):
-    dc.write(of_complex_samples(), tmp_path / META)
-    other = replace(small(), array=dc.Array(rx_m=[(0, 0, 0), (0, 2.1e-3, 0)]))
-    assert dc.open(tmp_path / META, radar=other).radar == other
-
-
 def test_a_full_disk_leaves_what_was_there(tmp_path):
     must_leave_what_was_there(tmp_path / META)
+
+
+def test_an_archive_is_refused_and_its_pair_named(tmp_path):
+    with pytest.raises(DechirpError, match=r"Did you mean \.sigmf-meta"):
+        dc.write(of_complex_samples(), tmp_path / "x.sigmf")
+    assert not list(tmp_path.iterdir())
 
 
 def test_neither_file_is_replaced_where_a_folder_has_the_name_of_the_other(tmp_path):
@@ -221,6 +218,30 @@ def test_a_last_frame_that_is_cut_short_is_left_out_with_a_warning(tmp_path):
     opened = dc.open(file, radar=small())
     assert opened.n_frames == 2
     assert [one.level for one in opened.findings] == ["warning"]
+
+
+@pytest.mark.parametrize(
+    ("captures", "n_places"),
+    [
+        ([(0, 0), (6 * 32, 900)], 0),  # the radar rested between frames
+        ([(0, 100), (32, 132)], 0),
+        ([(0, 100), (32, 133)], 1),
+        ([(0, None), (32, 40), (64, None), (70, 80)], 2),
+    ],
+)
+def test_samples_that_are_missing_within_a_frame_are_told(tmp_path, captures, n_places):
+    file = foreign(tmp_path, samples(3, 6, 32, 2), "ci16_le")
+    tree = json.loads(file.read_text())
+    tree["captures"] = [
+        {"core:sample_start": start} | ({} if index is None else {"core:global_index": index})
+        for start, index in captures
+    ]
+    file.write_text(json.dumps(tree))
+    said = [one for one in dc.open(file, radar=small()).findings if "missing" in one.got]
+    assert len(said) == bool(n_places)
+    for one in said:
+        assert (one.level, one.setting) == ("warning", "core:global_index")
+        assert f"in {n_places} places" in one.got
 
 
 def test_the_sample_rate_must_be_that_of_the_radar(tmp_path):

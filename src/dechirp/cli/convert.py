@@ -11,8 +11,10 @@ from dechirp.cli.options import NOTHING_TOLD, Json, Quiet, Told
 if TYPE_CHECKING:
     from dechirp.core.findings import Finding
     from dechirp.exchange.writers.base import Writer
+    from dechirp.experiment.scenario import Scenario
     from dechirp.formats.recording import Recording
 
+_TABLES = ("detections", "truth", "ego", "clusters", "tracks")
 _OPTIONS = {"--out": "OUT", "path": "OUT"}
 
 
@@ -33,10 +35,10 @@ def convert(
     ----------
     source
         Recording (file or folder), folder of dechirp run with its tables, or scenario (YAML),
-        whose scene is simulated and written with its truth.
+        whose scene is simulated and written with its truth; for .mcap and .ros2 run, too.
     out
         What is to be written; its ending says the format: .h5, .hdf5, .nc, .nc4, .mat, .npz,
-        .sigmf-meta, .sigmf-data, .sigmf, .zarr, .bin (DCA1000), .mcap, .ros2, .png or .csv (maps).
+        .sigmf-meta, .sigmf-data, .zarr, .bin (DCA1000), .mcap, .ros2, .png or .csv (maps).
     to
         Kind of the format, where the ending of OUT does not say it.
     replace
@@ -52,7 +54,7 @@ def convert(
     try:
         writer = writer_of(out, to)
         _must_be_apart(source, out)
-        recording, said = _opened(source, told, quiet=quiet)
+        recording, said = _opened(source, told, writer, quiet=quiet)
         _must_be_free(writer.files(counted_from_0(recording), out), may_replace=replace)
         with progress("frames", quiet=quiet) as report:
             written = write(recording, out, format=to, progress=report)
@@ -97,13 +99,12 @@ def _must_be_free(files: Sequence[Path], *, may_replace: bool) -> None:
         )
 
 
-def _opened(source: Path, told: Told, *, quiet: bool) -> "tuple[Recording, Sequence[Finding]]":
+def _opened(
+    source: Path, told: Told, writer: "Writer", *, quiet: bool
+) -> "tuple[Recording, Sequence[Finding]]":
     """Recording that is meant, or that is made of a scene, and what is to be said of it."""
-    from dechirp.cli.show import progress
     from dechirp.cli.sources import scenario_of
-    from dechirp.exchange.in_memory import recording_of
-    from dechirp.experiment.run import recording_of as recording_in
-    from dechirp.experiment.run import simulated
+    from dechirp.experiment.run import opened_recording
     from dechirp.formats.recording import open as open_recording
 
     if source.suffix.lower() not in (".yaml", ".yml"):
@@ -118,13 +119,31 @@ def _opened(source: Path, told: Told, *, quiet: bool) -> "tuple[Recording, Seque
         told=told.of_file(),
     )
     if scenario.recording is not None:
-        recording = recording_in(scenario)
+        recording = opened_recording(scenario)
         return recording, recording.findings
+    return _simulated(scenario, writer, quiet=quiet)
+
+
+def _simulated(
+    scenario: "Scenario", writer: "Writer", *, quiet: bool
+) -> "tuple[Recording, Sequence[Finding]]":
+    """Samples of a scene with its truth; with all that `run` finds where that is written."""
+    from dechirp.cli.show import progress
+    from dechirp.exchange.in_memory import recording_of
+    from dechirp.experiment.run import run, simulated
+
     assert scenario.radar is not None
-    with progress("frames simulated", quiet=quiet) as report:
-        cube, truth, said = simulated(scenario, progress=report)
-    made = recording_of(cube, scenario.radar, tables={"truth": truth}, name=scenario.name)
-    return made, said
+    if writer.of_detections:
+        with progress("steps", quiet=quiet) as report:
+            result = run(scenario, progress=report)
+        cube, said = result.cube, result.findings
+        every = {name: getattr(result, name) for name in _TABLES}
+        tables = {name: table for name, table in every.items() if table is not None}
+    else:
+        with progress("frames simulated", quiet=quiet) as report:
+            cube, truth, said = simulated(scenario, progress=report)
+        tables = {"truth": truth}
+    return recording_of(cube, scenario.radar, tables=tables, name=scenario.name), said
 
 
 def _tell(

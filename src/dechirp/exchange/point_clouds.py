@@ -32,8 +32,9 @@ from dechirp.exchange.ros_messages import (
     cloud_message,
     text_message,
 )
-from dechirp.exchange.said import said_of
+from dechirp.exchange.said import must_be_of, said_of
 from dechirp.exchange.writers.base import Progress
+from dechirp.formats.arrays.json_columns import NUMBERS
 from dechirp.formats.messages.kept import DESCRIPTION, ROOT
 from dechirp.formats.messages.ours import DETECTIONS
 from dechirp.formats.messages.ros import NANO, Message
@@ -41,7 +42,6 @@ from dechirp.formats.recording import Recording
 
 KEEPS = "detections and tables, no samples"
 _PLACES = ("x", "y", "z", "intensity")
-_NO_MESSAGE = ("float16", "longdouble", "clongdouble", "float128", "complex256")
 _LARGEST = 2**53  # whole numbers up to this are float64s
 
 
@@ -54,7 +54,7 @@ def must_have_detections(recording: Recording) -> None:
             recording,
             got="without detections",
             need="a recording with detections: clouds of points hold no samples",
-            fix="Run it first: dechirp run IN --out FOLDER; then convert FOLDER.",
+            fix="Run it first: dechirp run IN --out FOLDER; then: dechirp convert FOLDER OUT.",
         )
     if _parts(tables[DETECTIONS], recording.n_frames) is None:
         raise _refused(
@@ -63,15 +63,7 @@ def must_have_detections(recording: Recording) -> None:
             need="with detections over `detection`, their `frame` ascending from 0",
             fix="Sort them: detections.sortby('frame').",
         )
-    for name, table in tables.items():
-        for column, variable in table.variables.items():
-            if variable.dtype.kind not in "biufcUO" or variable.dtype.name in _NO_MESSAGE:
-                raise _refused(
-                    recording,
-                    got=f"with a table {name!r} whose {column} is {variable.dtype}",
-                    need="texts, or numbers whose parts have 64 bits at most, floats at least 32",
-                    fix="Leave the column out, or convert it.",
-                )
+    must_be_of(NUMBERS, tables)
     said_of(recording, None, tables)
 
 

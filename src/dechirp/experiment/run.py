@@ -268,7 +268,7 @@ def simulated(
     return source, _truth(scenario, radar), findings
 
 
-def recording_of(scenario: Scenario) -> Recording:
+def opened_recording(scenario: Scenario) -> Recording:
     """The recording of a scenario, opened as it says.
 
     Raises
@@ -351,7 +351,7 @@ def _source(
                 progress=simulated,
             )
         return cube, scenario.radar, tuple(findings)
-    recording = recording_of(scenario)
+    recording = opened_recording(scenario)
     return recording, recording.radar, recording.findings
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.formats.base import Contents, Fit, Format, Told, foreign
+from dechirp.formats.kept import must_agree
 from dechirp.formats.kept_beside import is_kept, read_kept
 from dechirp.formats.samples.bare import bare_contents
 from dechirp.formats.samples.layouts import FourLanes, Layout, TwoLanes
@@ -63,6 +64,7 @@ class Dca1000(Format):
         if is_kept(path):
             kept = read_kept(path, None if told.settings is None else told.settings.radar)
             settings = kept.settings
+            must_agree(path, told, device=settings.device, iq=settings.iq)
             return kept.of(bare_contents(path, files_in(path), layouts(settings), settings, told))
         settings = settings_for(path, told)
         stream, findings = _stream(path, settings)

@@ -64,7 +64,10 @@ class Description:
 def described(
     radar: Radar, held: Contents, scale: float | None, tables: Mapping[str, xr.Dataset]
 ) -> tuple[Description, dict[str, dict[str, np.ndarray]]]:
-    """Description of what a recording holds, with these tables, and the columns of each."""
+    """Description of what a recording holds, with these tables, and the columns of each.
+
+    Columns are in the order of bytes of this machine, whatever that of the tables.
+    """
     both = {name: plain(table) for name, table in tables.items()}
     said = {name: about for name, (_, about) in both.items()}
     made = Description(
@@ -75,7 +78,15 @@ def described(
         device=held.device,
         iq=held.iq,
     )
-    return made, {name: columns for name, (columns, _) in both.items()}
+    columns = {
+        name: {column: _native(values) for column, values in held.items()}
+        for name, (held, _) in both.items()
+    }
+    return made, columns
+
+
+def _native(values: np.ndarray) -> np.ndarray:
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
 def is_ours(text: str) -> bool:
@@ -110,7 +121,7 @@ def of_text(path: Path, text: str, radar: Radar | None = None) -> Description:
             fix="Read it with the version of dechirp that wrote it.",
         )
     return Description(
-        radar=radar or _radar(path, said.get("radar")),
+        radar=radar or radar_of(path, said.get("radar")),
         units=cast(Units, units),
         scale=_number(scale),
         tables=tables,
@@ -127,7 +138,8 @@ def _number(said: float | None) -> float | None:
         return math.inf
 
 
-def _radar(path: Path, said: Any) -> Radar:
+def radar_of(path: Path, said: Any) -> Radar:
+    """Radar that stands in a file of ours as in a settings file; `RecordingError` if damaged."""
     try:
         return files.parse(json.dumps(said), Radar, file=f"{path}: radar")
     except DechirpError as error:

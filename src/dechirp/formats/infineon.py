@@ -18,6 +18,7 @@ from dechirp.formats.settings.read import read_settings
 from dechirp.formats.settings.receivers import with_receivers
 
 _LARGEST_CODE = 4095
+_SCALE = 1 / _LARGEST_CODE  # half a step of the converter: codes lie between whole steps
 _SAMPLES, _CONFIG = "radar.npy", "config.json"
 
 
@@ -43,7 +44,7 @@ class Infineon(Format):
                 need="one recording",
                 fix="Name the folder of one of them.",
             )
-        settings = told.settings or read_settings(folders[0] / _CONFIG)
+        settings = told.settings or read_settings(folders[0] / _CONFIG, told.device)
         file = folders[0] / _SAMPLES
         must_stay_in(folders[0], file)
         codes = array_in(file)
@@ -85,6 +86,7 @@ class Infineon(Format):
             radar=radar,
             n_frames=codes.shape[0],
             decode=decode,
+            scale=_SCALE,
             findings=settings.findings + findings,
         )
 
@@ -116,5 +118,6 @@ def _to_full_scale(file: Path, codes: np.ndarray, index: int, out: np.ndarray) -
             fix="Copy the recording again from its source.",
         )
     out[:] = codes
-    out *= np.float32(2 / _LARGEST_CODE)
-    out -= np.float32(1)
+    out *= np.float32(2)
+    out -= np.float32(_LARGEST_CODE)
+    out *= np.float32(_SCALE)

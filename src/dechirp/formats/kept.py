@@ -1,6 +1,5 @@
 """What a file of ours holds: samples with their description, the chirps that were lost, tables."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from dechirp.formats.arrays.axes import contents
 from dechirp.formats.arrays.stored import Stored, parsing, written
 from dechirp.formats.base import Contents, Told
 from dechirp.formats.description import Description, is_ours, of_text, tables_of
-from dechirp.formats.settings.base import Settings
+from dechirp.formats.settings.base import Iq, Settings
 
 LONGEST_TEXT = 2**24
 """Characters of a description; one of 10,000 calibrated channels has 2^20."""
@@ -22,9 +21,25 @@ LARGEST_SCALE = 1e30  # times the largest code it is still a single-precision nu
 
 def is_meant(text: str | None, told: Told) -> bool:
     """Whether a text is a description of ours, and nobody said how to read its array instead."""
-    if text is None or not is_ours(text) or told.inside or told.axes or told.encoding:
-        return False
-    return told.iq in (None, json.loads(text).get("iq"))
+    is_other = told.inside or told.axes or told.encoding
+    return text is not None and is_ours(text) and not is_other
+
+
+def must_agree(path: Path, told: Told, *, device: str | None, iq: Iq | None) -> None:
+    """Raise `RecordingError` where a file of ours says another device or order than the user.
+
+    A device that was told with a radar is that of the radar: where its antennas are.
+    """
+    chip = None if told.device is None or told.settings is not None else told.device.kind()
+    for name, given, said in (("device", chip, device), ("iq", told.iq, iq)):
+        if given not in (None, said):
+            raise RecordingError(
+                path,
+                got=f"written by dechirp, with --{name} {given}",
+                need=f"read as it was written: it knows its own order and device"
+                f" ({name}: {said or 'none'}), and --{name} is for bare samples",
+                fix=f"Leave out --{name} ({name}=... in Python).",
+            )
 
 
 def kept(
@@ -67,6 +82,7 @@ def kept(
     given = None if told.settings is None else told.settings.radar
     with parsing(path, "a file with a whole description"):
         description = of_text(path, text, given)
+        must_agree(path, told, device=description.device, iq=description.iq)
         _must_have_scale(path, description, stored.dtype)
         if len(stored.shape) == len(axes) + 1:
             axes = (*axes, "iq")

@@ -44,7 +44,6 @@ _TAR_AT, _TAR = 257, b"ustar"
 _BLOCK_BYTES = 2**20
 _HASHED_BYTES = 2**27  # 0.2 s, of which half is reading
 _NEED = "a SigMF recording"
-_IQ = f"{EXTENSION}:iq"
 
 
 @value
@@ -82,7 +81,7 @@ class Sigmf(Format):
                 fix=f"Unpack it (tar -xf {path.name}), and name the {META} in it.",
             )
         meta = read_meta(path)
-        is_told = told.axes or told.encoding or told.iq not in (None, meta.said.get(_IQ))
+        is_told = told.axes or told.encoding
         held = _foreign(meta, told) if is_told or not meta.is_ours else _own(meta, told)
         return replace(held, findings=(*meta.findings, *_hashed(meta), *held.findings))
 
@@ -209,7 +208,37 @@ def _foreign(meta: Meta, told: Told) -> Contents:
         stored if is_full_scale else _to_full_scale(stored),
         meant,
         file_bytes=file_bytes,
-        findings=cut,
+        findings=(*cut, *_lost(meta, math.prod(shape[axes[0] == "frame" :]))),
+    )
+
+
+def _lost(meta: Meta, frame_numbers: int) -> tuple[Finding, ...]:
+    """Warn where samples of the stream are missing within a frame of so many numbers.
+
+    `core:global_index` of a capture counts those that were dropped, too. Between frames a radar
+    rests.
+    """
+    offset = meta.said.get("core:offset", 0)
+    n_before, lost = 0, []
+    for number, one in enumerate(meta.captures):
+        start, index = one["core:sample_start"], one.get("core:global_index")
+        n_dropped = index - start if count(index) else n_before
+        place = start - offset if count(offset) else start
+        if number and n_dropped != n_before and place * meta.n_channels % frame_numbers:
+            lost.append((start, n_dropped - n_before))
+        n_before = n_dropped
+    if not lost:
+        return ()
+    (start, n_lost), n_places = lost[0], len(lost)
+    return (
+        Finding(
+            level="warning",
+            setting="core:global_index",
+            got=f"samples missing within frames in {n_places} places, the first {n_lost} before"
+            f" sample {start}",
+            need="whole frames: all after a gap are cut in the wrong places",
+            fix="Cut the recording at its gaps, and read each part by itself.",
+        ),
     )
 
 

@@ -1,6 +1,5 @@
 """Our own results: `cube.zarr`, or the folder of a run that holds it."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,23 +7,21 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from dechirp.config import files
 from dechirp.core.conventions import CUBE_AXES
-from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.errors import RecordingError
 from dechirp.core.values import value
 from dechirp.formats.arrays.axes import contents
 from dechirp.formats.arrays.stored import parsing
 from dechirp.formats.arrays.zarr_plain import PlainChunks, plain_chunks, scale_codes
 from dechirp.formats.base import IQ_ORDERS, Contents, Fit, Format, Told, Units
-from dechirp.formats.kept import LARGEST_SCALE, lost_chirps
+from dechirp.formats.description import UNITS, radar_of
+from dechirp.formats.kept import LARGEST_SCALE, lost_chirps, must_agree
 from dechirp.formats.settings.base import Settings
 from dechirp.formats.zarr_array import NEED, array_in, read_array, read_json
 from dechirp.formats.zarr_tables import Tables
-from dechirp.radar.radar import Radar
 
 _CUBE, _MARK = "cube.zarr", "zarr.json"
 _VERSION = 1
-_UNITS = ("sqrt(W)", "full scale")
 
 
 @value
@@ -65,17 +62,16 @@ class Store(Format):
             device, iq = attributes.get("device"), attributes.get("iq")
             if not isinstance(device, str | None) or iq not in (None, *IQ_ORDERS):
                 raise ValueError(f"its device is {device!r} and its order {iq!r}")
-            if told.iq not in (None, iq):
-                raise ValueError(f"its samples have the order {iq or 'of no recorder'}")
-        if attributes.get("format_version") != _VERSION or units not in _UNITS:
+            must_agree(path, told, device=device, iq=iq)
+        if attributes.get("format_version") != _VERSION or units not in UNITS:
             raise RecordingError(
                 path,
                 got=f"results of format version {attributes.get('format_version')!r}, in units"
                 f" of {units!r}",
-                need=f"of version {_VERSION}, in {' or '.join(_UNITS)}",
+                need=f"of version {_VERSION}, in {' or '.join(UNITS)}",
                 fix="Read them with the version of dechirp that wrote them.",
             )
-        settings = told.settings or _settings(folder, radar)
+        settings = told.settings or Settings(radar=radar_of(folder / _MARK, radar))
         stored, file_bytes = array_in(folder, replace(told, inside="cube"))
         plain = None
         if axes[: len(CUBE_AXES)] == CUBE_AXES and stored.absent is None:
@@ -130,17 +126,3 @@ def _gaps(path: Path, folder: Path) -> np.ndarray | None:
 def _folder(path: Path) -> Path | None:
     """Folder of the cube that a path can mean."""
     return next((one for one in (path / _CUBE, path) if (one / _MARK).is_file()), None)
-
-
-def _settings(folder: Path, radar: Any) -> Settings:
-    """Radar of the run, which stands in the attributes as in a settings file."""
-    try:
-        made = files.parse(json.dumps(radar), Radar, file=f"{folder / _MARK}: radar")
-    except DechirpError as error:
-        raise RecordingError(
-            folder / _MARK,
-            got=f"a store whose radar cannot be read ({error})",
-            need="the radar that made its samples",
-            fix="Give the radar: --radar FILE (radar=FILE in Python).",
-        ) from None
-    return Settings(radar=made)

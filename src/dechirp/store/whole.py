@@ -122,6 +122,10 @@ def whole_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
     A new file that is not written leaves its place empty. Whatever goes wrong, all that was
     there stays as it was and the new files are removed.
 
+    The first is the one without which nobody reads the others: it goes first and comes last. So
+    files of two times never lie together, and what a killed process leaves has no first; the
+    earlier files are then beside it, hidden, as `.name.0123abcd.before`.
+
     Raises
     ------
     DechirpError
@@ -139,7 +143,7 @@ def whole_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
         for place, old in zip(places, before, strict=True):
             if place.exists():
                 place.rename(old)
-        for place, new in zip(places, made, strict=True):
+        for place, new in reversed(list(zip(places, made, strict=True))):
             if new.exists():
                 new.rename(place)
                 placed.append(place)

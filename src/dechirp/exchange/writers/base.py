@@ -25,6 +25,9 @@ class Writer(Family):
     is_read: ClassVar[bool] = True
     """Whether `formats` reads it back."""
 
+    of_detections: ClassVar[bool] = False
+    """Whether it is detections, and no samples, that are written."""
+
     @abstractmethod
     def check(self, recording: Recording) -> None:
         """Raise `DechirpError` where the format cannot hold a recording; writes nothing."""

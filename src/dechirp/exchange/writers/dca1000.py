@@ -18,7 +18,7 @@ from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.exchange.coded import if_codes, numbers
-from dechirp.exchange.said import must_be_listed, said_of
+from dechirp.exchange.said import must_be_of, said_of
 from dechirp.exchange.ti_chip import (
     CFG_BITS,
     TiChip,
@@ -29,6 +29,7 @@ from dechirp.exchange.ti_chip import (
     told_radar,
 )
 from dechirp.exchange.writers.base import Progress, Writer
+from dechirp.formats.arrays.json_columns import TYPES
 from dechirp.formats.kept_beside import MOST_BYTES, Layout, beside, is_kept, kept_text
 from dechirp.formats.recording import Recording
 from dechirp.formats.settings.ti_frame import BITS
@@ -88,7 +89,7 @@ class Dca1000(Writer):
 
 def _must_be_text(recording: Recording) -> None:
     """Raise `DechirpError` unless the tables can be kept as JSON, in a file of some size."""
-    must_be_listed(recording)
+    must_be_of(TYPES, recording.tables)
     n_bytes = len(_kept(recording, chip_of(recording), 1.0, ()))
     if n_bytes > MOST_BYTES:
         raise _refused(

@@ -19,14 +19,14 @@ import numpy as np
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import value
 from dechirp.exchange.coded import if_codes, numbers
-from dechirp.exchange.said import said_of
+from dechirp.exchange.said import must_be_of, said_of
 from dechirp.exchange.writers.base import Progress, Writer
+from dechirp.formats.arrays.json_columns import NUMBERS
 from dechirp.formats.recording import Recording
 from dechirp.store.whole import whole_file
 
 _OURS = ("cube", "dechirp", "gap")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
-_TYPES = ("b1", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8", "c8", "c16")
 _LARGEST = 2**31 - 2**16  # bytes of a variable, less what goes before its numbers
 _MATRIX, _FLAGS, _SIZES, _LETTERS = 14, 6, 5, 1
 _COMPLEX = 0x0800
@@ -48,6 +48,7 @@ class Matlab(Writer):
         # As floats: whether samples are codes shows when they are read.
         _must_be_small("cube", prod(recording.sizes.values()) * (8 if is_complex else 4))
         _, tables = said_of(recording, None)
+        must_be_of(NUMBERS, recording.tables)
         for name, columns in tables.items():
             if name in _OURS or not _NAME.fullmatch(name):
                 raise _refused(
@@ -57,8 +58,8 @@ class Matlab(Writer):
                     fix="Name it otherwise, or write an .h5 file, which takes more names.",
                 )
             _must_be_small(name, sum(column.nbytes for column in columns.values()))
-            for column, values in columns.items():
-                _must_be_known(name, column, values)
+            for column in columns:
+                _must_be_named(name, column)
 
     def write(
         self, recording: Recording, out: Path, progress: Progress | None = None
@@ -130,21 +131,14 @@ def _element(kind: int, data: bytes) -> bytes:
     return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
 
 
-def _must_be_known(table: str, name: str, values: np.ndarray) -> None:
-    """Raise `DechirpError` unless MATLAB has such a field."""
+def _must_be_named(table: str, name: str) -> None:
+    """Raise `DechirpError` unless a field can have that name."""
     if not _NAME.fullmatch(name):
         raise _refused(
             f"tables.{table}",
             got=f"with a column named {name!r}",
             need="with names of letters, digits and _, of which a letter comes first, at most 63",
             fix="Name it otherwise, or write an .h5 file, which takes more names.",
-        )
-    if values.dtype.newbyteorder("=").str[1:] not in _TYPES:
-        raise _refused(
-            f"tables.{table}",
-            got=f"with a column {name} of {values.dtype}",
-            need="of texts, flags, or numbers of at most 64 bits, both parts of complex ones each",
-            fix="Convert it.",
         )
 
 

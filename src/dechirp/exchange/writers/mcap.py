@@ -19,6 +19,7 @@ class Mcap(Writer):
 
     endings: ClassVar[tuple[str, ...]] = (".mcap",)
     keeps: ClassVar[str] = KEEPS
+    of_detections: ClassVar[bool] = True
 
     def check(self, recording: Recording) -> None:
         """See `Writer.check`."""

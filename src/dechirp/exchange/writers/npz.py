@@ -14,8 +14,9 @@ import numpy as np
 
 from dechirp.core.values import value
 from dechirp.exchange.coded import if_codes, numbers
-from dechirp.exchange.said import said_of
+from dechirp.exchange.said import must_be_of, said_of
 from dechirp.exchange.writers.base import Progress, Writer
+from dechirp.formats.arrays.json_columns import TYPES
 from dechirp.formats.recording import Recording
 from dechirp.store.whole import whole_file
 
@@ -31,6 +32,7 @@ class Npz(Writer):
         """See `Writer.check`."""
         recording.must_hold_samples()
         said_of(recording, None)
+        must_be_of(TYPES, recording.tables)
 
     def write(
         self, recording: Recording, out: Path, progress: Progress | None = None

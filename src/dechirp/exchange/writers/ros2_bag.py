@@ -24,6 +24,7 @@ class Ros2Bag(Writer):
 
     endings: ClassVar[tuple[str, ...]] = (".ros2",)
     keeps: ClassVar[str] = KEEPS
+    of_detections: ClassVar[bool] = True
 
     def check(self, recording: Recording) -> None:
         """See `Writer.check`."""

@@ -17,11 +17,10 @@ import numpy as np
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import value
 from dechirp.exchange.coded import if_codes, numbers
-from dechirp.exchange.said import must_be_listed, said_of
+from dechirp.exchange.said import must_be_of, said_of
 from dechirp.exchange.writers.base import Progress, Writer
-from dechirp.formats.arrays.json_columns import listed
+from dechirp.formats.arrays.json_columns import TYPES, listed
 from dechirp.formats.arrays.sigmf_meta import (
-    ARCHIVE,
     DATA,
     EXTENSION,
     LONGEST,
@@ -40,14 +39,14 @@ _SIGMF_VERSION = "1.2.6"
 class Sigmf(Writer):
     """SigMF: samples, and radar, lost chirps and tables in the extension `radar`."""
 
-    endings: ClassVar[tuple[str, ...]] = (META, DATA, ARCHIVE)
+    endings: ClassVar[tuple[str, ...]] = (META, DATA)
     keeps: ClassVar[str] = "samples, radar, gaps, tables of up to 16 MB"
 
     def check(self, recording: Recording) -> None:
         """See `Writer.check`."""
         recording.must_hold_samples()
         said_of(recording, None)
-        must_be_listed(recording)
+        must_be_of(TYPES, recording.tables)
         n_bytes = len(_text(recording, recording.contents.scale, "0" * 128))
         if n_bytes > LONGEST:
             raise _refused(

@@ -9,8 +9,9 @@ import xarray as xr
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import value
 from dechirp.exchange.coded import frames, if_codes
-from dechirp.exchange.said import said_of
+from dechirp.exchange.said import must_be_of, said_of
 from dechirp.exchange.writers.base import Progress, Writer
+from dechirp.formats.arrays.json_columns import TYPES
 from dechirp.formats.recording import Recording
 from dechirp.store.cube import BESIDE, write_cube
 from dechirp.store.whole import must_be_replaceable, whole_folder
@@ -18,7 +19,6 @@ from dechirp.store.whole import must_be_replaceable, whole_folder
 _MARK = "zarr.json"
 _TAKEN = {"cube", "frame", "chirp", "rx", "sample", "calibration", *BESIDE}
 
-_KINDS = "biufcUO"
 _OF_XARRAY = {"_FillValue", "coordinates"}
 
 
@@ -33,6 +33,7 @@ class Zarr(Writer):
         """See `Writer.check`."""
         recording.must_hold_samples()
         said_of(recording, None)
+        must_be_of(TYPES, recording.tables)
         for name, table in recording.tables.items():
             if name in _TAKEN or any(map(_is_no_folder, (name, *map(str, table.variables)))):
                 raise _refused(
@@ -41,13 +42,13 @@ class Zarr(Writer):
                     "Rename it.",
                 )
             for column, variable in table.variables.items():
-                if variable.dtype.kind not in _KINDS or _OF_XARRAY & set(variable.attrs):
+                if _OF_XARRAY & set(variable.attrs):
                     raise _refused(
-                        f"with a column {name}.{column} of type {variable.dtype} and attributes"
-                        f" {', '.join(map(str, variable.attrs)) or 'none'}",
-                        "texts, flags or numbers, without attributes that xarray uses itself"
+                        f"with a column {name}.{column} with attributes"
+                        f" {', '.join(map(str, variable.attrs))}",
+                        "without attributes that xarray uses itself"
                         f" ({', '.join(sorted(_OF_XARRAY))})",
-                        "Convert it.",
+                        "Leave them out.",
                     )
 
     def write(

@@ -16,7 +16,7 @@ from dechirp.evaluate.look import Case, Look, NoiseMap
 from dechirp.evaluate.match import Matcher
 from dechirp.evaluate.score.base import Score
 from dechirp.experiment.followed import follow
-from dechirp.experiment.run import recording_of
+from dechirp.experiment.run import opened_recording
 from dechirp.experiment.scenario import Scenario
 from dechirp.experiment.study.block import Block, Failure
 from dechirp.experiment.study.layout import Layout
@@ -38,7 +38,7 @@ class PreparedRecording:
 
     def __init__(self, recorded: Recorded, scores: tuple[Score, ...]) -> None:
         self.recorded, self.scores = recorded, scores
-        self.recording = recording_of(recorded.scenario)
+        self.recording = opened_recording(recorded.scenario)
         self.radar = self.recording.radar
         self.chain = recorded.scenario.chain.fitted(self.radar)
         last = self.recording.frame_numbers[-1]
@@ -176,6 +176,6 @@ def tried_block(
 def frames_of(sources: Sequence[Scenario | Recorded]) -> tuple[int | None, ...]:
     """Frames that each recording has; None for scenes, which have as many as are wanted."""
     return tuple(
-        None if isinstance(one, Scenario) else recording_of(one.scenario).n_frames
+        None if isinstance(one, Scenario) else opened_recording(one.scenario).n_frames
         for one in sources
     )

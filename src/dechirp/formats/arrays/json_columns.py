@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-TYPES = frozenset(
-    ["bool", "float16", "float32", "float64", "complex64", "complex128", "str"]
+NUMBERS = frozenset(
+    ["bool", "float32", "float64", "complex64", "complex128"]
     + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
 )
-"""What a column can be of."""
+"""What a column can be of, besides texts, in every container."""
+TYPES = NUMBERS | {"float16", "str"}
+"""What a column can be of in JSON."""
 
 
 def listed(column: np.ndarray) -> dict[str, Any]:

@@ -18,8 +18,8 @@ from dechirp.formats.settings.json_text import count, number, shown
 
 META, DATA, ARCHIVE = ".sigmf-meta", ".sigmf-data", ".sigmf"
 EXTENSION, VERSION = "radar", "1.0.0"
-_SERIES = "1."  # of versions that say the same with the same names
 """Ours: docs/sigmf-radar.md."""
+_SERIES = "1."  # of versions that say the same with the same names
 LONGEST = 2**24
 """Bytes of a text: in memory at most 20 times as many, besides 100 for each object and list."""
 _MOST_BRACKETS = 2**18
@@ -57,7 +57,7 @@ class Meta:
 def pair_of(path: Path) -> tuple[Path, Path]:
     """Metadata file and data file of a recording, of which any is named, or neither ending."""
     stem = path.name
-    for ending in (META, DATA, ARCHIVE):
+    for ending in (META, DATA):
         stem = stem.removesuffix(ending)
     return path.with_name(stem + META), path.with_name(stem + DATA)
 

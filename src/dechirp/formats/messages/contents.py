@@ -8,6 +8,7 @@ from dechirp.core.errors import RecordingError
 from dechirp.formats.arrays.stored import parsing
 from dechirp.formats.base import Contents, Told
 from dechirp.formats.description import is_ours
+from dechirp.formats.kept import must_agree
 from dechirp.formats.messages import foreign, ours
 from dechirp.formats.messages.kept import kept
 from dechirp.formats.messages.ros import Message, types
@@ -33,6 +34,7 @@ def contents_of(path: Path, messages: Iterable[Message], told: Told, need: str) 
             found = foreign.contents(path, held, radar, told.inside)
         elif told.inside is None:
             found = ours.contents(path, text, held, radar)
+            must_agree(path, told, device=found.device, iq=found.iq)
         else:
             raise RecordingError(
                 path,

@@ -54,6 +54,8 @@ def _column(held: Kept, description: Description, table: str, name: str) -> np.n
         over = list(said["dims"])
         by_frame = "frame" in over
         values = np.stack(parts, axis=over.index("frame")) if by_frame else np.concatenate(parts)
+        if said["is_text"] and values.ndim == len(over):  # of one byte each: no field has an axis
+            values = values[..., None]
     if kind.kind == "c":  # real and imaginary parts along a last axis
         return np.ascontiguousarray(values).view(kind)[..., 0]
     return values.astype(kind)
