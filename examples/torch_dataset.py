@@ -43,6 +43,7 @@ class Items:
         self.path, self.what = Path(path), what
         self._group: zarr.Group | None = None
         made = self.group["made"][:]
+        _ = self.group[what]  # raises KeyError here, and not in a worker
         ends = np.round(np.array(trials) * made.shape[1]).astype(int)
         places = np.argwhere(made)
         self.places = places[(places[:, 1] >= ends[0]) & (places[:, 1] < ends[1])]
@@ -107,9 +108,13 @@ class TorchItems(Dataset):
         return torch.from_numpy(item), {name: torch.from_numpy(of) for name, of in labels.items()}
 
 
-def main(path: str) -> None:
+def main(path: str = "dechirp-study/data.zarr") -> None:
     """Show the first item; with PyTorch, go through all of them in batches."""
-    items = Items(Path(path))
+    try:
+        items = Items(Path(path))
+    except (OSError, KeyError):
+        print(f"{path}: no data set with maps that `dechirp study` has finished.", file=sys.stderr)
+        sys.exit(2)
     item, labels = items[0]
     print(f"{len(items)} items of {items.what} {item.shape}")
     for at, name in enumerate(items.names):
@@ -124,4 +129,4 @@ def main(path: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:2])

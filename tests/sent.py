@@ -1,7 +1,7 @@
 """Packets sent over loopback from this process, and the stream that hears them.
 
-The sender waits for the receiver, so that nothing is lost but what a test loses, however busy the
-machine is.
+The sender waits for the receiver, so that nothing is lost but what a test loses, and the stream
+ends when all that was sent is taken, however busy the machine is.
 """
 
 import socket
@@ -13,20 +13,28 @@ import xarray as xr
 
 import dechirp as dc
 
-_GIVE_UP_S = 20.0
+_GIVE_UP_S = 60.0  # only a failure takes so long
 
 
 def heard(sent: Iterable[bytes], radar: dc.Radar, **told) -> tuple[list[xr.DataArray], dc.Listener]:
     """Frames that a stream gives of packets, and the stream when it has ended."""
-    stream = dc.listen("127.0.0.1:0", radar=radar, **{"idle_s": 1.0, **told})
+    stream = dc.listen("127.0.0.1:0", radar=radar, idle_s=_GIVE_UP_S, **told)
     ended = threading.Event()
-    sender = threading.Thread(target=send, args=(stream, list(sent), ended))
+    sender = threading.Thread(target=_send_all, args=(stream, list(sent), ended))
     sender.start()
     try:
         return list(stream), stream
     finally:
         ended.set()
         sender.join()
+
+
+def _send_all(stream: dc.Listener, sent: list[bytes], ended: threading.Event) -> None:
+    send(stream, sent, ended)
+    wait_for(stream, len(sent), ended)
+    while stream.n_waiting and not ended.is_set():
+        time.sleep(1e-3)
+    stream._idle_s = 0.0  # as if nothing had come for so long
 
 
 def send(stream: dc.Listener, sent: list[bytes], ended: threading.Event | None = None) -> None:

@@ -168,7 +168,8 @@ def test_packets_that_are_none_are_counted_and_nothing_of_them_is_kept(capture, 
     for frame, same in zip(frames, recorded, strict=True):
         xr.testing.assert_identical(frame.drop_vars("gap"), same)
     (said,) = stream.findings
-    assert "5 not of 11 to 1466 bytes, 3 with counters that do not go together" in said.got
+    assert "5 not of 11 to 1466 bytes, 2 with counters that do not go together" in said.got
+    assert "1 sent more than 60 s after the others" in said.got
 
 
 def test_packets_of_another_sender_change_nothing(capture, sensor, recorded):
@@ -221,7 +222,7 @@ def test_an_empty_line_says_so(sensor):
 
 def test_a_line_with_other_things_on_it_says_what(sensor):
     with pytest.raises(dc.RecordingError, match="but 3 not of 11 to 1466 bytes"):
-        heard([b"hello"] * 3, sensor, **TOLD, idle_s=0.2)
+        heard([b"hello"] * 3, sensor, **TOLD)
 
 
 def test_a_port_that_another_has_is_refused(sensor):
@@ -296,7 +297,7 @@ def test_frames_of_any_size_come_whole_out_of_packets_in_any_near_order(frame_by
     for row, n in zip(content, order.tolist(), strict=True):
         made = packet(n + 1, stream[n * 1456 : (n + 1) * 1456].tobytes())
         row[:1466] = np.frombuffer(made, np.uint8)
-    window = Window(frame_bytes)
+    window = Window(frame_bytes, most_lost=1200)
 
     found = {}
     for one in window.place(Slots(content, sizes, np.zeros(300, np.int64))):
@@ -312,7 +313,7 @@ def test_frames_of_any_size_come_whole_out_of_packets_in_any_near_order(frame_by
 @pytest.mark.parametrize("frame_bytes", [512, 4096, 2**20])
 def test_a_radar_that_has_run_for_days_is_joined(frame_bytes):
     first = 2**32 + 5  # the number of a packet has begun again from 0
-    window, n_bytes = Window(frame_bytes), 0
+    window, n_bytes = Window(frame_bytes, most_lost=1200), 0
     for number in range(first, first + 2000):
         row = np.zeros((1, 1472), np.uint8)
         row[0, :1466] = np.frombuffer(packet(number, bytes(1456)), np.uint8)
@@ -325,14 +326,37 @@ def test_a_radar_that_has_run_for_days_is_joined(frame_bytes):
 
 
 def test_no_frames_are_given_for_the_way_that_a_packet_jumps():
-    window, n_given = Window(512), 0
-    for number in (1, 2_900_000, 5_800_000, 1):
+    window, n_given = Window(512, most_lost=2_000_000), 0
+    for number in (1, 700_000, 1_400_000, 1):
         row = np.zeros((1, 1472), np.uint8)
         row[0, :1466] = np.frombuffer(packet(number, bytes(1456)), np.uint8)
         slots = Slots(row, np.array([1466]), np.zeros(1, np.int64))
         n_given += sum(1 for _ in window.place(slots))
 
     assert n_given <= 3 * 4
+    assert window.sending > 3_000_000  # none of them was refused
+
+
+def test_a_packet_of_more_than_a_minute_later_is_refused_and_changes_nothing(
+    capture, sensor, recorded
+):
+    sent = list(packets(capture))
+    in_a_minute = packet(15_000, bytes(1456))  # 1200 frames of 11.3 packets: 13,500
+    frames, stream = heard([*sent[:20], in_a_minute, *sent[20:]], sensor, **TOLD)
+
+    assert len(frames) == N_FRAMES
+    for frame, same in zip(frames, recorded, strict=True):
+        xr.testing.assert_identical(frame.drop_vars("gap"), same)
+    (said,) = stream.findings
+    assert "1 sent more than 60 s after the others, by their counters" in said.got
+
+
+def test_a_radar_that_was_not_heard_for_more_than_a_minute_ends_the_stream(capture, sensor):
+    late = [packet(n, bytes(1456)) for n in range(15_000, 15_100)]
+    frames, stream = heard([*packets(capture), *late], sensor, **TOLD)
+
+    assert len(frames) == N_FRAMES
+    assert any("more than 60 s of it were lost" in one.got for one in stream.findings)
 
 
 def test_a_file_that_grows_gives_each_frame_once_its_bytes_are_there(
@@ -374,13 +398,24 @@ def test_a_part_of_a_frame_is_waited_for_and_left_out_when_nothing_follows(
     assert any("1001 bytes after the last whole frame" in str(one) for one in stream.findings)
 
 
+def test_what_follows_the_frames_that_were_asked_for_is_not_said_to_be_left_out(
+    capture, sensor, tmp_path
+):
+    path = tmp_path / "growing.bin"
+    path.write_bytes(capture.read_bytes()[: 16384 + 1001])
+    with dc.follow(path, radar=sensor, **TOLD, idle_s=IDLE_S) as stream:
+        assert len(list(islice(stream, 1))) == 1
+
+    assert not stream.findings
+
+
 def test_a_capture_goes_on_in_the_next_file(capture, sensor, recorded, tmp_path):
     first, second = tmp_path / "adc_data_0.bin", tmp_path / "adc_data_1.bin"
     content = capture.read_bytes()
     first.write_bytes(content[:40_001])
-    stream = dc.follow(first, radar=sensor, **TOLD, idle_s=0.3)
+    stream = dc.follow(first, radar=sensor, **TOLD, idle_s=IDLE_S)
     frames = []
-    for frame in stream:
+    for frame in islice(stream, N_FRAMES):
         frames.append(frame)
         if len(frames) == 2:
             second.write_bytes(content[40_001:])
@@ -434,6 +469,8 @@ def test_what_is_no_bare_capture_is_not_followed(sensor, tmp_path):
         list(dc.follow(path, radar=sensor, **TOLD, idle_s=0.05))
     with pytest.raises(dc.RecordingError, match="no such file"):
         dc.follow(tmp_path / "nothing.bin", radar=sensor)
+    with pytest.raises(dc.RecordingError, match="is a folder, but must be one file"):
+        dc.follow(tmp_path, radar=sensor)
 
 
 def status(*arguments: str) -> int:
@@ -482,8 +519,9 @@ def test_results_of_a_stream_keep_the_first_frame_alone(capture, called, recorde
     assert [line.split(":")[0] for line in told.splitlines()] == [f"frame {n}" for n in range(3, 9)]
 
 
-def test_a_run_listens_to_an_address_and_ctrl_c_ends_it_with_results(
-    capture, called, monkeypatch, capsys
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_listens_to_an_address_and_a_signal_ends_it_with_results(
+    ending, capture, called, monkeypatch, capsys
 ):
     port, seen = _free_port(), []
     monkeypatch.setattr("dechirp.cli.followed._tell", seen.append)
@@ -495,7 +533,7 @@ def test_a_run_listens_to_an_address_and_ctrl_c_ends_it_with_results(
         dc.replay(capture, f"udp://127.0.0.1:{port}", bytes_per_s=2e6)
         while len(seen) < 4 and time.monotonic() < deadline:
             time.sleep(5e-3)
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), ending)
 
     sender = threading.Thread(target=send_and_interrupt)
     sender.start()
@@ -508,6 +546,19 @@ def test_a_run_listens_to_an_address_and_ctrl_c_ends_it_with_results(
     assert made["detections"]
     assert made["source"] == f"udp://127.0.0.1:{port}"
     assert made["source"] in Path("out/scenario.yaml").read_text()
+
+
+@pytest.mark.parametrize(("ending", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_after_the_last_frame_ends_the_run(ending, code, capture, called, monkeypatch):
+    def interrupted(*_: object) -> None:
+        os.kill(os.getpid(), ending)
+        raise AssertionError("was swallowed")
+
+    monkeypatch.setattr("dechirp.experiment.watch.concluded", interrupted)
+
+    assert status("run", str(capture), "--follow", "--idle", "50ms", *called) == code
+
+    assert not Path("out").exists()
 
 
 def _is_taken(port: int) -> bool:

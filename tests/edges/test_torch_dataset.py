@@ -84,6 +84,14 @@ def test_the_example_shows_the_first_item(example, folder, capsys):
     assert "van (point): row" in said
 
 
+def test_a_folder_that_is_no_data_set_is_refused_in_a_line(example, folder, tmp_path, capsys):
+    for wrong in (tmp_path, tmp_path / "nothing", folder / "truth"):
+        with pytest.raises(SystemExit) as ended:
+            example.main(str(wrong))
+        assert ended.value.code == 2
+        assert capsys.readouterr().err.startswith(f"{wrong}: no data set with maps")
+
+
 @pytest.mark.parametrize("n_workers", [0, 2])
 def test_a_data_loader_gives_the_same_items(example, folder, n_workers):
     torch = pytest.importorskip("torch")

@@ -27,9 +27,9 @@ from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.experiment.study import trial as trials
 from dechirp.experiment.study.data_set import data_bytes
 from dechirp.experiment.study.items import TRUTH
-from dechirp.experiment.study.ledger import Record
 from dechirp.experiment.study.plan import Plan
-from dechirp.experiment.study.run import replay
+from dechirp.experiment.study.record import Record
+from dechirp.experiment.study.run import open_ledger, replay
 from dechirp.experiment.study.study import Drawn, Listed, Trials
 from dechirp.experiment.study.text import study_text
 from dechirp.radar.modulations.triangular import Triangular
@@ -332,6 +332,20 @@ def test_what_is_drawn_in_each_trial_is_told_of_each(tmp_path):
     middle_s = data[""].frame_time.values[0, 0]
     known = data["truth"].range.sel(target="car")[0, :, 0]
     np.testing.assert_allclose(known, drawn + 3.0 * middle_s)
+
+
+@pytest.mark.parametrize("first", [(), ("detections",)])
+def test_a_study_that_begins_or_ends_to_keep_is_refused_for_that_alone(tmp_path, first):
+    other = ("detections",) if not first else ()
+    open_ledger(study(keep=first), tmp_path).close()
+    with pytest.raises(DechirpError) as refused:
+        open_ledger(study(keep=other, at_most_bytes=10**9), tmp_path)
+    assert [one.setting for one in refused.value.mistakes] == ["keep"]
+
+
+def test_room_that_is_confirmed_is_in_the_text_with_and_without_a_data_set():
+    assert "at_most_bytes: 1000000000" in study_text(study(keep=(), at_most_bytes=10**9))
+    assert "at_most_bytes" not in study_text(study())
 
 
 def test_a_study_without_a_data_set_is_what_it_was(tmp_path):

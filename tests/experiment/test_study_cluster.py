@@ -22,7 +22,7 @@ import tiny_study
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.experiment.study.environment import environment
 from dechirp.experiment.study.executors import chosen, dask, given, slurm
-from dechirp.experiment.study.ledger import Record
+from dechirp.experiment.study.record import Record
 from tiny_study import Tiny, fingerprint, run
 
 NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))

@@ -14,7 +14,8 @@ import tiny_study
 from dechirp.core.errors import DechirpError
 from dechirp.experiment.study.block import Block, Failure
 from dechirp.experiment.study.executors import given
-from dechirp.experiment.study.ledger import LOCK, NAME, Ledger, Record
+from dechirp.experiment.study.ledger import LOCK, Ledger
+from dechirp.experiment.study.record import NAME, Record
 from tiny_study import ENVIRONMENT, IDENTITY
 
 

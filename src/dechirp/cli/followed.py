@@ -1,4 +1,4 @@
-"""`dechirp run` on what is still arriving: a line for each frame, and Ctrl-C ends it well."""
+"""`dechirp run` on what is still arriving: a line for each frame, and a signal ends it well."""
 
 import signal
 import sys
@@ -40,26 +40,36 @@ def is_stream(scenario: Scenario, *, follow: bool, idle: str | None) -> bool:
 
 
 def followed(scenario: Scenario, *, idle: str | None, quiet: bool) -> Result:
-    """Follow until nothing comes or Ctrl-C; a line on standard error for each frame."""
+    """Follow until nothing comes, Ctrl-C or SIGTERM; a line on standard error for each frame."""
     idle_s = quantity(_IDLE if idle is None else idle, "s", setting="--idle")
     stream = stream_of(scenario, idle_s=idle_s)
-    with _ended_by_interrupt(stream):
+    with _ended_by_signals(stream):
         return watch(scenario, stream, tell=None if quiet else _tell)
 
 
 @contextmanager
-def _ended_by_interrupt(stream: Stream) -> Iterator[None]:
-    """Let Ctrl-C end the stream, so that its results are written; a second one ends all."""
+def _ended_by_signals(stream: Stream) -> Iterator[None]:
+    """Let Ctrl-C or SIGTERM end the stream, so that its results are written.
 
-    def end(_number: int, _frame: FrameType | None) -> None:
-        signal.signal(signal.SIGINT, before)
-        stream.stop()
+    A second one, or one that comes when the stream has ended, ends all.
+    """
 
-    before = signal.signal(signal.SIGINT, end)
+    def end(number: int, _frame: FrameType | None) -> None:
+        restore()
+        if stream.has_ended:
+            signal.raise_signal(number)
+        else:
+            stream.stop()
+
+    def restore() -> None:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+
+    before = {one: signal.signal(one, end) for one in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        restore()
 
 
 def _tell(seen: Seen) -> None:

@@ -42,7 +42,7 @@ def run(
         .log (CAN FD), .osi, .pcd, .ply, .csv or .parquet; may be repeated.
     follow
         Go on with the frames that come while the recording, a DCA1000 .bin, is written: until
-        Ctrl-C, or nothing came for --idle.
+        Ctrl-C or SIGTERM, or nothing came for --idle.
     idle
         Time without anything new after which a file or address is done, as 5s; 10 s without it.
     seed

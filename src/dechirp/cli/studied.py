@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dechirp.experiment.study.layout import Layout
-    from dechirp.experiment.study.ledger import Record
     from dechirp.experiment.study.plan import Plan
+    from dechirp.experiment.study.record import Record
     from dechirp.experiment.study.require import Judged
     from dechirp.experiment.study.results import StudyResult
     from dechirp.experiment.study.running import Progress

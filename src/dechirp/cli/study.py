@@ -91,7 +91,8 @@ def study(
 
 def _check_out(out: Path) -> None:
     """Raise `DechirpError` unless a folder is absent, empty, or that of an earlier study."""
-    from dechirp.experiment.study.ledger import FILES, NAME
+    from dechirp.experiment.study.ledger import FILES
+    from dechirp.experiment.study.record import NAME
     from dechirp.store.whole import must_be_replaceable
 
     must_be_replaceable(out, mark=NAME, ours={*_FILES, *FILES, *_OF_DATA_SETS})
@@ -119,7 +120,7 @@ def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
 
     import dechirp
     from dechirp.cli.studied import document
-    from dechirp.experiment.study.ledger import NAME
+    from dechirp.experiment.study.record import NAME
     from dechirp.experiment.study.results import numbered, write_points, write_trials
     from dechirp.experiment.study.text import study_text
     from dechirp.report.study import Made, render

@@ -91,7 +91,8 @@ def _show(tuned: "Tuned", found: Mapping[str, Any], out: Path) -> None:
 
 def _check_out(out: Path) -> None:
     """Raise `DechirpError` unless a folder is absent, empty, or that of an earlier search."""
-    from dechirp.experiment.study.ledger import FILES, NAME
+    from dechirp.experiment.study.ledger import FILES
+    from dechirp.experiment.study.record import NAME
     from dechirp.store.whole import must_be_replaceable
 
     best = {_best(at) for at in range(_MOST_SOURCES)}

@@ -30,6 +30,7 @@ class Growing(Stream):
         self._identity = _identity(path)
         self._n_bytes, self._n_used = 0, 0
         self._changed: str | None = None
+        self._ran_out = False
 
     def _arriving(self) -> Iterator[Arrived]:
         content = np.empty(self._decoder.frame_bytes, np.uint8)
@@ -51,6 +52,7 @@ class Growing(Stream):
                 break
             else:
                 time.sleep(_PAUSE_S)
+        self._ran_out = not self._is_stopped
 
     def _files(self) -> FilesIn | None:
         """The parts as they are now; None if what was there is no longer."""
@@ -87,7 +89,7 @@ class Growing(Stream):
                 )
             )
         rest = self._n_bytes - self._n_used
-        if self._is_stopped and not self._was_told and 0 < rest < self._decoder.frame_bytes:
+        if self._ran_out and 0 < rest < self._decoder.frame_bytes:
             said.append(
                 Finding(
                     level="note",
@@ -138,10 +140,17 @@ def follow(
     Raises
     ------
     RecordingError
-        If there is no such file, its settings are not found, or no DCA1000 can record the radar;
-        while iterating, if it holds no bare samples or no frame came.
+        If there is no such file, it is a folder, its settings are not found, or no DCA1000 can
+        record the radar; while iterating, if it holds no bare samples or no frame came.
     """
     path = Path(path)
+    if path.is_dir():
+        raise RecordingError(
+            path,
+            got="a folder",
+            need="one file of bare samples that a recorder writes",
+            fix="Name the file in it that grows, as adc_data.bin.",
+        )
     if not path.is_file():
         raise unreadable(path, FileNotFoundError(2, "no such file"))
     told = Told(settings=settings_of(radar, settings, device, calibration))

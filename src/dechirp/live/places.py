@@ -18,8 +18,7 @@ from dechirp.live.taking import Slots
 HEADER_BYTES = 10
 LATE_BYTES = 256 * LARGEST_PAYLOAD
 """By which a packet may be late in any frame: networks exchange neighbours."""
-_FARTHEST_BYTES = 2**32  # that may be lost at a stretch: 200 s at 21 MB/s
-_MOST_BEHIND = 16  # packets in a row that no network delays so: the radar counts from 0 again
+_MOST_AWAY = 16  # packets in a row that no network delays or loses so: another recording
 
 # Places in the counters that the compiled code shares with `Window`.
 (
@@ -35,10 +34,11 @@ _MOST_BEHIND = 16  # packets in a row that no network delays so: the radar count
     N_TWICE,  # or too late for their frame
     N_WRONG_SIZE,
     N_WRONG_COUNT,
+    N_TOO_FAR,  # ahead
     N_STRANGERS,
-    _N_BEHIND,  # in a row, by more than a packet may be late
+    _N_AWAY,  # in a row, behind by more than a packet may be late, or too far ahead
     _N_COUNTERS,
-) = range(15)
+) = range(16)
 
 
 class Frame(NamedTuple):
@@ -55,13 +55,19 @@ class Frame(NamedTuple):
 class Window:
     """The frames that packets may still come for: two, or more where they are small.
 
+    Parameters
+    ----------
+    frame_bytes : int
+    most_lost : int
+        Frames that may be lost at a stretch; what is farther ahead is not placed.
+
     Raises
     ------
     NotEnoughMemory
         If they would not fit.
     """
 
-    def __init__(self, frame_bytes: int) -> None:
+    def __init__(self, frame_bytes: int, *, most_lost: int) -> None:
         n_open = 2 + LATE_BYTES // frame_bytes
         must_fit(
             "the frames that are received",
@@ -71,6 +77,7 @@ class Window:
         self._content = np.zeros((n_open, frame_bytes), np.uint8)
         self._arrived = np.zeros((n_open, frame_bytes), np.bool_)
         self._filled = np.zeros(n_open, np.int64)  # bytes
+        self._farthest_bytes = most_lost * frame_bytes
         self.counters = np.zeros(_N_COUNTERS, np.int64)
         self.counters[_OLDEST] = -1
         none = Slots(np.zeros((0, 1), np.uint8), np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -78,7 +85,7 @@ class Window:
 
     @property
     def began_anew(self) -> bool:
-        """Whether the radar started a second time; nothing of that is placed."""
+        """Whether the radar started a second time, or came back too late; none of it is placed."""
         return bool(self.counters[_IS_NEW])
 
     @property
@@ -109,7 +116,8 @@ class Window:
         self.counters[_OLDEST] = max(self.counters[_OLDEST], number)
 
     def _put(self, packets: Slots) -> int:
-        return int(_place(*packets, self.counters, self._content, self._arrived, self._filled))
+        frames = self._content, self._arrived, self._filled
+        return int(_place(*packets, self._farthest_bytes, self.counters, *frames))
 
     @property
     def _slot(self) -> int:
@@ -180,6 +188,7 @@ def _place(
     packets: np.ndarray,
     sizes: np.ndarray,
     senders: np.ndarray,
+    farthest_bytes: int,
     counters: np.ndarray,
     content: np.ndarray,
     arrived: np.ndarray,
@@ -198,7 +207,7 @@ def _place(
         in_step = start % LARGEST_PAYLOAD == 0 and (
             (start // LARGEST_PAYLOAD + 1) % 2**32 == number
         )
-        if not in_step or (not is_first and start > counters[_ENDED] + _FARTHEST_BYTES):
+        if not in_step:
             counters[N_WRONG_COUNT] += 1
             continue
         if is_first:
@@ -209,9 +218,15 @@ def _place(
             counters[N_STRANGERS] += 1
             continue
         is_behind = start < counters[_ENDED] - LATE_BYTES
-        if is_behind and (start == 0 or counters[_N_BEHIND] == _MOST_BEHIND):
+        is_ahead = start > counters[_ENDED] + farthest_bytes
+        is_away = is_behind or is_ahead
+        if is_away and (start == 0 or counters[_N_AWAY] == _MOST_AWAY):
             counters[_IS_NEW] = 1
             return i
+        if is_ahead:
+            counters[N_TOO_FAR] += 1
+            counters[_N_AWAY] += 1
+            continue
         needed = (stop - 1) // frame_bytes - n_open + 1
         if needed > counters[_OLDEST]:
             counters[_NEEDED] = needed
@@ -224,9 +239,9 @@ def _place(
         n_new = _take(payload, at, content, arrived, filled)
         if n_new == 0:
             counters[N_TWICE] += 1
-            counters[_N_BEHIND] += is_behind
+            counters[_N_AWAY] += is_behind
             continue
-        counters[_N_BEHIND] = 0
+        counters[_N_AWAY] = 0
         counters[N_PACKETS] += 1
         counters[N_BYTES] += n_new
         counters[N_SORTED] += stop < counters[_ENDED]

@@ -62,10 +62,15 @@ class Receiver:
         """Packets that came, whatever they are."""
         return self._n_came
 
+    @property
+    def n_waiting(self) -> int:
+        """Those of them that were not yet taken."""
+        return self._n_came - self._n_gone
+
     def waiting(self) -> Slots:
         """Packets that wait, some of those that lie side by side; maybe none."""
         start = self._n_gone % _SLOTS
-        n = min(self._n_came - self._n_gone, _SLOTS - start, _MOST_AT_ONCE)
+        n = min(self.n_waiting, _SLOTS - start, _MOST_AT_ONCE)
         return self._ring.some(start, start + n)
 
     def done_with(self, n: int) -> None:
@@ -82,7 +87,7 @@ class Receiver:
         try:
             while not self._is_closing:
                 start = self._n_came % _SLOTS
-                free = min(_SLOTS - (self._n_came - self._n_gone), _SLOTS - start)
+                free = min(_SLOTS - self.n_waiting, _SLOTS - start)
                 self.was_full |= free == 0
                 n = self._taker.take(start, min(free, _MOST_AT_ONCE)) if free else 0
                 self._n_came += n

@@ -65,6 +65,11 @@ class Stream(ABC):
         """What was assumed, and what went wrong until now."""
         return (*self._decoder.findings, *self._said())
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether it gives no more frames, or none after the one that is being taken."""
+        return self._is_stopped
+
     def stop(self) -> None:
         """Let the stream end after the frame that is being taken."""
         self._is_stopped = self._was_told = True

@@ -3,6 +3,7 @@
 import re
 import time
 from collections.abc import Iterator
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from dechirp.live.places import (
     N_PACKETS,
     N_SORTED,
     N_STRANGERS,
+    N_TOO_FAR,
     N_TWICE,
     N_WRONG_COUNT,
     N_WRONG_SIZE,
@@ -30,9 +32,11 @@ DATA_PORT = 4098
 """To which a DCA1000 sends samples."""
 
 _PAUSE_S = 2e-3
+_MOST_LOST_S = 60.0  # at a stretch, of the time of the radar
 _WRONG = {
     N_WRONG_SIZE: f"not of 11 to {10 + LARGEST_PAYLOAD} bytes",
     N_WRONG_COUNT: "with counters that do not go together",
+    N_TOO_FAR: f"sent more than {_MOST_LOST_S:g} s after the others, by their counters",
     N_STRANGERS: "from another sender",
 }
 
@@ -44,7 +48,8 @@ class Listener(Stream):
         self, host: str, port: int, settings: Settings, iq: Iq | None, idle_s: float
     ) -> None:
         super().__init__(f"{host}:{port}", settings, iq, idle_s)
-        self._window = Window(self._decoder.frame_bytes)
+        most_lost = ceil(_MOST_LOST_S / self.radar.frame.start_s(1))
+        self._window = Window(self._decoder.frame_bytes, most_lost=most_lost)
         self._n_frames, self._n_touched, self._n_left_out = 0, 0, 0
         self._last: int | None = None
         self._receiver = Receiver(host, port)
@@ -57,8 +62,13 @@ class Listener(Stream):
 
     @property
     def n_packets(self) -> int:
-        """Packets that came, whatever they are; some may wait to be used."""
+        """Packets that came, whatever they are; `n_waiting` of them are still to be used."""
         return self._receiver.n_packets
+
+    @property
+    def n_waiting(self) -> int:
+        """Packets that came, and wait to be used."""
+        return self._receiver.n_waiting
 
     def close(self) -> None:
         """See `Stream.close`."""
@@ -147,7 +157,8 @@ class Listener(Stream):
             yield Finding(
                 level="warning",
                 setting="recording",
-                got="the radar began anew, which ends this stream"
+                got="the radar began anew, or more than"
+                f" {_MOST_LOST_S:g} s of it were lost, which ends this stream"
                 if failed is None
                 else f"the system ended the stream ({failed.strerror or failed})",
                 need="one recording",

@@ -15,8 +15,8 @@ from dechirp.experiment.study.data_set import (
     must_be_there,
 )
 from dechirp.experiment.study.items import DETECTED, TRUTH, Form, classes_of, unpacked
-from dechirp.experiment.study.ledger import Record
 from dechirp.experiment.study.plan import Plan
+from dechirp.experiment.study.record import Record
 from dechirp.experiment.study.text import study_text
 from dechirp.store import data_set as store
 from dechirp.store.data_set import Column

@@ -28,8 +28,8 @@ from dechirp.experiment.study.items import (
     labels_of,
     packed,
 )
-from dechirp.experiment.study.ledger import Record
 from dechirp.experiment.study.plan import Plan
+from dechirp.experiment.study.record import Record
 from dechirp.store import data_set as store
 from dechirp.store.shards import Shards
 

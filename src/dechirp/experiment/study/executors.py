@@ -1,26 +1,19 @@
 """Where blocks of trials run: processes of this machine, Dask, Slurm, or any executor."""
 
-import os
 import shutil
-import signal
-import threading
-import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
-from loky import ProcessPoolExecutor, cpu_count
+from loky import cpu_count
 
 from dechirp.core.checks import whole
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding
 from dechirp.experiment.study.environment import differences, environment, versions
-
-ONE_THREAD = {f"{pool}_NUM_THREADS": "1" for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
-"""What a worker is told: as many workers as cores leave none for threads of their own."""
+from dechirp.experiment.study.processes import ONE_THREAD, Processes, Stopped
 
 ANSWERS_WITHIN_S = 10.0
 _MOST_WORKERS = 10_000
@@ -119,91 +112,12 @@ def local(n_workers: int | None = None) -> Iterator[Workers]:
 
     They end with this process, whatever ends it.
     """
-    pool = _Renewable(n_workers or cpu_count())
+    pool = Processes(n_workers or cpu_count())
+    lost = (BrokenExecutor, Stopped)
     try:
-        yield Workers(pool, lambda: pool.n_workers, renew=pool.renew)
+        yield Workers(pool, lambda: pool.n_workers, lost=lost, renew=pool.renew)
     finally:
         pool.shutdown()
-
-
-class _Renewable(Executor):
-    """A pool of processes that can be started again: a pool that lost one takes no more work."""
-
-    def __init__(self, n_workers: int) -> None:
-        self.n_workers = n_workers
-        self._start()
-
-    def _start(self) -> None:
-        self._pool = ProcessPoolExecutor(
-            max_workers=self.n_workers,
-            env=ONE_THREAD,
-            initializer=_stay_with_parent,
-            initargs=(os.getpid(),),
-        )
-        self._is_fresh = True
-        self._given: set[Future[Any]] = set()
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        # A pool that is shut down trips over futures that were cancelled, so nobody has them.
-        # It has all but a few blocks under way at once: there is little to cancel.
-        outer: Future[Any] = Future()
-        if self._is_fresh:
-            with _interrupts_ignored():  # this starts the processes
-                inner = self._pool.submit(fn, *args, **kwargs)
-            self._is_fresh = False
-        else:
-            inner = self._pool.submit(fn, *args, **kwargs)
-        self._given = {one for one in self._given if not one.done()} | {inner}
-        inner.add_done_callback(partial(_pass_on, outer))
-        return outer
-
-    def renew(self) -> None:
-        self.shutdown()
-        self._start()
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        # What still runs is of a study that was stopped: nobody waits for it. Workers that have
-        # nothing to do end by themselves, and leave no semaphore behind.
-        busy = any(not one.done() for one in self._given)
-        self._pool.shutdown(wait=wait, kill_workers=busy)
-
-
-def _pass_on(outer: Future[Any], inner: Future[Any]) -> None:
-    """Give a result or an error to the future that somebody has, unless it was cancelled."""
-    if not outer.set_running_or_notify_cancel():
-        return
-    error = inner.exception()
-    if error is None:
-        outer.set_result(inner.result())
-    else:
-        outer.set_exception(error)
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Start processes that ignore Ctrl-C from their first moment on, as they inherit that."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _stay_with_parent(parent: int) -> None:
-    """Leave Ctrl-C to the parent, and end when it has: a killed one cannot say so."""
-    import psutil
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        while os.getppid() == parent and psutil.pid_exists(parent):
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager

@@ -19,8 +19,8 @@ from dechirp.experiment.study.study import Drawn, Listed, Study
 from dechirp.store.parquet import Type, write_parquet
 
 if TYPE_CHECKING:
-    from dechirp.experiment.study.ledger import Record
     from dechirp.experiment.study.plan import Plan
+    from dechirp.experiment.study.record import Record
 
 ENDS = ("", "_low", "_high", "_theory")
 """What follows the label of a score in the dataset, in the order of `StudyResult.estimates`."""

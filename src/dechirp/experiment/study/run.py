@@ -19,9 +19,10 @@ from dechirp.experiment.study.assembled import complete
 from dechirp.experiment.study.environment import environment
 from dechirp.experiment.study.executors import Workers, given
 from dechirp.experiment.study.layout import Layout
-from dechirp.experiment.study.ledger import NAME as LEDGER
-from dechirp.experiment.study.ledger import Ledger, Record
+from dechirp.experiment.study.ledger import Ledger
 from dechirp.experiment.study.plan import Plan, differences
+from dechirp.experiment.study.record import NAME as RECORD
+from dechirp.experiment.study.record import Record
 from dechirp.experiment.study.require import Judged, judge
 from dechirp.experiment.study.results import StudyResult, collect, estimate, measured
 from dechirp.experiment.study.running import Enough, Progress, run_blocks
@@ -84,7 +85,7 @@ def open_ledger(study: Study, out: Path) -> Ledger:
     _must_be_same(out, identity)
     if study.keep:
         data_set.check(plan)
-        if not (out / LEDGER).exists():  # a folder of a study that is refused is not begun
+        if not (out / RECORD).exists():  # a folder of a study that is refused is not begun
             data_set.check_room(data_set.data_bytes(plan), out)
     return Ledger.open(out, identity=identity, environment=environment())
 

@@ -55,6 +55,7 @@ def _lines(study: Study, with_scenario: bool) -> Iterator[str]:
     yield f"at_most_trials: {study.at_most_trials}"
     if study.keep:
         yield f"keep: [{', '.join(study.keep)}]"
+    if study.at_most_bytes != Study.at_most_bytes:
         yield f"at_most_bytes: {study.at_most_bytes}"
 
 

@@ -1,7 +1,7 @@
 """One trial of one point, and some of them in a block."""
 
 import warnings
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from time import perf_counter
@@ -98,7 +98,7 @@ class Prepared:
             assert self._echoes is not None
             self._cube = self._echoes.cube(rng, self._cube)
             started = perf_counter()
-            keep = (lambda power: maps.append(power.copy())) if "maps" in self._needs else None
+            keep = _copies_into(maps) if "maps" in self._needs else None
             columns = detected_columns((self._cube,), case.radar, case.chain, maps=keep)
         clusters, tracks = None, None
         if self._needs & {"clusters", "tracks"}:
@@ -132,10 +132,18 @@ class Prepared:
         else:
             cube = self._noises.cube(rng)
             maps: list[np.ndarray] = []
-            keep = lambda power: maps.append(power.copy())  # noqa: E731
-            detected_columns((cube[:1],), case.radar, case.chain, maps=keep)
+            detected_columns((cube[:1],), case.radar, case.chain, maps=_copies_into(maps))
             power = maps[0]
         return counted(power, case.radar, case.chain)
+
+
+def _copies_into(maps: list[np.ndarray]) -> Callable[[np.ndarray], None]:
+    """Keep copies of maps, which the next frame overwrites."""
+
+    def keep(power: np.ndarray) -> None:
+        maps.append(power.copy())
+
+    return keep
 
 
 def check_scores(

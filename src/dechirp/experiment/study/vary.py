@@ -8,24 +8,32 @@ step meets it, or by its number of values, evenly or in equal ratios: `{from: 10
 one value of the mapping or list about them.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from decimal import Context as Digits
 from decimal import Decimal
 from typing import Any, Literal, NamedTuple
 
-from dechirp.config.fields import Slot, settings, words
+from dechirp.config.fields import Slot, settings
 from dechirp.config.files import value_of
 from dechirp.config.mistakes import Spot
 from dechirp.config.models import Context
 from dechirp.config.nearest import did_you_mean, nearest
-from dechirp.config.quantities import KINDS, difference_in, digits_of, number_in, written
+from dechirp.config.quantities import KINDS, digits_of, number_in, written
 from dechirp.config.shown import shown
 from dechirp.config.texts import line, quoted
 from dechirp.config.tree import Node, Place, read_tree, resolved
 from dechirp.config.within import anchored
-from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
+from dechirp.core.errors import InvalidFile, Mistake
+from dechirp.experiment.study.mapping import (
+    LEVELS,
+    Told,
+    is_numeric,
+    is_whole,
+    suffix_of,
+    unit_apart,
+    unknown,
+)
 from dechirp.experiment.study.study import Drawn, Listed
 
 RANGE = ("from", "to", "step", "n", "spacing")
@@ -35,7 +43,6 @@ _EACH = 100  # values of a range that are tried on the scenario: 2 ms each
 _MOST = 1000  # the same of a list
 _AT_ONCE = 10  # mistakes of one list that are told
 _EXACT = Digits(prec=50)
-_LEVELS = {name for kind in KINDS.values() for name, _ in kind.levels}
 _FORMS = (
     "a list of values, a mapping of labels and values, {from, to, step}, {from, to, n},"
     " {uniform: [LOW, HIGH]} or {normal: [MEAN, STD]}"
@@ -84,7 +91,7 @@ def values_of(path: str, node: Node, slot: Slot, context: Context, *, at_most: i
         meant = nearest(next(iter(content)), known) if len(content) == 1 else None
         if meant is not None:
             name, child = next(iter(content.items()))
-            raise InvalidFile(_unknown(spot, name, child, known))
+            raise InvalidFile(unknown(spot, name, child, known))
         cls = slot.value_class(node)
         if not set(content) <= {"kind", *(settings(cls) if cls else ())}:
             return _listed(path, spot, list(content.items()), context)
@@ -130,7 +137,7 @@ def written_axis(axis: Listed | Drawn) -> str:
     """YAML of what is varied, on one line, that `values_of` reads as an equal value."""
     if isinstance(axis, Drawn):
         first, second = (in_words(Decimal(repr(n)), "") for n in (axis.first, axis.second))
-        apart = _apart(axis.unit) if axis.distribution == "normal" else axis.unit
+        apart = unit_apart(axis.unit) if axis.distribution == "normal" else axis.unit
         ends = f"{first} {axis.unit}".strip(), f"{second} {apart}".strip()
         return f"{{{axis.distribution}: [{ends[0]}, {ends[1]}]}}"
     labels = (
@@ -155,7 +162,7 @@ def _range_of(axis: Listed) -> str | None:
     if not low < high:
         return None
     step = numbers[1] - low
-    apart = in_words(step, _apart(axis.unit))
+    apart = in_words(step, unit_apart(axis.unit))
     if step > 0 and spread(low, high, step) == numbers:
         return f"{{{ends}, step: {apart}}}"
     for spacing in ("linear", "log") if low > 0 else ("linear",):
@@ -205,9 +212,9 @@ def _listed(
 def _numbers(slot: Slot, nodes: Sequence[Node]) -> tuple[str, tuple[float, ...] | None]:
     """Unit and numbers of values of a numeric setting, in the unit of the first that has one."""
     scalar = all(isinstance(node.content, str | int | float) for node in nodes)
-    if not (scalar and _is_numeric(slot)):
+    if not (scalar and is_numeric(slot)):
         return "", None
-    unit = _unit(slot)
+    unit = suffix_of(slot)
     symbol = next(filter(None, (written(node.text, unit)[1] for node in nodes)), "")
     numbers = [number_in(symbol, node.text, unit) for node in nodes]
     found = tuple(float(number) for number in numbers if number is not None)
@@ -215,7 +222,7 @@ def _numbers(slot: Slot, nodes: Sequence[Node]) -> tuple[str, tuple[float, ...] 
 
 
 def _range(path: str, spot: Spot, at_most: int) -> Values:
-    told = _Told(spot)
+    told = Told(spot)
     told.only(RANGE)
     told.must_be_numeric("a range")
     for name in ("from", "to"):
@@ -228,7 +235,7 @@ def _range(path: str, spot: Spot, at_most: int) -> Values:
             need="given, or n: one of the two",
             fix="Keep one of them." if "step" in content else "Add step or n.",
         )
-    unit = _unit(spot.slot)
+    unit = suffix_of(spot.slot)
     symbol = told.symbol(("from", "to"), unit)
     told.stop()
     low, high = (told.number(name, symbol, unit) for name in ("from", "to"))
@@ -246,7 +253,7 @@ def _range(path: str, spot: Spot, at_most: int) -> Values:
         if "step" in content
         else _counted(told, low, high, symbol, at_most)
     )
-    if _is_whole(spot.slot):
+    if is_whole(spot.slot):
         if "n" in content:
             numbers = [number.to_integral_value() for number in numbers]
             if len(set(numbers)) < len(numbers):
@@ -273,20 +280,21 @@ def _some(n: int, at_most: int) -> list[int]:
     return [k * (n - 1) // (at_most - 1) for k in range(at_most)]
 
 
-def _stepped(
-    told: "_Told", low: Decimal, high: Decimal, symbol: str, at_most: int
-) -> list[Decimal]:
+def _stepped(told: Told, low: Decimal, high: Decimal, symbol: str, at_most: int) -> list[Decimal]:
     step = told.difference("step", symbol)
     told.stop()
     if step <= 0:
         told.add(
-            "step", got=in_words(step, _apart(symbol)), need="above 0", fix="Give its size alone."
+            "step",
+            got=in_words(step, unit_apart(symbol)),
+            need="above 0",
+            fix="Give its size alone.",
         )
     elif step > high - low:
         told.add(
             "step",
-            got=f"{in_words(step, _apart(symbol))}, which leads past to at once",
-            need=f"at most {in_words(high - low, _apart(symbol))}",
+            got=f"{in_words(step, unit_apart(symbol))}, which leads past to at once",
+            need=f"at most {in_words(high - low, unit_apart(symbol))}",
             fix="Take a smaller one.",
         )
     else:
@@ -295,9 +303,7 @@ def _stepped(
     return spread(low, high, step)
 
 
-def _counted(
-    told: "_Told", low: Decimal, high: Decimal, symbol: str, at_most: int
-) -> list[Decimal]:
+def _counted(told: Told, low: Decimal, high: Decimal, symbol: str, at_most: int) -> list[Decimal]:
     n = told.content["n"].content
     spacing = told.content.get("spacing")
     if isinstance(n, bool) or not isinstance(n, int) or n < 2:
@@ -317,7 +323,7 @@ def _counted(
             fix=did_you_mean(spacing.text, ["linear", "log"]),
         )
     elif spacing is not None and spacing.content == "log":
-        if symbol in _LEVELS:
+        if symbol in LEVELS:
             told.add(
                 "spacing",
                 got=f"log, of {symbol}",
@@ -337,7 +343,7 @@ def _counted(
 
 
 def _drawn(path: str, spot: Spot) -> Values:
-    told = _Told(spot)
+    told = Told(spot)
     told.only(DISTRIBUTIONS)
     told.must_be_numeric("a distribution")
     content = told.content
@@ -348,13 +354,13 @@ def _drawn(path: str, spot: Spot) -> Values:
     need = "two numbers, [LOW, HIGH]" if name == "uniform" else "two numbers, [MEAN, STD]"
     if not (isinstance(pair, list) and len(pair) == 2):
         told.add(name, got=content[name].shown, need=need, fix="Write both in brackets.")
-    elif _is_whole(spot.slot):
+    elif is_whole(spot.slot):
         told.add(name, got="drawn, of whole numbers", need="a list or a range", fix="List them.")
     told.stop()
     assert isinstance(pair, list)
     told.content = {"0": pair[0], "1": pair[1]}
     told.path = f"{spot.path}.{name}"
-    unit = _unit(spot.slot)
+    unit = suffix_of(spot.slot)
     symbol = told.symbol(("0", "1") if name == "uniform" else ("0",), unit)
     if not symbol and name == "normal" and not told.wrong and KINDS[unit].base:
         symbol = told.symbol(("1",), unit)  # beside a mean of 0
@@ -365,7 +371,7 @@ def _drawn(path: str, spot: Spot) -> Values:
     if name == "normal" and second <= 0:
         told.add(
             "1",
-            got=in_words(second, _apart(symbol)),
+            got=in_words(second, unit_apart(symbol)),
             need="a standard deviation above 0",
             fix="Write a list for one value.",
         )
@@ -386,139 +392,6 @@ def _drawn(path: str, spot: Spot) -> Values:
         path=path, distribution=name, first=float(first), second=float(second), unit=symbol
     )
     return Values(axis, tuple(_node(in_words(one, symbol), content[name].place) for one in tried))
-
-
-class _Told:
-    """What a mapping of `vary` says, and what is wrong with it."""
-
-    def __init__(self, spot: Spot) -> None:
-        assert isinstance(spot.node.content, dict)
-        self.spot, self.path, self.content = spot, spot.path, spot.node.content
-        self.wrong: list[Mistake] = []
-
-    def add(self, name: str, *, got: str, need: str, fix: str) -> None:
-        """Keep what is wrong with one setting of it."""
-        node = self.content.get(name)
-        place = node.place if node is not None else self.spot.place
-        self.wrong.append(place.mistake(f"{self.path}.{name}", got=got, need=need, fix=fix))
-
-    def stop(self) -> None:
-        """Raise `InvalidFile` with all that is wrong so far."""
-        if self.wrong:
-            raise InvalidFile(*self.wrong)
-
-    def only(self, words: Sequence[str]) -> None:
-        """Find names that have no place beside these."""
-        for name, node in self.content.items():
-            if name not in words:
-                self.wrong.append(_unknown(self.spot, name, node, words))
-
-    def need(self, name: str) -> None:
-        """Find that a name is missing."""
-        if name not in self.content:
-            self.add(name, got="missing", need="given", fix=f"Add {name}.")
-
-    def must_be_numeric(self, what: str) -> None:
-        """Find that the setting is none of numbers."""
-        if not _is_numeric(self.spot.slot):
-            self.wrong.append(
-                self.spot.place.mistake(
-                    self.path,
-                    got=what,
-                    need="a list: this setting takes " + words(self.spot.slot),
-                    fix="Write the values in brackets.",
-                )
-            )
-            self.stop()  # the rest of it has no meaning here
-
-    def symbol(self, names: Sequence[str], unit: str | None) -> str:
-        """Unit of the first of them that has one."""
-        found = ""
-        for name in names:
-            text = self._text(name)
-            if text is None:
-                continue
-            with self._asked(name):
-                found = found or written(text, unit)[1]
-        return found
-
-    def number(self, name: str, symbol: str, unit: str | None) -> Decimal:
-        """Number of a quantity in a unit; 0 beside what is wrong."""
-        with self._asked(name):
-            number = number_in(symbol, self.content[name].text, unit)
-            if number is not None:
-                return number
-            self.add(
-                name,
-                got=self.content[name].shown,
-                need=f"a level in {symbol}, as the other end has",
-                fix="Write it in dB, or both without.",
-            )
-        return Decimal(0)
-
-    def difference(self, name: str, symbol: str) -> Decimal:
-        """Number of a difference; 0 beside what is wrong."""
-        if self._text(name) is not None:
-            with self._asked(name):
-                return difference_in(symbol, self.content[name].text, _unit(self.spot.slot))
-        return Decimal(0)
-
-    def few(self, n: float, name: str, at_most: int) -> None:
-        """Find that there are too many values."""
-        if n >= at_most + 1:
-            few = n < 1e15
-            made = f"{n:.0f}" if few else f"{n:.0e}"
-            self.add(
-                name,
-                got=f"{self.content[name].shown}, which makes {made} values",
-                need=f"at most at_most_points, {at_most}",
-                fix=f"Take fewer, or confirm it: at_most_points: {made}." if few else "Take fewer.",
-            )
-
-    def _text(self, name: str) -> str | None:
-        node = self.content.get(name)
-        if node is None:
-            return None
-        if isinstance(node.content, bool) or not isinstance(node.content, str | int | float):
-            need = KINDS[_unit(self.spot.slot)].words
-            self.add(name, got=node.shown, need=need, fix="Write one number.")
-            return None
-        return node.text
-
-    @contextmanager
-    def _asked(self, name: str) -> Iterator[None]:
-        try:
-            yield
-        except InvalidSetting as error:
-            (one,) = error.mistakes
-            self.add(name, got=one.got, need=one.need, fix=one.fix)
-
-
-def _unknown(spot: Spot, name: str, node: Node, words: Sequence[str]) -> Mistake:
-    return node.named_at.mistake(
-        f"{spot.path}.{shown(name)}",
-        got="not a known name",
-        need=f"one of {', '.join(words)}",
-        fix=did_you_mean(name, words),
-    )
-
-
-def _is_numeric(slot: Slot) -> bool:
-    return float in slot.choices or int in slot.choices
-
-
-def _is_whole(slot: Slot) -> bool:
-    return float not in slot.choices
-
-
-def _unit(slot: Slot) -> str | None:
-    """Unit suffix of the numbers of a setting; counts are bare, as probabilities are."""
-    return "probability" if _is_whole(slot) else slot.unit
-
-
-def _apart(symbol: str) -> str:
-    """Unit of a difference."""
-    return {"degC": "K"}.get(symbol, "dB" if symbol in _LEVELS else symbol)
 
 
 def _node(text: str, place: Place) -> Node:
