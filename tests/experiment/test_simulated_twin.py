@@ -165,10 +165,52 @@ def test_samples_without_noise_have_a_twin_without_noise(small):
     )
 
 
-def test_most_peaks_keeps_the_strongest(small):
+def test_full_scale_is_taken_below_what_is_sent_where_no_noise_tells_it(small):
+    made = dc.twin(recorded(small, NEAR, impairments=[], full_scale_w=1e-6))
+
+    strongest = float(made.recorded.max())
+    assert strongest == pytest.approx(1e-6 * made.scenario.radar.hardware.transmit_power_w)
+    assert made.scenario.impairments == ()
+    assert float(decibels(made.differences.power_ratio[0])) == pytest.approx(0, abs=0.1)
+    assert np.isnan(made.floor.ratio)
+    assert made.is_within(dc.TwinBar())
+
+
+def test_a_constant_alone_is_leakage_of_its_power(small):
+    cube = dc.simulate(dc.Scene(), small, impairments=[])
+    constant = (cube + 0.7).astype(cube.dtype).assign_attrs(units="full scale")
+
+    made = dc.twin(recording_of(constant, replace(small, hardware=None)))
+
+    assert float(decibels(made.differences.power_ratio[0])) == pytest.approx(0, abs=0.1)
+    assert any("silent" in finding.got for finding in made.findings)
+
+
+def test_samples_cut_off_at_full_scale_are_told_of(small):
+    cube = recorded(small, NEAR, full_scale_w=1e-6).cube
+    loud = cube / float(abs(cube.real).max()) * 3
+    clipped = loud.copy(data=np.clip(loud.real, -1, 1) + 1j * np.clip(loud.imag, -1, 1))
+    clipped = clipped.astype(cube.dtype).assign_attrs(units="full scale")
+
+    made = dc.twin(recording_of(clipped, replace(small, hardware=None)))
+
+    assert "recording.clipping" in [finding.setting for finding in made.findings]
+
+
+def test_a_frame_of_very_many_chirps_has_a_chain_that_can_be_calibrated(small):
+    many = replace(small, frame=replace(small.frame, n_chirps=4096))
+
+    made = dc.twin(recorded(many, STILL))
+
+    assert made.differences.sizes["peak"] == 1
+
+
+def test_most_peaks_keeps_the_strongest_and_says_that_there_are_more(small):
     made = dc.twin(recorded(small, NEAR, FAR, STILL), most_peaks=1)
 
     assert made.differences.sizes["peak"] == 1
+    (told,) = [finding for finding in made.findings if finding.setting == "most_peaks"]
+    assert told.got == "3 peaks, of which the 1 strongest are simulated"
     whole = dc.twin(recorded(small, NEAR, FAR, STILL)).differences
     assert float(made.differences.power[0]) == float(whole.power.max())
 
@@ -239,8 +281,21 @@ def test_the_command_writes_a_page_and_a_scenario_and_says_the_differences(saved
     assert abs(document["floor"]["difference_db"]) < 1
     assert dc.load(document["scenario"]).scene is not None
     page = (saved / "dechirp-twin" / "report.html").read_text()
-    assert "2 of 2 peaks within 1 dB and 0.2 bins" in page
+    assert "2 of 2 judged peaks within 1 dB and 0.2 bins" in page
     assert json.loads((saved / "dechirp-twin" / "twin.json").read_text()) == document
+
+
+def test_a_twin_of_noise_says_that_no_peak_is_judged(small, tmp_path, monkeypatch, capsys):
+    from dechirp.config.texts import dump
+
+    monkeypatch.chdir(tmp_path)
+    np.save("noise.npy", recorded(small, full_scale_w=1e-6).cube.values / 10)
+    (tmp_path / "noise.yaml").write_text(dump(replace(small, hardware=None)))
+
+    status, out, _ = call(capsys, "twin", "noise.npy", "--axes", "frame,chirp,rx,sample")
+
+    assert status == 0
+    assert "dB apart, no peak to judge" in out
 
 
 def test_the_answer_no_ends_with_1(saved, capsys):

@@ -251,6 +251,18 @@ def test_the_scatterers_of_a_body_are_looked_at_one_by_one(radar):
     }
 
 
+def test_echoes_that_come_late_are_told_of_once_of_the_latest(radar):
+    chirp = replace(radar.frame.chirp, adc_start_s=0.0)
+    radar = replace(radar, frame=replace(radar.frame, chirp=chirp))
+    targets = [dc.Target(position_m=(x, 0, 0)) for x in (10, 30, 20)]
+
+    (finding,) = surprises(dc.Scene(targets=targets), radar)
+
+    assert finding.setting == "scene.targets.target-2.position"
+    assert finding.got.startswith("echo arrives 0.2001 us after ramp start")
+    assert finding.got.endswith("as for 2 more of the targets")
+
+
 def test_what_befalls_many_targets_is_told_of_some_and_counted(radar):
     targets = [dc.Target(position_m=(90, y, 0)) for y in range(50)]
     found = surprises(dc.Scene(targets=targets), early(radar), n_frames=3)

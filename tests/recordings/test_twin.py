@@ -27,11 +27,19 @@ def test_noise_and_peaks_are_within_1_db_and_a_fifth_of_a_bin(real_data, folder,
     assert np.all(abs(found.range_cells)[judged] < 0.2)
     assert np.all(abs(found.velocity_cells)[judged] < 0.2)
     # The points give the peaks themselves; what is left is the noise of the twin.
+    assert np.all(made.within_clean(dc.TwinBar()))
     assert np.all(abs(decibels(found.power_ratio_clean))[judged] < 0.1)
     off = decibels(found.power_ratio)[judged] / (4.34 * found.power_std[judged])
     weak = found.snr[judged].values < 1e3
     if weak.sum() > 3:
         assert np.sqrt(np.mean(off.values[weak] ** 2)) < 2
+
+
+def test_the_strongest_peak_of_thousands_of_ramps_is_within_the_bar(real_data):
+    made = dc.twin(opened(real_data / "sirad122_walk", "giulioCammina.json"), most_peaks=1)
+
+    assert made.within_clean(dc.TwinBar()).tolist() == [True]
+    assert made.scenario.chain.cfar.n_training.velocity == 500
 
 
 def test_two_reflectors_are_the_strongest_targets_of_their_twin(real_data):

@@ -89,8 +89,10 @@ def headline(found: Mapping[str, Any]) -> str:
     apart = found["floor"]["difference_db"]
     noise = "No noise" if apart is None else f"Noise {fixed(abs(apart), 1)} dB apart"
     judged = [one for one in found["differences"] if one["judged"]]
+    if not judged:
+        return f"{noise}, no peak to judge"
     n_within = sum(one["within"] for one in judged)
-    return f"{noise}, {n_within} of {len(judged)} peaks within {_bar(found)}"
+    return f"{noise}, {n_within} of {len(judged)} judged peaks within {_bar(found)}"
 
 
 def verdict(found: Mapping[str, Any]) -> str:
@@ -110,6 +112,8 @@ def verdict(found: Mapping[str, Any]) -> str:
     if weak:
         said += f". {weak} {'is' if weak == 1 else 'are'} so weak, or so near a stronger one, that"
         said += " the noise of the twin alone moves power or place by more than a third of that"
+    n_clean = sum(one["within_clean"] for one in rows)
+    said += f". Without the noise of the twin {n_clean} of all {len(rows)} are within that"
     mirrored = sum(not one["searched"] for one in rows)
     if mirrored:
         said += ". Leakage lies where real samples are their own mirror image, and is not judged"

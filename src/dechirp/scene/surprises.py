@@ -65,8 +65,8 @@ def surprises(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Finding]
     Antennas that are alike, codes that mix, tables with holes, and what bodies say of themselves.
 
     Each kind is told once of a target, of the first frame and scatterer that it befalls, and
-    by name of 20 targets at most. See `looked_at` for the frames. A part that moves within a
-    body may fold in velocity unsaid.
+    by name of 20 targets at most; of echoes that come late, of the latest alone. See `looked_at`
+    for the frames. A part that moves within a body may fold in velocity unsaid.
 
     Raises
     ------
@@ -233,9 +233,12 @@ def _said(place: Place) -> str:
 
 
 def _late(view: _View) -> _Surprise:
-    """Echoes that come after the first sample."""
+    """Echoes that come after the first sample: told of the latest, as one start mends all."""
     chirp = view.radar.frame.chirp
     delay_s = 2 * view.place.range_m / SPEED_OF_LIGHT
+    is_late = delay_s > chirp.adc_start_s
+    n_others = len(np.unique(view.scene.owners[is_late])) - 1
+    others = f", as for {n_others} more of the targets" * (n_others > 0)
 
     def finding(setting: str, i: int) -> Finding:
         late = int(np.ceil((delay_s[i] - chirp.adc_start_s) * chirp.sample_rate_hz))
@@ -244,13 +247,14 @@ def _late(view: _View) -> _Surprise:
             level="warning",
             setting=f"{setting}.position",
             got=f"echo arrives {delay_s[i] * 1e6:.4g} us after ramp start{view.when}, sampling"
-            f" begins at {chirp.adc_start_s * 1e6:.4g} us",
+            f" begins at {chirp.adc_start_s * 1e6:.4g} us{others}",
             need="a delay of at most adc_start for every sample to hold the echo",
             fix=f"Start sampling later. A real radar would miss {missed}: set engine.late to"
             " onset for a simulation that does.",
         )
 
-    return _Surprise(delay_s > chirp.adc_start_s, finding)
+    latest = np.arange(len(delay_s)) == delay_s.argmax()
+    return _Surprise(is_late & latest, finding)
 
 
 def _behind(view: _View) -> _Surprise:

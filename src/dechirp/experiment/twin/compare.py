@@ -10,6 +10,7 @@ from dechirp.experiment.twin.measure import (
     Seen,
     floor,
     floor_at,
+    is_noisy,
     peaks_at,
     peaks_of,
     searched,
@@ -97,7 +98,8 @@ def floors(recorded: Seen, twin: Seen) -> xr.Dataset:
     -------
     Dataset
         recorded, twin : W, and ratio
-            From the medians of the whole maps.
+            From the medians of the whole maps; ratios are NaN where nothing but rounding errors
+            lies between the peaks of the recording.
         recorded_over_range, twin_over_range : W, and ratio_over_range
             Over `stretch`, of ranges about `range`, m.
         in_receiver
@@ -109,7 +111,8 @@ def floors(recorded: Seen, twin: Seen) -> xr.Dataset:
     ranges_m = recorded.power.range.values
     middles = [float(ranges_m[rows].mean()) for rows in stretches(recorded)]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio, ratios = np.float64(whole[1]) / whole[0], each[1] / each[0]
+        of_noise = 1.0 if is_noisy(recorded) else np.nan
+        ratio, ratios = np.float64(whole[1]) / whole[0] * of_noise, each[1] / each[0] * of_noise
     return xr.Dataset(
         {
             "recorded": ((), whole[0], {"units": "W"}),

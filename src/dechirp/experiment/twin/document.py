@@ -51,6 +51,7 @@ def _rows(made: Twin, bar: TwinBar) -> list[dict[str, Any]]:
         "searched": found.searched.values,
         "judged": made.judged(bar),
         "within": made.within(bar),
+        "within_clean": made.within_clean(bar),
     }
     return [
         dict(zip(columns, [_cell(one) for one in row], strict=True))

@@ -73,6 +73,11 @@ def floor(of: Seen) -> np.ndarray:
     return np.asarray(medians) / of.median_over_mean
 
 
+def is_noisy(of: Seen) -> bool:
+    """Whether there is noise in all stretches, and not rounding errors alone."""
+    return bool(np.all(floor(of) > _ROUNDING * of.power.values.max()))
+
+
 def floor_at(of: Seen, rows: np.ndarray) -> np.ndarray:
     """The noise in rows of the map, straight in decibels between the middles of the stretches."""
     middles = [(one.start + one.stop - 1) / 2 for one in stretches(of)]
@@ -143,12 +148,13 @@ def echoes_at(of: Seen, cells: np.ndarray) -> np.ndarray:
     noise, chirp = of.chain.noise(of.radar), of.radar.frame.chirp
     over_velocity, over_range = noise.over_velocity, noise.over_range
     m, n = np.arange(over_velocity.n_points), np.arange(over_range.n_points)
-    turns = np.outer(cells[:, 0] - over_velocity.n_bins // 2, m) / over_velocity.n_bins
+    velocities, row = np.unique(cells[:, 0], return_inverse=True)  # what stands still shares one
+    turns = np.outer(velocities - over_velocity.n_bins // 2, m) / over_velocity.n_bins
     slow = np.exp(-2j * np.pi * turns) * over_velocity.weights / over_velocity.weights.sum()
     fast = np.exp(-2j * np.pi * np.outer(cells[:, 1], n) / over_range.n_bins)
     fast = fast * amplitude_weights(over_range, chirp.sampling)
     sent = of.frame.transpose("chirp", "rx", "sample").values
     samples = channels(np.ascontiguousarray(sent), of.radar.frame)
     n_chirps, n_channels, n_samples = samples.shape
-    rows = slow @ samples.reshape(n_chirps, -1)
-    return np.asarray(np.einsum("kcn,kn->kc", rows.reshape(-1, n_channels, n_samples), fast))
+    rows = (slow @ samples.reshape(n_chirps, -1)).reshape(-1, n_channels, n_samples)
+    return (rows[row] @ fast[..., None])[..., 0]

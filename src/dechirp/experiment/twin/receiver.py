@@ -6,23 +6,27 @@ import xarray as xr
 from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.coloured_noise import ColouredNoise
 from dechirp.echoes.impairments.dc_offset import DcOffset
-from dechirp.experiment.twin.measure import Seen, floor, stretches
+from dechirp.experiment.twin.measure import Seen, floor, is_noisy, stretches
 from dechirp.process.chain import Chain
 from dechirp.process.spectrum import noise_gain
 from dechirp.radar.budget import noise_power_w
 from dechirp.radar.radar import Radar
 
-_LEAST_NOISE = 1e-10  # of thermal noise: less is rounding
+_ISOLATION = 1e6  # from what is sent to the strongest cell, where no noise tells full scale
 
 
 def watts_per_unit(frame: xr.DataArray, radar: Radar, chain: Chain) -> float:
-    """What makes the mean noise of the recording k T0 F fs; 1 where its samples are in watts."""
+    """What makes the mean noise of the recording k T0 F fs; 1 where its samples are in watts.
+
+    Without noise, what puts its strongest cell 60 dB below what is sent.
+    """
     if frame.attrs.get("units") == "sqrt(W)":
         return 1.0
-    level = float(floor(Seen(frame=frame, radar=radar, chain=chain)).mean())
-    if not level:
-        return 1.0
-    return _thermal_in_cell(radar, chain) / level
+    seen = Seen(frame=frame, radar=radar, chain=chain)
+    if not is_noisy(seen):
+        sent_w = radar.known_hardware().transmit_power_w
+        return sent_w / _ISOLATION / float(seen.power.max())
+    return _thermal_in_cell(radar, chain) / float(floor(seen).mean())
 
 
 def _thermal_in_cell(radar: Radar, chain: Chain) -> float:
@@ -34,9 +38,9 @@ def _thermal_in_cell(radar: Radar, chain: Chain) -> float:
 
 def noise_over_range(seen: Seen) -> tuple[ColouredNoise, ...]:
     """Noise over range as the recording has it; none where it has none."""
-    level = floor(seen) / _thermal_in_cell(seen.radar, seen.chain)
-    if not np.all(level > _LEAST_NOISE):
+    if not is_noisy(seen):
         return ()
+    level = floor(seen) / _thermal_in_cell(seen.radar, seen.chain)
     chirp, n_bins = seen.radar.frame.chirp, seen.chain.noise(seen.radar).over_range.n_bins
     middles = np.array([(one.start + one.stop - 1) / 2 for one in stretches(seen)])
     beat_hz = middles * chirp.sample_rate_hz / n_bins

@@ -22,6 +22,8 @@ from dechirp.formats.recording import Recording
 from dechirp.process.cfar.base import Cells, Cfar
 from dechirp.process.cfar.ordered_statistic import OrderedStatistic
 from dechirp.process.chain import Chain
+from dechirp.process.health.findings import findings
+from dechirp.process.health.measures import measure
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
 
@@ -30,6 +32,7 @@ ASSUMED = Hardware(transmit_power_w=10**-1.8, antenna_gain=10.0, noise_factor=10
 
 MOST_PEAKS, MOST_PEAKS_EVER = 64, 256  # each is simulated by itself, round by round
 _FEWEST_CHIRPS = 16  # for a median over velocities
+_MOST_TRAINING = 500  # on each side: a factor is calibrated for 2000 at most, in seconds for these
 _GUARD = 3  # a peak under a Hann window is 4 cells wide
 
 
@@ -79,15 +82,25 @@ class Twin:
     def within(self, bar: TwinBar) -> np.ndarray:
         """Which peaks are as near as that, (peak,)."""
         found = self.differences
-        apart = abs(np.log(found.power_ratio.values))
-        away = np.maximum(abs(found.range_cells.values), abs(found.velocity_cells.values))
-        return np.asarray((apart <= np.log(bar.power)) & (away <= bar.cells))
+        return _near(bar, found.power_ratio, found.range_cells, found.velocity_cells)
+
+    def within_clean(self, bar: TwinBar) -> np.ndarray:
+        """Which would be, were there no noise in the twin, (peak,): also of those not judged."""
+        found = self.differences
+        return _near(
+            bar, found.power_ratio_clean, found.range_cells_clean, found.velocity_cells_clean
+        )
 
     def is_within(self, bar: TwinBar) -> bool:
         """Whether the floor and all peaks of which that can be asked are as near as that."""
         ratio = float(self.floor.ratio)
         level = np.isnan(ratio) or abs(np.log(ratio)) <= np.log(bar.power)
         return bool(level and np.all(self.within(bar)[self.judged(bar)]))
+
+
+def _near(bar: TwinBar, ratio: xr.DataArray, fast: xr.DataArray, slow: xr.DataArray) -> np.ndarray:
+    away = np.maximum(abs(fast.values), abs(slow.values))
+    return np.asarray((abs(np.log(ratio.values)) <= np.log(bar.power)) & (away <= bar.cells))
 
 
 def twin(
@@ -127,8 +140,8 @@ def twin(
     -----
     A recording does not say what its full scale is in watts. Its noise tells, once a noise factor
     is assumed: |sample|^2 times the stated factor is such that the mean of the noise over all
-    ranges is k T0 F fs. Cross sections hold under the assumed hardware, differences do not depend
-    on it.
+    ranges is k T0 F fs; without noise, such that the strongest cell is 60 dB below what is sent.
+    Cross sections hold under the assumed hardware, differences do not depend on it.
 
     A peak is a point, so a person becomes as many points as peaks were seen. Noise of the
     recording that is in a peak becomes part of its point; that of the twin comes on top, and
@@ -146,8 +159,8 @@ def twin(
     watts = watts_per_unit(frame, radar, chain)
     samples = frame.copy(data=frame.values * np.sqrt(watts).astype(np.float32))
     seen = Seen(frame=samples.assign_attrs(units="sqrt(W)"), radar=radar, chain=chain)
-    cells = peaks_of(seen)[:most_peaks]
-    leaks = leak_cells(seen)
+    peaks, leaks = peaks_of(seen), leak_cells(seen)
+    cells = peaks[:most_peaks]
     constants = offsets(seen) if len(leaks) else ()
     found = start = started(seen, own, cells, leaks)
     if len(start):
@@ -177,6 +190,8 @@ def twin(
         frame_number=number,
         findings=(
             *recording.findings,
+            *_unlike_points(frame, own),
+            *_left_out(len(peaks), most_peaks),
             *_told(recording, own, watts),
             # Where targets are was measured: that their echoes come early or late is no surprise.
             *(one for one in said if not one.setting.startswith("scene.targets")),
@@ -185,11 +200,11 @@ def twin(
 
 
 def usual_chain(radar: Radar) -> Chain:
-    """The default chain, but with the noise of a cell from all velocities of its range.
+    """The default chain, but with the noise of a cell from all velocities of its range, or 1000.
 
     What stands still at every range then hides nothing, as it does in a ring about the cell.
     """
-    half = radar.frame.n_chirps // 2 - _GUARD - 1
+    half = min(radar.frame.n_chirps // 2 - _GUARD - 1, _MOST_TRAINING)
     if radar.frame.n_chirps < _FEWEST_CHIRPS:
         return Chain()
     return Chain(
@@ -225,6 +240,26 @@ def _must_hold_something(recording: Recording, frame: xr.DataArray) -> None:
         need="echoes or noise to make a twin of",
         fix="Choose another frame: --frames 3:4 takes number 3.",
     )
+
+
+def _unlike_points(frame: xr.DataArray, radar: Radar) -> Sequence[Finding]:
+    """What is wrong with the frame, and would be taken for echoes or for noise."""
+    measured = measure(frame.expand_dims("frame"), radar)
+    return [one for one in findings(measured, radar) if one.level == "warning"]
+
+
+def _left_out(n_peaks: int, most_peaks: int) -> Sequence[Finding]:
+    if n_peaks <= most_peaks:
+        return []
+    return [
+        Finding(
+            level="note",
+            setting="most_peaks",
+            got=f"{n_peaks} peaks, of which the {most_peaks} strongest are simulated",
+            need=f"at most {most_peaks}, for a twin that has them all",
+            fix=f"In Python: dc.twin(recording, most_peaks={min(n_peaks, MOST_PEAKS_EVER)}).",
+        )
+    ]
 
 
 def _told(recording: Recording, radar: Radar, watts: float) -> Sequence[Finding]:

@@ -70,7 +70,7 @@ def noise(over_range: Sequence[Mapping[str, Any]], *, unit: str) -> Markup:
 def apart(rows: Sequence[Mapping[str, Any]], *, within_db: float) -> Markup:
     """Draw the differences of the peaks' powers over their ratio, with what noise explains."""
     groups = (
-        ("peak", [one for one in rows if one["judged"]], BLUE),
+        ("judged", [one for one in rows if one["judged"]], BLUE),
         ("not judged", [r for r in rows if not r["judged"]], "#a9b6c2"),
     )
 
