@@ -104,13 +104,21 @@ def simulate(
     whole("n_frames", n_frames, at_least=1, at_most=1_000_000)
     rng = _generator(seed)
     kind = _cube_type(dtype)
+    stages = told_stages(impairments, scene, radar, n_frames=n_frames)
+    return _simulated(scene, radar, stages, n_frames, kind, rng, engine, progress)
+
+
+def told_stages(
+    impairments: Sequence[Impairment] | None, scene: Scene, radar: Radar, *, n_frames: int
+) -> Stages:
+    """As `checked_stages`, and warns of all that `simulate` warns of."""
     for finding in surprises(scene, radar, n_frames=n_frames):
-        warnings.warn(PhysicsWarning(finding), stacklevel=2)
+        warnings.warn(PhysicsWarning(finding), stacklevel=3)
     stages = checked_stages(impairments, scene, radar)
     slow = oscillator.surprise(radar) if stages.oscillators else None
     if slow is not None:
-        warnings.warn(PhysicsWarning(slow), stacklevel=2)
-    return _simulated(scene, radar, stages, n_frames, kind, rng, engine, progress)
+        warnings.warn(PhysicsWarning(slow), stacklevel=3)
+    return stages
 
 
 def checked_stages(impairments: Sequence[Impairment] | None, scene: Scene, radar: Radar) -> Stages:

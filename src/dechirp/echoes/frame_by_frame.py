@@ -21,7 +21,7 @@ _COMPLEX = np.dtype(np.complex64)
 class FrameByFrame:
     """Cubes of single frames of a scene: to step through it, back as well, with bounded memory.
 
-    What surprises in the scene is not said: `simulate` says it.
+    What surprises in the scene is not said: `told_stages` says it.
 
     Parameters
     ----------

@@ -25,6 +25,20 @@ class Followed(NamedTuple):
     findings: tuple[Finding, ...]
 
 
+class Grouped(NamedTuple):
+    """Detections of frames, and what follows from each frame alone; as in `Followed`."""
+
+    detections: xr.Dataset
+    ego: xr.Dataset | None
+    clusters: xr.Dataset | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def rows(self) -> xr.Dataset:
+        """What tracks are of: clusters where there are any, else detections."""
+        return self.detections if self.clusters is None else self.clusters
+
+
 def follow(
     detections: xr.Dataset,
     times_s: Sequence[float],
@@ -51,7 +65,24 @@ def follow(
     first : int
         Number of the first frame.
     """
-    ego, clusters, tracks, findings = None, None, None, []
+    found = grouped(detections, scenario, radar)
+    tracks, findings = None, list(found.findings)
+    if scenario.tracker is not None:
+        with heard() as said:
+            tracks = track(
+                tracked_rows(found.rows, radar),
+                times_s,
+                scenario.tracker,
+                first=first,
+                velocity_span_m_per_s=2 * radar.frame.at(0).max_velocity_m_per_s,
+            )
+        findings += said
+    return Followed(found.detections, found.ego, found.clusters, tracks, tuple(findings))
+
+
+def grouped(detections: xr.Dataset, scenario: Scenario, radar: Radar) -> Grouped:
+    """Own motion and clusters, those of them that a scenario asks for; arguments as `follow`."""
+    ego, clusters, findings = None, None, []
     if scenario.ego_motion is not None:
         ego = ego_motion(detections, radar, scenario.ego_motion)
         detections = labelled(detections, ego, radar, scenario.ego_motion)
@@ -62,21 +93,10 @@ def follow(
             rows = clusters.rename(cluster="detection")
             told = labelled(rows, ego, radar, scenario.ego_motion)
             clusters = told.rename(detection="cluster")
-    if scenario.tracker is not None:
-        rows = detections if clusters is None else clusters
-        with heard() as said:
-            tracks = track(
-                _followed(rows, radar),
-                times_s,
-                scenario.tracker,
-                first=first,
-                velocity_span_m_per_s=2 * radar.frame.at(0).max_velocity_m_per_s,
-            )
-        findings += said
-    return Followed(detections, ego, clusters, tracks, tuple(findings))
+    return Grouped(detections, ego, clusters, tuple(findings))
 
 
-def _followed(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
+def tracked_rows(rows: xr.Dataset, radar: Radar) -> xr.Dataset:
     """Rows that a track may be of, their velocities only where it is known what they mean."""
     if "motion" in rows:
         (over,) = rows["motion"].dims

@@ -20,6 +20,7 @@ from dechirp.formats.recording import open as open_recording
 from dechirp.objects.object_list import object_list
 from dechirp.process import near_field
 from dechirp.process.cfar.base import Cfar
+from dechirp.process.chain import Chain
 from dechirp.process.detect import detect_each
 from dechirp.process.maps import power_map, threshold_map
 from dechirp.process.mitigation.cleaned import Removed, summary
@@ -203,15 +204,27 @@ def concluded(
         truth=None,
         budget=None,
         findings=(
-            *_fewer_cells(scenario.chain.cfar, chain.cfar),
-            *remarks(radar, chain),
-            *near_field.remark(radar, found.detections),
-            *_crowded(found.n_crowded),
-            *(summary(found.took_out) if found.took_out else ()),
+            *about_chain(scenario.chain, radar),
+            *about_found(found, radar),
             *followed.findings,
         ),
         times_s=found.times_s,
         timing_s={"process": perf_counter() - started},
+    )
+
+
+def about_chain(chain: Chain, radar: Radar) -> tuple[Finding, ...]:
+    """What is said about the maps that settings make for a radar."""
+    fitted = chain.fitted(radar)
+    return (*_fewer_cells(chain.cfar, fitted.cfar), *remarks(radar, fitted))
+
+
+def about_found(found: Found, radar: Radar) -> tuple[Finding, ...]:
+    """What is said about what was detected."""
+    return (
+        *near_field.remark(radar, found.detections),
+        *_crowded(found.n_crowded),
+        *(summary(found.took_out) if found.took_out else ()),
     )
 
 

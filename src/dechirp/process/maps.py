@@ -61,6 +61,34 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArr
     return labelled.copy(data=threshold).assign_attrs(long_name="threshold")
 
 
+def threshold_through(
+    power: xr.DataArray, radar: Radar, chain: Chain, cell: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same for the row and the column through a cell (velocity, range) only.
+
+    (range,) and (velocity,): from the part of the map that they train on, in a third of the time.
+    """
+    row, column = cell
+    noise, ring = chain.noise(radar), chain.cfar.ring
+    rows = independent_rows(radar.frame.chirp, noise.over_range)
+    values = power.transpose("velocity", "range").values
+    level = level_of(values, radar, chain)[:, rows]
+    about = np.arange(row - ring.half_velocity, row + ring.half_velocity + 1) % len(level)
+    over_range = np.full(values.shape[1], np.inf, np.float32)
+    over_range[rows] = chain.cfar.threshold(level[about], noise)[ring.half_velocity]
+    over_velocity = np.full(values.shape[0], np.inf, np.float32)
+    if rows.start <= column < rows.stop:
+        place = int(ring.places(level.shape[1])[column - rows.start])
+        first = column - rows.start - place
+        box = np.ascontiguousarray(level[:, first : first + 2 * ring.half_range + 1])
+        over_velocity = chain.cfar.threshold(box, noise)[:, place]
+    if (left := left_by(radar, chain)) is not None:
+        within = searched(left)
+        over_range[~within[row]] = np.inf
+        over_velocity = np.where(within[:, column], over_velocity, np.inf)
+    return over_range, over_velocity
+
+
 def power_of(samples: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     """Range-Doppler map of one frame, clean, (chirp, channel, sample) to (velocity, range)."""
     noise = chain.noise(radar)

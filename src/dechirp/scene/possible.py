@@ -10,6 +10,8 @@ from dechirp.scene.slow import must_be_slow
 _MOST_FRAMES = 33
 # Nearer to an antenna, the power of an echo overflows.
 _APART_M = 1e-6
+# Places of scatterers that are found together: of a walker, in a tenth of the time.
+_AT_A_TIME = 2**16
 
 
 def looked_at(scene: Scene, n_frames: int) -> list[int]:
@@ -33,15 +35,19 @@ def must_be_possible(scene: Scene, radar: Radar, *, n_frames: int = 1) -> None:
     """
     if not scene.targets:
         return
-    frames = looked_at(scene, n_frames)
     antennas_m = {"the radar": (0.0, 0.0, 0.0)}
     for kind, at_m in (("transmitter", radar.array.tx_m), ("receiver", radar.array.rx_m)):
         antennas_m |= {f"{kind} {number}": one_m for number, one_m in enumerate(at_m)}
     reach_m = np.linalg.norm(list(antennas_m.values()), axis=-1).max() + _APART_M
-    for frame in frames:
-        mid_frame_s = radar.frame.at(frame).mid_frame_s
-        for time_s in radar.frame.start_s(frame) + np.array([0.0, mid_frame_s]):
-            position_m = scene.positions_m([time_s])[0]
+    times_s = [
+        radar.frame.start_s(frame) + after_s
+        for frame in looked_at(scene, n_frames)
+        for after_s in (0.0, radar.frame.at(frame).mid_frame_s)
+    ]
+    step = max(_AT_A_TIME // len(scene.owners), 1)
+    for first in range(0, len(times_s), step):
+        some_s = times_s[first : first + step]
+        for time_s, position_m in zip(some_s, scene.positions_m(some_s), strict=True):
             near = np.flatnonzero(np.linalg.norm(position_m, axis=-1) < reach_m)
             for name, antenna_m in antennas_m.items():
                 apart_m = np.linalg.norm(position_m[near] - antenna_m, axis=-1)

@@ -16,11 +16,17 @@ from dechirp.scene.scene import Scene
 
 
 def truth(
-    scene: Scene, radar: Radar, *, n_frames: int = 1, noise_power_w: float | None = None
+    scene: Scene,
+    radar: Radar,
+    *,
+    n_frames: int = 1,
+    first: int = 0,
+    noise_power_w: float | None = None,
 ) -> xr.Dataset:
     """What a perfect radar would report, in the words of detections.
 
-    `noise_power_w` is the noise in one sample; thermal noise of the hardware without it.
+    Of `n_frames` from the one of number `first` on. `noise_power_w` is the noise in one sample;
+    thermal noise of the hardware without it.
 
     Returns
     -------
@@ -33,7 +39,7 @@ def truth(
     Raises
     ------
     InvalidSetting
-        If a target sits on the radar, or `n_frames` is no count of frames.
+        If a target sits on the radar, or `n_frames` or `first` is no number of frames.
 
     Notes
     -----
@@ -41,9 +47,10 @@ def truth(
     target and of the radar: no differences are taken.
     """
     whole("n_frames", n_frames, at_least=1, at_most=1_000_000)
-    frames = np.arange(n_frames)
+    whole("first", first, at_least=0, at_most=1_000_000)
+    frames = np.arange(first, first + n_frames)
     frame = radar.frame
-    times_s = np.array([frame.start_s(i) + frame.at(i).mid_frame_s for i in range(n_frames)])
+    times_s = np.array([frame.start_s(i) + frame.at(i).mid_frame_s for i in frames.tolist()])
     seen = _seen(scene, times_s)
     over = ("target", "frame")
     known = xr.Dataset(

@@ -36,7 +36,8 @@ class FieldOfView:
     """Directions that are searched: so far to each side of boresight."""
 
     azimuth_rad: float = np.pi / 2
-    elevation_rad: float = np.pi / 6
+    # 30 deg to the nearest float: pi / 6 is rounded down, and no number of degrees.
+    elevation_rad: float = 0.5235987755982989
 
     def __post_init__(self) -> None:
         # Angles that came through degrees may lie a rounding error beyond.

@@ -29,7 +29,7 @@ def signal(cube: xr.DataArray, *, doppler_frequency_hz: float | None = None) -> 
         some = cube.isel(frame=0, rx=0, chirp=slice(_MOST_CHIRPS)).transpose("chirp", "sample")
         turned = np.exp(-2j * np.pi * doppler_frequency_hz * some["chirp"].values)
         echo = turned @ some.values / turned.size
-    exponent = _engineering_exponent(float(abs(samples).max()))
+    exponent = engineering_exponent(float(abs(samples).max()))
     scaled = samples / 10.0**exponent
     unit = cube.attrs.get("units", "").replace("sqrt(W)", "√W")
     unit = unit if exponent == 0 else f"{power_of_ten(exponent)} {unit}"
@@ -103,7 +103,8 @@ def spectrum(
     return draw(paint, label="Spectrum of the beat signal over range", height_in=3.2)
 
 
-def _engineering_exponent(largest: float) -> int:
+def engineering_exponent(largest: float) -> int:
+    """Power of ten, a multiple of three, that leaves an amplitude between 1 and 1000."""
     if not (math.isfinite(largest) and largest > 0):
         return 0
     return 3 * math.floor(math.log10(largest) / 3)

@@ -35,19 +35,8 @@ def cut(
     threshold_w = np.array(threshold.isel({across: fixed}).values, dtype=float)
     threshold_db = power_db(np.where(np.isfinite(threshold_w), threshold_w, 1.0), units)
     threshold_db[~np.isfinite(threshold_w)] = np.nan  # cells that are not tested
-    n_guard, n_training = getattr(cfar.n_guard, along), getattr(cfar.n_training, along)
-    reach = n_guard + n_training
-    index = np.arange(bins.size)
-    offset = index - centre
-    if along == "velocity":  # wraps round
-        offset = (offset + bins.size // 2) % bins.size - bins.size // 2
-        inside = abs(offset) <= reach
-    else:  # at the ends the box stays within the map
-        middle = min(max(centre, reach), max(bins.size - 1 - reach, 0))
-        inside = abs(index - middle) <= reach
-    training = inside & (abs(offset) > n_guard)
-    guard = inside & (abs(offset) <= n_guard)
-    n_shown = max(3 * reach, _FEWEST_CELLS)
+    training, guard = cells_about(centre, bins.size, cfar, along=along)
+    n_shown = max(3 * _reach(cfar, along), _FEWEST_CELLS)
     shown = slice(max(centre - n_shown, 0), centre + n_shown + 1)
     power_level_db = power_db(power_w, units)
     lowest = float(np.median(power_level_db)) - 15
@@ -56,7 +45,7 @@ def cut(
     def paint(figure: Figure) -> None:
         axes = figure.subplots()
         for name, cells, color in (("training", training, "#e0ecf5"), ("guard", guard, "#eef0f2")):
-            for number, (left, right) in enumerate(_stretches(bins[shown], cells[shown])):
+            for number, (left, right) in enumerate(stretches(bins[shown], cells[shown])):
                 label = f"{name} cells" if number == 0 else None
                 axes.axvspan(left, right, color=color, linewidth=0, label=label)
         axes.plot(
@@ -88,7 +77,27 @@ def cut(
     return draw(paint, label=f"Power and threshold along {along}", height_in=3.0)
 
 
-def _stretches(bins: np.ndarray, cells: np.ndarray) -> list[tuple[float, float]]:
+def cells_about(
+    centre: int, n_bins: int, cfar: Cfar, *, along: Axis
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which cells of a line through a cell under test train, and which are guard cells."""
+    n_guard, reach = getattr(cfar.n_guard, along), _reach(cfar, along)
+    index = np.arange(n_bins)
+    offset = index - centre
+    if along == "velocity":  # wraps round
+        offset = (offset + n_bins // 2) % n_bins - n_bins // 2
+        inside = abs(offset) <= reach
+    else:  # at the ends the box stays within the map
+        middle = min(max(centre, reach), max(n_bins - 1 - reach, 0))
+        inside = abs(index - middle) <= reach
+    return inside & (abs(offset) > n_guard), inside & (abs(offset) <= n_guard)
+
+
+def _reach(cfar: Cfar, along: Axis) -> int:
+    return int(getattr(cfar.n_guard, along) + getattr(cfar.n_training, along))
+
+
+def stretches(bins: np.ndarray, cells: np.ndarray) -> list[tuple[float, float]]:
     """Both edges of each run of marked cells."""
     half = (bins[-1] - bins[0]) / max(bins.size - 1, 1) / 2
     steps = np.diff(np.concatenate([[0], cells.astype(int), [0]]))
