@@ -26,6 +26,7 @@ ORDER = (
     "experiment",
     "report",
     "exchange",
+    "studio",
     "cli",
 )
 
@@ -54,6 +55,8 @@ ONLY_IN = {
     "dask": {"experiment"},
     "distributed": {"experiment"},
     "dask_jobqueue": {"experiment"},
+    "bokeh": {"studio"},
+    "tornado": {"studio"},
     "cyclopts": {"cli"},
     "rich": {"cli"},
 }

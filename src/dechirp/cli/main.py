@@ -123,6 +123,11 @@ def _app() -> App:
         help="Find the waveform that meets requirements, with every formula.",
     )
     app.command(
+        "dechirp.cli.studio:studio",
+        name="studio",
+        help="Serve a web page on which a radar can be seen at work, and its knobs turned.",
+    )
+    app.command(
         "dechirp.cli.verify:verify",
         name="verify",
         help="Measure every claim of the reference report against theory, and write the paper.",

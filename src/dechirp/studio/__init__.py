@@ -1,0 +1,1 @@
+"""The web page: a radar that one can turn the knobs of."""

@@ -1,0 +1,146 @@
+// What the page does by itself: tabs, keys, light and dark, and telling what was drawn.
+"use strict";
+
+// Frames drawn since the page began; benchmarks and tests read it.
+window.dechirp = { frames: 0, ready: false };
+
+for (const list of document.querySelectorAll("[role=tablist]")) {
+  const tabs = [...list.children];
+  const select = (chosen) => {
+    for (const tab of tabs) {
+      const is = tab === chosen;
+      tab.setAttribute("aria-selected", String(is));
+      tab.tabIndex = is ? 0 : -1;
+      document.getElementById(tab.getAttribute("aria-controls")).hidden = !is;
+    }
+    chosen.focus();
+  };
+  tabs.forEach((tab, i) => {
+    tab.addEventListener("click", () => select(tab));
+    tab.addEventListener("keydown", (event) => {
+      const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+      if (by) {
+        event.preventDefault();
+        event.stopPropagation();
+        select(tabs[(i + by + tabs.length) % tabs.length]);
+      }
+    });
+  });
+}
+
+const shadeButton = document.getElementById("shade");
+const wished = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+let dark = (sessionStorage.getItem("shade") ?? wished) === "dark";  // as on the page before
+function wear(browser) {
+  document.documentElement.dataset.shade = dark ? "dark" : "light";
+  shadeButton.setAttribute("aria-pressed", String(dark));
+  if (browser) browser.dark = dark;
+}
+wear(null);
+
+// What has keys of its own; a figure that was tapped has none.
+const KEPT = "a, button, input, select, textarea, summary, [role=tab]";
+
+function begin(browser) {
+  lighten();
+  wear(browser);
+  shadeButton.addEventListener("click", () => {
+    dark = !dark;
+    sessionStorage.setItem("shade", dark ? "dark" : "light");
+    wear(browser);
+  });
+
+  // Drawing waits for the next frame of the screen; the one after it shows what was drawn.
+  const tell = () => {
+    const shown = browser.shown;
+    requestAnimationFrame(() => requestAnimationFrame(() => {
+      window.dechirp.frames += 1;
+      browser.drawn = shown;
+    }));
+  };
+  browser.properties.shown.change.connect(tell);
+  if (browser.shown) tell();  // the first came with the page
+
+  const place = document.getElementById("place");
+  browser.properties.place.change.connect(() => { place.textContent = browser.place; });
+
+  const rate = document.getElementById("rate");
+  let before = 0;
+  setInterval(() => {
+    const n = window.dechirp.frames - before;
+    before = window.dechirp.frames;
+    rate.textContent = n > 1 ? `${n} frames/s` : "";
+  }, 1000);
+
+  document.addEventListener("keydown", (event) => {
+    const inside = event.composedPath()[0];
+    if (event.ctrlKey || event.altKey || event.metaKey || inside.closest(KEPT)) return;
+    if (event.key === " ") browser.play_keys += 1;
+    else if (event.key === "ArrowRight") browser.step_keys += 1;
+    else if (event.key === "Escape") browser.free_keys += 1;
+    else return;
+    event.preventDefault();
+  });
+  window.dechirp.ready = true;
+}
+
+// A table would take the focus whenever a row of it is marked, from who types elsewhere too, and
+// would lead Tab through all its cells. The arrows do that.
+const inTable = (element) => element.getRootNode().host?.classList.contains("bk-DataTable");
+const { focus } = HTMLElement.prototype;
+HTMLElement.prototype.focus = function (...how) {
+  if (!inTable(this) || this.getRootNode().activeElement) focus.apply(this, how);
+};
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Tab" && inTable(event.composedPath()[0])) event.stopPropagation();
+}, { capture: true });
+
+const waiting = setInterval(() => {
+  const made = window.Bokeh?.documents[0]?.get_model_by_name("browser");
+  if (made) {
+    clearInterval(waiting);
+    begin(made);
+  }
+}, 20);
+
+// Escape puts back what holds, which a typed setting has in its tags.
+document.addEventListener("keydown", (event) => {
+  const input = event.composedPath()[0];
+  const id = event.key === "Escape" && input.getRootNode().host?.dataset.model;
+  const widget = id && window.Bokeh.documents[0].get_model_by_id(id);
+  if (!widget || !("value" in input)) return;
+  input.value = widget.tags[0];
+  widget.value = widget.tags[0];
+});
+
+// Text of a model, which it has in its tags, to the clipboard or to a file.
+async function copy(text, button) {
+  if (navigator.clipboard) await navigator.clipboard.writeText(text);
+  else { // a page from another machine, without TLS
+    const held = document.createElement("textarea");
+    held.value = text;
+    document.body.append(held);
+    held.select();
+    document.execCommand("copy");
+    held.remove();
+  }
+  const label = button.textContent;
+  button.textContent = "Copied";
+  setTimeout(() => { button.textContent = label; }, 1500);
+}
+
+function download(text) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: "application/yaml" }));
+  link.download = "scenario.yaml";
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+document.addEventListener("click", (event) => {
+  const [button] = event.composedPath();
+  const { copies, downloads } = button.getRootNode?.().host?.dataset ?? {};
+  const model = window.Bokeh?.documents[0]?.get_model_by_id(copies ?? downloads);
+  if (model && copies) copy(model.tags[0], button);
+  else if (model) download(model.tags[0]);
+});

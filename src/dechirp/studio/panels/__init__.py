@@ -1,0 +1,1 @@
+"""What is turned and read beside the views."""

@@ -1,0 +1,66 @@
+"""What lies under the cursor of a frame: its cell of the map, cuts through it, the beat signal."""
+
+import numpy as np
+import xarray as xr
+
+from dechirp.process.chain import Chain
+from dechirp.process.maps import threshold_through
+from dechirp.process.spectrum import range_profiles
+from dechirp.radar.radar import Radar
+from dechirp.scene.folding import Place, on_map
+from dechirp.studio.moment import Beat, Cursor, Cut
+
+_MOST_CHIRPS = 256  # averaged for the range profile: the mean is smooth to 0.3 dB by then
+
+
+def strongest(power: xr.DataArray, detections: xr.Dataset, radar: Radar) -> Cursor:
+    """The cell of a map with the strongest detection; without any, the strongest cell."""
+    rows, columns = slice(None), slice(None)
+    if detections.sizes["detection"]:
+        snr, range_m, velocity = (detections[n].values for n in ("snr", "range", "velocity"))
+        first = slice(int(snr.argmax()), None)
+        place = on_map(Place(range_m[first][:1], velocity[first][:1]), radar)
+        row, column = cell_of(power, Cursor(*(float(at[0]) for at in place)))
+        # Noise may raise a neighbour above the nearest cell.
+        rows, columns = (slice(max(at - 1, 0), at + 2) for at in (row, column))
+    near = power.values[rows, columns]
+    up, right = divmod(int(near.argmax()), near.shape[1])
+    return Cursor(
+        range_m=float(power.range.values[columns][right]),
+        velocity_m_per_s=float(power.velocity.values[rows][up]),
+    )
+
+
+def cell_of(power: xr.DataArray, cursor: Cursor) -> tuple[int, int]:
+    """Nearest cell (velocity, range) of a map; velocities fold, one chirp tells none."""
+    velocity, range_m = power.velocity.values, power.range.values
+    column = int(abs(range_m - cursor.range_m).argmin())
+    if velocity.size == 1 or not np.isfinite(cursor.velocity_m_per_s):
+        return velocity.size // 2, column
+    step = (velocity[-1] - velocity[0]) / (velocity.size - 1)
+    return round((cursor.velocity_m_per_s - velocity[0]) / step) % velocity.size, column
+
+
+def cuts(power: xr.DataArray, radar: Radar, chain: Chain, cell: tuple[int, int]) -> tuple[Cut, Cut]:
+    """The row and the column of a map through a cell, over range and over velocity."""
+    row, column = cell
+    over_range, over_velocity = threshold_through(power, radar, chain, cell)
+    return (
+        Cut(power.range.values, power.values[row], over_range),
+        Cut(power.velocity.values, power.values[:, column], over_velocity),
+    )
+
+
+def beat(cube: xr.DataArray, radar: Radar, chain: Chain) -> Beat:
+    """What the first receiver hears in one frame, (chirp, rx, sample)."""
+    heard = cube.isel(rx=0, chirp=slice(_MOST_CHIRPS)).transpose("chirp", "sample")
+    chirp = radar.frame.chirp
+    profiles = range_profiles(heard, chirp, chain.over_range(chirp))
+    power = abs(profiles.values) ** 2
+    return Beat(
+        time_s=heard["sample"].values,
+        samples=heard.values[0],
+        range_m=profiles.range.values,
+        power=power[0],
+        profile=power.mean(axis=0),
+    )

@@ -1,0 +1,186 @@
+"""What the folders of the studio give away: their own files, by their content, and no others."""
+
+import os
+
+import pytest
+
+import dechirp as dc
+from dechirp.config.texts import dump
+from dechirp.core.errors import DechirpError
+from dechirp.experiment.scenario import reference
+from dechirp.studio import library
+from dechirp.studio.library import Item, Library, is_plain, looked_over, opened
+from dechirp.studio.settings import Limits, changed
+from trial_cases import small, target
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder of the studio, with a secret beside it."""
+    inside = tmp_path / "captures"
+    inside.mkdir()
+    capture(tmp_path / "secret.npz")
+    return inside
+
+
+def capture(path):
+    """Two frames of the small radar, with its settings in them."""
+    cube = dc.simulate(dc.Scene(targets=[target()]), small(), n_frames=2, seed=1)
+    dc.write(dc.recording_of(cube, small()), path)
+    return path
+
+
+def looked(*folders) -> dict[str, str]:
+    """Kinds by name, after all was looked through a file at a time."""
+    found = Library(Limits(folders=folders))
+    while not found.is_done:
+        found.look(0.0)
+    return {item.name: item.kind for item in found.items}
+
+
+def item_of(path, kind="recording") -> Item:
+    return Item(kind, path.name, path)
+
+
+def test_files_are_told_by_their_content(folder):
+    capture(folder / "walk.npz")
+    (folder / "scene.yaml").write_text(dump(reference()))
+    (folder / "notes.md").write_text("# Walk\n")
+    (folder / "deeper").mkdir()
+    capture(folder / "deeper" / "run.npz")
+    (folder / "deeper" / "radar.yaml").write_text(dump(small()))
+    assert looked(folder) == {
+        "deeper/radar.yaml": "settings",
+        "deeper/run.npz": "recording",
+        "scene.yaml": "scenario",
+        "walk.npz": "recording",
+    }
+
+
+def test_names_start_at_the_folder_and_tell_several_folders_apart(folder, tmp_path):
+    other = tmp_path / "more"
+    other.mkdir()
+    capture(folder / "walk.npz")
+    capture(other / "walk.npz")
+    assert list(looked(folder, other)) == ["captures/walk.npz", "more/walk.npz"]
+
+
+def test_hidden_files_and_links_that_lead_out_are_not_shown(folder, tmp_path):
+    capture(folder / ".hidden.npz")
+    (folder / "out.npz").symlink_to(tmp_path / "secret.npz")
+    (folder / "up").symlink_to(tmp_path)
+    (folder / "round").symlink_to(folder)
+    (folder / "lost.npz").symlink_to(tmp_path / "nowhere.npz")
+    capture(folder / "walk.npz")
+    (folder / "again.npz").symlink_to(folder / "walk.npz")
+    assert looked(folder) == {"again.npz": "recording"}
+
+
+def test_what_lies_elsewhere_is_refused_however_it_is_named(folder, tmp_path):
+    inside, secret = capture(folder / "walk.npz"), tmp_path / "secret.npz"
+    (folder / "link.npz").symlink_to(secret)
+    limits = Limits(folders=(folder,))
+    ways = [secret, folder / ".." / "secret.npz", folder / "link.npz", folder / "captures.npz"]
+    assert is_plain(inside, limits)
+    for way in ways:
+        assert not is_plain(way, limits)
+        assert looked_over(item_of(way), None, limits).n_frames is None
+        with pytest.raises(DechirpError, match="leads out of the folders"):
+            opened(reference(), item_of(way), None, limits)
+        with pytest.raises(DechirpError, match="leads out of the folders"):
+            opened(reference(), item_of(inside), item_of(way, "settings"), limits)
+
+
+def test_a_pipe_is_never_opened(folder):
+    os.mkfifo(folder / "pipe.npz")  # to open it would wait for a writer, for ever
+    (folder / "RadarIfxAvian_00").mkdir()
+    os.mkfifo(folder / "RadarIfxAvian_00" / "radar.npy")
+    (folder / "RadarIfxAvian_00" / "config.json").write_text("{}")
+    assert looked(folder) == {}
+    with pytest.raises(DechirpError, match="leads out of the folders"):
+        opened(reference(), item_of(folder / "pipe.npz"), None, Limits(folders=(folder,)))
+
+
+def test_a_folder_whose_files_lead_out_is_no_recording(folder, tmp_path):
+    (folder / "day").mkdir()
+    (folder / "day" / "radar.npy").symlink_to(tmp_path / "secret.npz")
+    assert not is_plain(folder / "day", Limits(folders=(folder,)))
+
+
+def test_ten_thousand_files_cost_a_look_at_five_hundred(folder, monkeypatch):
+    asked = []
+    monkeypatch.setattr(library, "recognised", lambda path: asked.append(path) or ("npy",))
+    for number in range(10_000):
+        (folder / f"{number:05}.bin").touch()
+    found = Library(Limits(folders=(folder,)))
+    found.look(60.0)
+    assert found.is_done and found.n_looked == len(asked) == library.MOST_LOOKED
+    assert found.items[-1].name == "00499.bin"
+
+
+def test_folders_are_looked_into_to_a_depth(folder):
+    names = [f"{depth}" for depth in range(1, library.DEEPEST + 2)]
+    deep = folder.joinpath(*names)
+    deep.mkdir(parents=True)
+    capture(deep.parent / "near.npz")
+    capture(deep / "far.npz")
+    near = "/".join(names[:-1])
+    assert looked(folder) == {f"{near}/near.npz": "recording"}
+
+
+def test_the_first_frames_are_looked_over(folder):
+    found = looked_over(item_of(capture(folder / "walk.npz")), None, Limits(folders=(folder,)))
+    assert (found.n_frames, found.n_inspected) == (2, 2)
+
+
+def test_a_damaged_recording_is_told_and_not_raised(folder):
+    whole = capture(folder / "walk.npz")
+    whole.write_bytes(whole.read_bytes()[:5000])
+    found = looked_over(item_of(whole), None, Limits(folders=(folder,)))
+    assert found.n_frames is None
+    (finding,) = found.findings
+    assert finding.level == "error" and str(folder) not in str(finding)
+
+
+def test_a_frame_that_is_more_than_a_page_may_ask_for_is_refused_before_it_is_read(folder):
+    whole = capture(folder / "walk.npz")
+    limits = Limits(folders=(folder,), most_samples=2047)
+    (finding,) = looked_over(item_of(whole), None, limits).findings
+    assert "2,048 samples" in finding.got and "2,047" in finding.need
+
+
+def test_a_recording_is_opened_with_the_chain_that_was_set(folder):
+    limits = Limits(folders=(folder,))
+    scene = changed(reference(), ["chain.cfar.false_alarm_probability=1e-4"], limits)
+    one = opened(scene, item_of(capture(folder / "walk.npz")), None, limits)
+    assert one.recording.path == str(folder / "walk.npz") and one.scene is None
+    assert one.chain == scene.chain
+
+
+def test_of_a_recording_that_tells_no_azimuth_no_tracks_are_asked_for(folder):
+    limits = Limits(folders=(folder,))
+    scene = changed(reference(), ["radar.array.rx=[[0, 0, 0], [0, 1.9 mm, 0]]"], limits)
+    scene = changed(scene, ["tracker={}", "n_frames=10"], limits)
+    one = opened(scene, item_of(capture(folder / "walk.npz")), None, limits)
+    assert scene.tracker is not None and one.tracker is None
+
+
+def test_a_scenario_finds_the_files_that_it_names_beside_it(folder):
+    deeper = folder / "deeper"
+    deeper.mkdir()
+    capture(deeper / "walk.npz")
+    (deeper / "play.yaml").write_text("recording: {path: walk.npz}\n")
+    limits = Limits(folders=(folder,))
+    found = opened(reference(), item_of(deeper / "play.yaml", "scenario"), None, limits)
+    assert found.recording.path == str(deeper / "walk.npz")
+
+
+def test_a_scenario_that_names_a_file_outside_is_refused(folder):
+    (folder / "play.yaml").write_text("recording: {path: ../secret.npz}\n")
+    with pytest.raises(DechirpError, match="a file in the folders of the studio"):
+        opened(
+            reference(),
+            item_of(folder / "play.yaml", "scenario"),
+            None,
+            Limits(folders=(folder,)),
+        )

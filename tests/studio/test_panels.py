@@ -1,0 +1,297 @@
+"""Knobs: what they show is what holds, what is typed into them is what comes to hold."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bokeh.document import Document
+from bokeh.events import ButtonClick
+from bokeh.models import Button, Checkbox, Div, Select, TextAreaInput, TextInput
+
+import dechirp as dc
+from dechirp.core.errors import DechirpError
+from dechirp.experiment.run import run
+from dechirp.experiment.scenario import Scenario, load
+from dechirp.radar.budget import noise_power_w
+from dechirp.studio.panels.base import Panel
+from dechirp.studio.panels.entries import Entry, entries, options
+from dechirp.studio.panels.hardware import Hardware
+from dechirp.studio.panels.processing import Processing
+from dechirp.studio.panels.radar import Radar, in_a_row
+from dechirp.studio.panels.requirements import Requirements
+from dechirp.studio.panels.settings_file import SettingsFile
+from dechirp.studio.panels.targets import Targets, with_noise
+from dechirp.studio.session import Session
+from dechirp.studio.settings import Limits, changed, parsed
+
+TEXT = """
+name: street
+seed: 3
+n_frames: 6
+radar:
+  frame:
+    chirp: {start_frequency: 77 GHz, slope: 10 MHz/us, adc_start: 3 us, ramp_duration: 29 us,
+            sample_rate: 10 MHz, n_samples: 128, sampling: complex}
+    n_chirps: 32
+    interval: 35 us
+    period: 50 ms
+    multiplexing: {kind: tdm, order: [0, 1]}
+  array:
+    tx: [[0, 0, 0], [0, 7.776 mm, 0]]
+    rx: [[0, 0, 0], [0, 1.944 mm, 0], [0, 3.888 mm, 0], [0, 5.832 mm, 0]]
+  hardware: {transmit_power: 12 dBm, antenna_gain: 10 dBi, noise_factor: 12 dB, loss: 1 dB}
+scene:
+  targets:
+    - {name: car, position: [30 m, 3 m, 0], velocity: [8 m/s, 0, 0], rcs: 10 dBsm}
+    - {name: a.b, position: [40 m, 0, 0], body: {kind: pedestrian, speed: 1.5 m/s}}
+    - {position: [20 m, -4 m, 0], fluctuation: swerling-1}
+impairments:
+  - {kind: thermal-noise}
+  - {kind: leakage, isolation: 40 dB}
+  - {kind: wall, start: [0, 6 m], end: [50 m, 6 m]}
+  - {kind: wall, start: [0, -6 m], end: [50 m, -6 m]}
+chain: {angle: {kind: capon}, cluster: {}, mitigation: [{kind: mean-subtraction}]}
+tracker: {}
+"""
+PANELS = (Radar, Targets, Hardware, Processing, Requirements, SettingsFile)
+WHOLE = ("name", "seed", "n_frames", "radar", "scene", "engine", "impairments", "chain")
+LIMITS = Limits()
+
+
+class Page:
+    """A session whose edits are made at once, in the place of its worker."""
+
+    def __init__(self, kind: type[Panel], text: str = TEXT) -> None:
+        self.session = Session(Document(), ThreadPoolExecutor(1), parsed(text, LIMITS), LIMITS)
+        self.panel = kind(self.session)
+        self.session.document.add_root(self.panel.root)
+
+    @property
+    def scenario(self) -> Scenario:
+        return self.session.scenario
+
+    def knob(self, path: str) -> Any:
+        found = [
+            one
+            for one in self.widgets(Checkbox, Select, TextInput)
+            if one.html_attributes.get("data-setting") == path
+        ]
+        assert len(found) == 1, path
+        return found[0]
+
+    def widgets(self, *kinds: type) -> list[Any]:
+        return [one for one in self.panel.root.references() if isinstance(one, kinds)]
+
+    def press(self, label: str, title: str = "") -> None:
+        (button,) = (
+            one
+            for one in self.widgets(Button)
+            if one.label == label and one.html_attributes.get("title", "") == title
+        )
+        button._trigger_event(ButtonClick(button))
+        self.apply()
+
+    def type(self, path: str, text: str) -> None:
+        self.knob(path).value = text
+        self.apply()
+
+    def apply(self) -> None:
+        edits = list(self.session._edits.values())
+        self.session._edits.clear()
+        try:
+            for edit in edits:
+                self.session.scenario = edit(self.session.scenario)
+        except DechirpError as error:
+            for tell in self.session.on_trouble:
+                tell(error.mistakes)
+            return
+        if edits:
+            for show in self.session.on_settings:
+                show(self.session.scenario)
+
+    @property
+    def words(self) -> list[str]:
+        return [one.text for one in self.widgets(Div) if one.visible and "wrong" in one.css_classes]
+
+
+def knobs() -> list[Entry]:
+    scenario = parsed(TEXT, LIMITS)
+    return [entry for path in (*WHOLE, "tracker") for entry in entries(scenario, path)]
+
+
+def test_what_every_knob_shows_is_what_holds_when_it_is_typed() -> None:
+    scenario = parsed(TEXT, LIMITS)
+    for entry in knobs():
+        if not entry.text.startswith("{"):  # a member, or what is on, is taken with defaults
+            again = changed(scenario, options(scenario, entry.path, entry.text), LIMITS)
+            assert again == scenario, entry
+
+
+def test_every_choice_of_a_family_is_taken_or_asks_for_what_it_cannot_do_without() -> None:
+    page = Page(Processing)
+    for kind in (text for text, _ in page.knob("chain.cfar.estimator").options):
+        page.type("chain.cfar.estimator", kind)
+        assert f"{{kind: {page.scenario.chain.cfar.estimator.kind()}}}" == kind
+    page = Page(Hardware)
+    before = page.scenario
+    page.knob("impairments.bumper").active = True
+    page.apply()
+    assert page.scenario == before  # nothing is known of it yet
+    page.type("impairments.bumper.distance", "5 cm")
+    assert page.scenario == before
+    page.type("impairments.bumper.reflectivity", "-10 dB")
+    assert page.scenario.impairments[-1].kind() == "bumper"
+    page.knob("impairments.bumper").active = False
+    page.apply()
+    assert page.scenario == before
+
+
+def test_a_wrong_value_is_told_below_its_knob_and_escape_puts_back_what_holds() -> None:
+    page = Page(Radar)
+    before = page.scenario
+    knob = page.knob("radar.frame.chirp.slope")
+    for text in ("20", "20 MHz", "nan", "1e30 MHz/us", "import os", "&a 1", "!!float 1"):
+        page.type("radar.frame.chirp.slope", text)
+        assert page.scenario == before
+        assert "wrong" in knob.css_classes and knob.value == text
+        (words,) = page.words
+        assert "needs" in words
+    knob.value = knob.tags[0]  # as page.js does
+    assert not page.words and "wrong" not in knob.css_classes
+
+
+def test_a_value_that_does_not_fit_another_setting_is_told_where_it_was_typed() -> None:
+    page = Page(Radar)
+    page.type("radar.frame.chirp.n_samples", "4096")
+    assert "wrong" in page.knob("radar.frame.chirp.n_samples").css_classes
+    assert any("radar.frame.chirp.ramp_duration: " in words for words in page.words)
+    page.type("radar.frame.chirp.slope", "12 MHz/us")
+    assert not page.words
+    assert page.knob("radar.frame.chirp.n_samples").value == "128"
+
+
+def test_what_is_typed_is_shown_as_settings_files_write_it() -> None:
+    page = Page(Radar)
+    page.type("radar.frame.chirp.start_frequency", "77000 MHz")
+    assert page.knob("radar.frame.chirp.start_frequency").value == "77 GHz"
+
+
+@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 4), (2, 4), (3, 4)])
+def test_an_array_in_a_row_has_its_virtual_elements_half_a_wavelength_apart(
+    n_tx: int, n_rx: int
+) -> None:
+    scenario = parsed(TEXT, LIMITS)
+    assert scenario.radar is not None
+    made = changed(scenario, in_a_row(scenario.radar, n_tx, n_rx), LIMITS).radar
+    assert made is not None
+    across_m = sorted(made.array.virtual_m[:, 1])
+    half_m = made.frame.chirp.wavelength_m / 2
+    assert np.diff(across_m) == pytest.approx([half_m] * (n_tx * n_rx - 1), abs=1e-6)
+    assert made.frame.n_slots == n_tx
+
+
+def test_a_detector_has_a_false_alarm_probability_or_an_offset() -> None:
+    page = Page(Processing)
+    page.type("chain.cfar.offset", "15 dB")
+    assert page.scenario.chain.cfar.false_alarm_probability is None
+    page.type("chain.cfar.false_alarm_probability", "1e-4")
+    assert page.scenario.chain.cfar.offset is None
+
+
+def test_noise_told_by_the_snr_of_a_target_is_as_strong_as_that_of_the_receiver() -> None:
+    scenario = parsed(TEXT, LIMITS)
+    told = with_noise(scenario, "white")
+    assert scenario.scene is not None and scenario.radar is not None
+    noise_w = told.impairments[0].noise_power_w(scenario.scene, scenario.radar)
+    assert noise_w == pytest.approx(noise_power_w(scenario.radar), rel=0.012)  # 0.05 dB
+    assert with_noise(told, "thermal") == scenario
+
+
+def test_targets_come_and_go_and_their_knobs_with_them() -> None:
+    page = Page(Targets)
+    assert page.scenario.scene is not None
+    names = page.scenario.scene.names
+    page.press("Add a target")
+    assert page.scenario.scene.names == (*names, "target-1")
+    page.type("scene.targets.target-1.rcs", "3 dBsm")
+    page.type("scene.targets.target-1.body", "{kind: car}")  # has cross sections of its own
+    assert page.scenario.scene.targets[-1].body is not None
+    page.press("Remove", "Take target 1 out")
+    assert page.scenario.scene.names == (*names[1:], "target-1")
+    page.type("scene.targets.0.position", "[50 m, 0, 0]")  # a.b: a path takes it for two names
+    assert page.scenario.scene.targets[0].position_m == (50.0, 0.0, 0.0)
+
+
+def test_the_design_is_taken_with_the_receivers_and_the_hardware_of_the_radar() -> None:
+    page = Page(Requirements)
+    before = page.scenario.radar
+    assert before is not None
+    page.type("max_range", "100 m")
+    page.type("max_velocity", "30 m/s")
+    page.press("Take this radar")
+    radar = page.scenario.radar
+    assert radar is not None
+    asked = {"max_range_m": 100, "range_resolution_m": 1, "max_velocity_m_per_s": 30}
+    wanted = dc.design(**asked, rule="constraints").radar.frame
+    assert radar.frame.chirp == wanted.chirp and radar.frame.n_chirps == wanted.n_chirps
+    assert radar.array.rx_m == before.array.rx_m and radar.hardware == before.hardware
+    assert radar.frame.period_s == before.frame.period_s
+
+
+def test_what_no_radar_can_do_is_told_with_the_nearest_one() -> None:
+    page = Page(Requirements)
+    page.type("max_velocity", "3000 m/s")
+    answer = "".join(one.text for one in page.widgets(Div))
+    assert "nearest" in answer and "needs" in answer
+    page.type("max_range", "100")
+    assert any("a length" in words for words in page.words)
+
+
+def test_the_text_that_is_downloaded_runs_to_the_same_result(tmp_path: Path) -> None:
+    page = Page(SettingsFile)
+    (area,) = page.widgets(TextAreaInput)
+    file = tmp_path / "scenario.yaml"
+    file.write_text(area.tags[0])
+    read = load(file)
+    assert read == page.scenario
+    assert run(read).detections.equals(run(page.scenario).detections)
+
+
+def test_a_text_with_mistakes_is_kept_and_what_holds_is_downloaded() -> None:
+    page = Page(SettingsFile)
+    (area,) = page.widgets(TextAreaInput)
+    held, before = area.tags[0], page.scenario
+    area.value = held.replace("77 GHz", "77")
+    page.press("Apply")
+    assert page.scenario == before and area.tags[0] == held
+    assert "radar.frame.chirp.start_frequency" in page.words[0] and ":6:" in page.words[0]
+    area.value = held.replace("seed: 3", "seed: 4")
+    page.press("Apply")
+    assert page.scenario.seed == 4
+
+
+@pytest.mark.parametrize("kind", PANELS)
+def test_every_widget_has_words_of_its_own(kind: type[Panel]) -> None:
+    page = Page(kind)
+    for one in page.widgets(TextInput, TextAreaInput, Select):
+        assert one.title
+    for one in page.widgets(Button, Checkbox):
+        assert one.label
+    for one in page.widgets(TextInput):
+        assert "Needs" in one.html_attributes["aria-description"]
+
+
+@pytest.mark.parametrize("kind", PANELS)
+def test_a_recording_without_a_scene_has_fewer_knobs(kind: type[Panel], tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(b"")
+    limits = Limits(folders=(tmp_path,))
+    scenario = parsed("recording: {path: a.bin}", limits)
+    panel = kind(Session(Document(), ThreadPoolExecutor(1), scenario, limits))
+    shown = [
+        one.html_attributes.get("data-setting", "")
+        for one in panel.root.references()
+        if isinstance(one, TextInput | Select)
+    ]
+    assert not any(path.startswith(("scene", "radar")) for path in shown)
