@@ -786,7 +786,7 @@ def test_the_doctor_finds_what_is_there_and_that_kernels_work(call, installed):
         "dev": {"pytest": pytest.__version__},
         "web": {"no-such-thing": None},
     }
-    assert "spectrum.tapered" in document["kernels"]
+    assert "channel_power.over_chirps" in document["kernels"]
     assert document["problem"] is None
     assert document["cores"] >= document["threads"] >= 1
     assert document["free_memory_bytes"] > 0

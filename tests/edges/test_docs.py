@@ -94,7 +94,16 @@ def test_the_tracks_that_are_shown_in_python_are_there(monkeypatch):
 
 @pytest.mark.parametrize(
     "page",
-    ["angles.md", "fixed-point.md", "scenes.md", "slow-time.md", "recordings.md", "tracks.md"],
+    [
+        "angles.md",
+        "fixed-point.md",
+        "lessons.md",
+        "recordings.md",
+        "scenes.md",
+        "slow-time.md",
+        "studio.md",
+        "tracks.md",
+    ],
 )
 def test_links_between_pages_lead_somewhere(page):
     text = (DOCS / page).read_text(encoding="utf-8")
