@@ -66,6 +66,7 @@ class Studio:
     async def serve(self, stopped: asyncio.Event) -> None:
         """Answer until told to stop."""
         settings.resources = "server"  # whatever the environment says: nothing comes from outside
+        settings.compression_level = 0  # of arrays, which would take longer than sending them
         pages = {path: Application(FunctionHandler(make)) for path, make in self._pages.items()}
         app = _Guarded(self._guard, pages)
         http = HTTPServer(app, max_body_size=MOST_MESSAGE, max_header_size=2**16)

@@ -24,7 +24,7 @@ class Beat(View):
     """Samples over time, or their spectrum over frequency and range; a tap points at a range."""
 
     name = "beat"
-    least_s = 0.08
+    least_s = 0.16
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)

@@ -35,7 +35,7 @@ class Tracks(View):
     """States with standard errors, confirmed ones first; a row that is picked moves the cursor."""
 
     name = "tracks"
-    least_s = 0.16
+    least_s = 0.14
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
