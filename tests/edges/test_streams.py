@@ -548,6 +548,15 @@ def test_a_run_listens_to_an_address_and_a_signal_ends_it_with_results(
     assert made["source"] in Path("out/scenario.yaml").read_text()
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C as in a terminal: what a shell starts in the background ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize(("ending", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_after_the_last_frame_ends_the_run(ending, code, capture, called, monkeypatch):
     def interrupted(*_: object) -> None:

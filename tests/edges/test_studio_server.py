@@ -25,6 +25,7 @@ from tornado.ioloop import IOLoop
 from dechirp.cli.main import main
 from dechirp.core.errors import InvalidSetting
 from dechirp.studio.connection import Connection
+from dechirp.studio.guard import places
 from dechirp.studio.server import MOST_MESSAGE, MOST_PAGES, Studio
 
 ACK = b'"msgtype": "ACK"'
@@ -43,7 +44,8 @@ def broken(document) -> None:
 @contextmanager
 def served(host: str = "127.0.0.1"):
     """Run a server in a thread of its own."""
-    studio = Studio(lambda worker: {"/": small, "/broken": broken}, host=host, port=0)
+    pages = {"/": small, "/lesson": small, "/broken": broken}
+    studio = Studio(lambda worker: pages, host=host, port=0)
     stopped, began = [], threading.Event()
 
     async def run() -> None:
@@ -147,10 +149,11 @@ def test_a_page_that_breaks_leaves_the_others(studio):
 
 
 def test_no_more_pages_than_may_be_and_the_rest_goes_on(studio):
-    statuses = [asked(studio)[0] for _ in range(MOST_PAGES + 1)]
+    statuses = [asked(studio, path)[0] for path in ["/", "/lesson/"] * (MOST_PAGES // 2)]
     status, _, text = asked(studio)
 
-    assert statuses == [200] * MOST_PAGES + [503]
+    assert statuses == [200] * MOST_PAGES
+    assert [asked(studio, path)[0] for path in ("/lesson", "/lesson/")] == [503, 503]
     assert (status, text) == (503, f"{MOST_PAGES} pages are open, as many as may be. Close one.\n")
     assert asked(studio, "/healthz")[0] == 200
 
@@ -190,12 +193,19 @@ def test_a_server_that_is_asked_for_under_a_foreign_name_refuses(studio, path, h
     assert asked(studio, path, Host=host)[0] == 403
 
 
+def test_names_are_the_same_in_capitals(studio):
+    assert asked(studio, Host=f"LocalHost:{urlsplit(studio.address).port}")[0] == 200
+    assert places("Radar.Example", 5006) >= {"radar.example:5006"}
+
+
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "[::1]"])
 def test_every_name_of_this_machine_for_itself_will_do(studio, name):
     assert asked(studio, Host=f"{name}:{urlsplit(studio.address).port}")[0] == 200
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://127.0.0.1:1", "http://[", ""]
+)
 def test_the_page_of_another_site_does_not_connect(studio, origin):
     token = token_of(asked(studio)[2])
 
@@ -220,7 +230,8 @@ def test_another_site_may_link_here_and_not_embed(studio):
 
     assert asked(studio, **by_link)[0] == 200
     assert asked(studio, **in_frame)[0] == 403
-    assert asked(studio, "/autoload.js?bokeh-autoload-element=1")[0] == 404
+    for path in ("/autoload.js", "/autoload-js", "/lesson/autoload.js", "/metadata"):
+        assert asked(studio, f"{path}?bokeh-autoload-element=1")[0] == 404
 
 
 def test_a_message_longer_than_any_of_ours_ends_its_connection_alone(studio):

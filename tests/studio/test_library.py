@@ -9,7 +9,8 @@ from dechirp.config.texts import dump
 from dechirp.core.errors import DechirpError
 from dechirp.experiment.scenario import reference
 from dechirp.studio import library
-from dechirp.studio.library import Item, Library, is_plain, looked_over, opened
+from dechirp.studio.folders import DEEPEST, is_plain
+from dechirp.studio.library import Item, Library, looked_over, opened
 from dechirp.studio.settings import Limits, changed
 from trial_cases import small, target
 
@@ -81,9 +82,9 @@ def test_what_lies_elsewhere_is_refused_however_it_is_named(folder, tmp_path):
     (folder / "link.npz").symlink_to(secret)
     limits = Limits(folders=(folder,))
     ways = [secret, folder / ".." / "secret.npz", folder / "link.npz", folder / "captures.npz"]
-    assert is_plain(inside, limits)
+    assert is_plain(inside, [folder])
     for way in ways:
-        assert not is_plain(way, limits)
+        assert not is_plain(way, [folder])
         assert looked_over(item_of(way), None, limits).n_frames is None
         with pytest.raises(DechirpError, match="leads out of the folders"):
             opened(reference(), item_of(way), None, limits)
@@ -104,7 +105,7 @@ def test_a_pipe_is_never_opened(folder):
 def test_a_folder_whose_files_lead_out_is_no_recording(folder, tmp_path):
     (folder / "day").mkdir()
     (folder / "day" / "radar.npy").symlink_to(tmp_path / "secret.npz")
-    assert not is_plain(folder / "day", Limits(folders=(folder,)))
+    assert not is_plain(folder / "day", [folder])
 
 
 def test_ten_thousand_files_cost_a_look_at_five_hundred(folder, monkeypatch):
@@ -119,7 +120,7 @@ def test_ten_thousand_files_cost_a_look_at_five_hundred(folder, monkeypatch):
 
 
 def test_folders_are_looked_into_to_a_depth(folder):
-    names = [f"{depth}" for depth in range(1, library.DEEPEST + 2)]
+    names = [f"{depth}" for depth in range(1, DEEPEST + 2)]
     deep = folder.joinpath(*names)
     deep.mkdir(parents=True)
     capture(deep.parent / "near.npz")

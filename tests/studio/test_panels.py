@@ -249,6 +249,28 @@ def test_what_no_radar_can_do_is_told_with_the_nearest_one() -> None:
     assert any("a length" in words for words in page.words)
 
 
+def test_requirements_that_no_chirp_can_have_are_told_at_their_knob_and_not_kept() -> None:
+    page = Page(Requirements)
+    page.type("range_resolution", "1e300 m")
+    assert any("Chirp.slope" in words for words in page.words)
+    page.type("max_velocity", "30 m/s")  # of the others one may still be changed
+    page.press("Take this radar")
+    radar = page.scenario.radar
+    assert radar is not None
+    assert radar.frame.chirp.range_resolution_m == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_rule_that_has_no_chirp_for_the_requirements_says_so_until_another_has() -> None:
+    page = Page(Requirements)
+    page.type("range_resolution", "1e9 m")
+    (take,) = (one for one in page.widgets(Button) if one.label == "Take this radar")
+    (rule,) = (one for one in page.widgets(Select) if one.title == "Rule")
+    rule.value = next(one for one in rule.options if one != "constraints")
+    assert take.disabled and any("Chirp.slope" in one.text for one in page.widgets(Div))
+    rule.value = "constraints"
+    assert not take.disabled
+
+
 def test_the_text_that_is_downloaded_runs_to_the_same_result(tmp_path: Path) -> None:
     page = Page(SettingsFile)
     (area,) = page.widgets(TextAreaInput)

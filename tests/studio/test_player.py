@@ -14,6 +14,7 @@ from dechirp.process.maps import power_map, threshold_map
 from dechirp.scene.folding import Place, on_map
 from dechirp.studio.moment import Cursor
 from dechirp.studio.player import Player
+from dechirp.studio.settings import Limits
 
 CHIRP = dc.Chirp(
     start_frequency_hz=77e9,
@@ -262,6 +263,18 @@ def test_a_recording_is_walked_through_and_goes_round(scenario, tmp_path):
         own = np.flatnonzero(result.detections["frame"].values == number)
         xr.testing.assert_identical(seen.detections, result.detections.isel(detection=own))
         np.testing.assert_array_equal(seen.samples.values, cube.values[number])
+
+
+def test_a_recording_is_held_to_the_limits_that_scenes_are_held_to(scenario, tmp_path):
+    path = tmp_path / "cube.npz"
+    cube = dc.simulate(scenario.scene, RADAR, n_frames=1, seed=5)
+    dc.write(dc.recording_of(cube, RADAR), path)
+    recorded = dc.Scenario(recording=dc.Source(path=str(path)), chain=CHAIN)
+    finer = replace(recorded, chain=replace(CHAIN, n_range_bins=2**17))
+    with pytest.raises(dc.InvalidSetting, match="15,360 samples, but must be at most 15,359"):
+        Player(recorded, Limits(most_samples=15_359)).look(0, None)
+    with pytest.raises(dc.InvalidSetting, match="5,242,880 cells of the map"):  # of 40 chirps
+        Player(finer).look(0, None)
 
 
 @pytest.mark.skipif("DECHIRP_REAL_DATA" not in os.environ, reason="no recordings named")

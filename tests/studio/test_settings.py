@@ -240,6 +240,13 @@ def test_a_link_inside_that_leads_out_is_refused(folder: Path) -> None:
     assert refused("radar=circle.yaml", Limits(folders=(folder,))).setting == "radar"
 
 
+def test_a_recording_in_a_folder_whose_files_lead_out_is_refused(folder: Path) -> None:
+    (folder / "day").mkdir()
+    (folder / "day" / "config.json").symlink_to(folder.parent / "capture.bin")
+    (mistake,) = mistakes("recording: {path: day}\n", Limits(folders=(folder,)))
+    assert mistake.setting == "recording.path" and "folders of the studio" in mistake.need
+
+
 def test_a_file_inside_that_names_one_outside_is_refused(folder: Path) -> None:
     text = dump(reference().radar) + "calibration: ../calibration.json\n"
     (folder / "nested.yaml").write_text(text)

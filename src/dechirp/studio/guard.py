@@ -46,7 +46,7 @@ def is_loopback(host: str) -> bool:
 
 def places(host: str, port: int) -> frozenset[str]:
     """Every `name:port` that leads to a server which listens on an address of this machine."""
-    names = {*_LOOPBACK, host}
+    names = {*_LOOPBACK, host.lower()}
     if not is_loopback(host):
         names.add(socket.gethostname().lower())
         for addresses in psutil.net_if_addrs().values():
@@ -55,6 +55,14 @@ def places(host: str, port: int) -> frozenset[str]:
     bare = {f"[{name}]" if ":" in name else name for name in names}
     with_port = {f"{name}:{port}" for name in bare}
     return frozenset(with_port | bare if port == 80 else with_port)
+
+
+def _place_of(origin: str) -> str | None:
+    """`name:port` of the page that asks; None where it is no address."""
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return None
 
 
 class Guard:
@@ -78,7 +86,7 @@ class Guard:
         if request.host.lower() not in self.places:
             return Refusal(403, "Forbidden: this server does not go by that name.")
         origin = headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc.lower() not in self.places:
+        if origin is not None and _place_of(origin) not in self.places:
             return Refusal(403, "Forbidden: asked for by the page of another site.")
         # Of another site one may come here by a link, not by a frame, a picture or a script.
         foreign = headers.get("Sec-Fetch-Site", "none") in ("cross-site", "same-site")

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
-from math import prod
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
@@ -20,19 +19,16 @@ from dechirp.core.findings import Finding
 from dechirp.experiment.inspection import inspect
 from dechirp.experiment.scenario import Scenario, Source, check_following
 from dechirp.formats.recognise import recognised
-from dechirp.formats.recording import Recording
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.settings.read import holds_settings
-from dechirp.studio.settings import Limits, is_inside, parsed
+from dechirp.studio.folders import DEEPEST, MOST_NAMES, is_plain, stays
+from dechirp.studio.settings import Limits, must_be_small, parsed
 
 MOST_LOOKED = 500
 """Files and folders that are looked at; to recognise one takes 5 ms."""
-DEEPEST = 4
-"""Folders below the one that was given."""
 MOST_INSPECTED = 8
 """Frames of a recording that are looked over."""
 
-_MOST_NAMES = 10_000  # of one folder, of which the first in order are looked at
 _SUFFIXES = (".yaml", ".yml")
 
 Kind = Literal["recording", "settings", "scenario"]
@@ -94,7 +90,7 @@ def looked_over(item: Item, settings: Item | None, limits: Limits) -> LookedOver
         path = _reached(item, limits)
         recording = open_recording(path, radar=radar)
         recording.must_hold_samples()
-        _must_be_small(recording, limits)
+        must_be_small({"radar": recording.radar}, limits)
         n_inspected = min(recording.n_frames, MOST_INSPECTED)
         found = inspect(path, radar=radar, frames=(0, n_inspected)).findings
         n_frames = recording.n_frames
@@ -128,22 +124,6 @@ def opened(scenario: Scenario, item: Item, settings: Item | None, limits: Limits
     return parsed(dump(made), limits)
 
 
-def is_plain(path: Path, limits: Limits) -> bool:
-    """Whether a path is a file or folder in the folders of the studio, and all below it is.
-
-    Nothing is opened: a pipe would wait for ever, and a link may lead anywhere.
-    """
-    if not is_inside(path, limits):
-        return False
-    try:
-        if not path.is_dir():
-            return path.is_file()
-        below = list(islice(_below(path, DEEPEST), _MOST_NAMES))
-        return len(below) < _MOST_NAMES and all(_stays(entry, limits) for entry in below)
-    except OSError:
-        return False
-
-
 def _walk(limits: Limits) -> Iterator[Item | None]:
     seen = {folder.resolve() for folder in limits.folders}
     labels = distinct(folder.name for folder in limits.folders)
@@ -157,13 +137,13 @@ def _inside(
 ) -> Iterator[Item | None]:
     try:
         with os.scandir(folder) as entries:
-            named = {entry.name: entry for entry in islice(entries, _MOST_NAMES)}
+            named = {entry.name: entry for entry in islice(entries, MOST_NAMES)}
     except OSError:  # nobody may read it
         return
     for name in sorted(named):
         if name.startswith("."):
             continue
-        path = (folder / name).resolve() if _stays(named[name], limits) else None
+        path = (folder / name).resolve() if stays(named[name], limits.folders) else None
         if path is None or path in seen:
             yield None
             continue
@@ -175,7 +155,7 @@ def _inside(
 
 
 def _item(path: Path, name: str, limits: Limits) -> Item | None:
-    if not is_plain(path, limits):
+    if not is_plain(path, limits.folders):
         return None
     n_bytes = path.stat().st_size if path.is_file() else 0
     if path.is_file() and _holds_scenario(path, limits):
@@ -186,21 +166,6 @@ def _item(path: Path, name: str, limits: Limits) -> Item | None:
         return Item("recording", name, path, recognised(path), n_bytes)
     except DechirpError:
         return None
-
-
-def _below(folder: Path, deeper: int) -> Iterator[os.DirEntry[str]]:
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            yield entry
-            if deeper and entry.is_dir(follow_symlinks=False):
-                yield from _below(Path(entry.path), deeper - 1)
-
-
-def _stays(entry: os.DirEntry[str], limits: Limits) -> bool:
-    """Whether what lies in a folder of the studio is a file or folder there, links followed."""
-    if entry.is_symlink() and not is_inside(Path(entry.path), limits):
-        return False
-    return entry.is_file() or entry.is_dir()
 
 
 def _holds_scenario(path: Path, limits: Limits) -> bool:
@@ -215,7 +180,7 @@ def _holds_scenario(path: Path, limits: Limits) -> bool:
 
 def _reached(item: Item, limits: Limits) -> Path:
     """Path of an item, if it is still what it was when the folders were looked through."""
-    if not is_plain(item.path, limits):
+    if not is_plain(item.path, limits.folders):
         raise InvalidSetting(
             "recording.path",
             got=f"{item.name}, which is not there, or leads out of the folders",
@@ -223,17 +188,6 @@ def _reached(item: Item, limits: Limits) -> Path:
             fix="Look through the folders again.",
         )
     return item.path
-
-
-def _must_be_small(recording: Recording, limits: Limits) -> None:
-    n_samples = prod(n for name, n in recording.sizes.items() if name != "frame")
-    if n_samples > limits.most_samples:
-        raise InvalidSetting(
-            "recording",
-            got=f"{n_samples:,} samples in a frame",
-            need=f"at most {limits.most_samples:,} on this page",
-            fix="Run it on the command line.",
-        )
 
 
 def _finding(mistake: Mistake) -> Finding:

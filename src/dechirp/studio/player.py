@@ -23,8 +23,11 @@ from dechirp.radar.radar import Radar
 from dechirp.studio.moment import Cursor, Moment
 from dechirp.studio.past import Kept, Past, micro_doppler
 from dechirp.studio.pointing import beat, cell_of, cuts, strongest
+from dechirp.studio.settings import Limits
 from dechirp.studio.sources import Frames, frames_of
 from dechirp.tracking.live import Track
+
+_LIMITS = Limits()
 
 
 class Player:
@@ -36,8 +39,8 @@ class Player:
     frames go round, they begin again.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+    def __init__(self, scenario: Scenario, limits: Limits = _LIMITS) -> None:
+        self._scenario, self._limits = scenario, limits
         self._made: _Made | None = None
         self._recent: list[_Seen] = []
 
@@ -52,7 +55,7 @@ class Player:
         started = perf_counter()
         whole("step", step, at_least=0)
         if self._made is None:
-            self._made = _Made(self._scenario)
+            self._made = _Made(self._scenario, self._limits)
         made = self._made
         seen = next((one for one in self._recent if one.step == step), None)
         if seen is None:
@@ -115,8 +118,8 @@ class _Seen:
 class _Made:
     """What a scenario needs once, and what it keeps from frame to frame."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.frames: Frames = frames_of(scenario)
+    def __init__(self, scenario: Scenario, limits: Limits) -> None:
+        self.frames: Frames = frames_of(scenario, limits)
         radar = self.frames.radar
         self.chain = scenario.chain.fitted(radar)
         self.findings = (*self.frames.findings, *about_chain(scenario.chain, radar))

@@ -13,6 +13,10 @@ from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
+from bokeh.server.views.autoload_js_handler import AutoloadJsHandler
+from bokeh.server.views.doc_handler import DocHandler
+from bokeh.server.views.metadata_handler import MetadataHandler
+from bokeh.server.views.ws import WSHandler
 from bokeh.settings import settings
 from bokeh.util.token import get_session_id
 from tornado.httpserver import HTTPServer
@@ -134,20 +138,23 @@ class _Guarded(BokehTornado):
     def find_handler(self, request: HTTPServerRequest, **_: Any) -> HTTPMessageDelegate:
         if self._guard.enters(request):
             return self.get_handler_delegate(request, _Entrance, {"cookie": self._guard.cookie})
-        refusal = self._guard.refusal(request) or self._unavailable(request)
+        route = super().find_handler(request)
+        refusal = self._guard.refusal(request) or self._unavailable(request, route.handler_class)
         if refusal is not None:
             return self.get_handler_delegate(request, _Refused, {"refusal": refusal})
-        return super().find_handler(request)
+        return route
 
-    def _unavailable(self, request: HTTPServerRequest) -> Refusal | None:
-        """A page too many; or what Bokeh would serve for pages of other sites, and is not here."""
-        last = request.path.rpartition("/")[2]
+    def _unavailable(self, request: HTTPServerRequest, kind: type) -> Refusal | None:
+        """A page too many; or what Bokeh would serve for pages of other sites, and is not here.
+
+        What would answer counts, not the address: Bokeh knows a page by several.
+        """
         sessions = [one for page in self.app_paths for one in self.get_sessions(page)]
-        if request.path in self.app_paths and len(sessions) >= MOST_PAGES:
-            return Refusal(503, f"{MOST_PAGES} pages are open, as many as may be. Close one.")
-        if last in ("autoload.js", "metadata"):
+        if issubclass(kind, AutoloadJsHandler | MetadataHandler):
             return Refusal(404, "Not found.")
-        if last == "ws" and _session_id(request) not in {one.id for one in sessions}:
+        if issubclass(kind, DocHandler) and len(sessions) >= MOST_PAGES:
+            return Refusal(503, f"{MOST_PAGES} pages are open, as many as may be. Close one.")
+        if issubclass(kind, WSHandler) and _session_id(request) not in {o.id for o in sessions}:
             return Refusal(403, "Forbidden: this page was closed. Load it again.")
         return None
 

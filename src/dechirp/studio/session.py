@@ -62,7 +62,7 @@ class Session:
         """Called when settings were changed, by whomever."""
         self.on_trouble: list[Callable[[tuple[Mistake, ...]], None]] = []
         """Called with what is wrong with an edit or a frame, and with nothing once that is over."""
-        self._worker, self._player = worker, Player(scenario)
+        self._worker, self._player = worker, Player(scenario, limits)
         self._edits: dict[str, Edit] = {}
         self._asked, self._drawn = asyncio.Event(), asyncio.Event()
         self._n_undrawn = 0
@@ -134,22 +134,25 @@ class Session:
                 await self.in_document(partial(self._tell, (_OWN_FAULT,)))
             if self.playing:
                 await asyncio.sleep(self.limits.frame_s - (perf_counter() - started))
-                if self.step == shown:  # nobody went elsewhere meanwhile
-                    self.step += 1
-                self._asked.set()
+                if self.playing:  # nobody paused meanwhile
+                    self.step += self.step == shown  # or went elsewhere
+                    self._asked.set()
 
     async def _next(self) -> None:
         edits, self._edits = list(self._edits.values()), {}
+        wrong: tuple[Mistake, ...] = ()
         if edits:
-            self.scenario = await self.work(partial(_edited, self.scenario, edits))
-            self._player = Player(self.scenario)
-            await self.in_document(lambda: [tell(self.scenario) for tell in self.on_settings])
+            scenario, wrong = await self.work(partial(_edited, self.scenario, edits))
+            if scenario is not self.scenario:
+                self.scenario, self._player = scenario, Player(scenario, self.limits)
+                await self.in_document(lambda: [tell(scenario) for tell in self.on_settings])
+            self.playing = self.playing and not wrong
         moment = await self._made(self.step)
         if self.playing:  # the next one is made while the browser draws this one
             self._ahead = self._look(self.step + 1)
         await self._room()
+        await self.in_document(partial(self._show, moment, wrong))
         self._n_undrawn += 1
-        await self.in_document(partial(self._show, moment))
 
     async def _room(self) -> None:
         """Wait until the browser takes another moment."""
@@ -165,6 +168,7 @@ class Session:
         ahead, self._ahead = self._ahead, None
         if ahead is not None and ahead.asked != (self._player, step, self.cursor):
             ahead.moment.cancel()
+            ahead.moment.add_done_callback(_let_go)
             ahead = None
         return await (ahead or self._look(step)).moment
 
@@ -172,9 +176,9 @@ class Session:
         moment = self.work(partial(self._player.look, step, self.cursor))
         return _Begun((self._player, step, self.cursor), moment)
 
-    def _show(self, moment: Moment) -> None:
+    def _show(self, moment: Moment, wrong: tuple[Mistake, ...]) -> None:
         self.moment = moment
-        self._tell(())
+        self._tell(wrong)
         for show in self.on_moment:
             show(moment)
 
@@ -191,6 +195,8 @@ class Session:
         done = asyncio.get_running_loop().create_future()
 
         def locked() -> None:
+            if done.done():  # the page was closed meanwhile
+                return
             try:
                 job()
             except Exception as error:
@@ -209,10 +215,21 @@ class _Begun(NamedTuple):
     moment: asyncio.Future[Moment]
 
 
-def _edited(scenario: Scenario, edits: list[Edit]) -> Scenario:
+def _let_go(moment: asyncio.Future[Moment]) -> None:
+    """Hear what went wrong with a moment that nobody waits for, or the log would tell it."""
+    if not moment.cancelled():
+        moment.exception()
+
+
+def _edited(scenario: Scenario, edits: list[Edit]) -> tuple[Scenario, tuple[Mistake, ...]]:
+    """Settings after all edits that can be, and what is wrong with the others."""
+    wrong: list[Mistake] = []
     for edit in edits:
-        scenario = edit(scenario)
-    return scenario
+        try:
+            scenario = edit(scenario)
+        except DechirpError as error:
+            wrong += error.mistakes
+    return scenario, tuple(wrong)
 
 
 _OWN_FAULT = Mistake(

@@ -28,6 +28,7 @@ from dechirp.experiment.study.variants import must_be_apart
 from dechirp.process.chain import Chain
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
+from dechirp.studio.folders import is_inside, is_plain
 
 _FILE = "settings"
 """What messages call the text of the page."""
@@ -88,102 +89,12 @@ def changed(scenario: Scenario, options: Iterable[str], limits: Limits) -> Scena
 
 def checked(scenario: Scenario, limits: Limits) -> Scenario:
     """Give the same scenario, or raise `InvalidSetting` if it is more than the limits."""
-    _must_be_small({name: getattr(scenario, name) for name in _SIZED}, limits)
+    must_be_small({name: getattr(scenario, name) for name in _SIZED}, limits)
     return scenario
 
 
-def is_inside(path: Path, limits: Limits) -> bool:
-    """Whether a path ends, with all links followed, in one of the folders."""
-    try:
-        end = path.resolve()
-        return any(end.is_relative_to(folder.resolve()) for folder in limits.folders)
-    except (OSError, RuntimeError, ValueError):  # links in a circle, names that no system has
-        return False
-
-
-def _must_be_short(setting: str, text: str, limits: Limits) -> None:
-    if len(text) > limits.most_text:
-        raise InvalidSetting(
-            setting,
-            got=f"a text of {len(text):,} characters",
-            need=f"at most {limits.most_text:,}",
-            fix="Run what is larger on the command line.",
-        )
-
-
-def _read(text: str, options: Iterable[str], limits: Limits) -> Scenario:
-    context = _context(limits)
-    spot = Spot("", read_tree(text, _FILE), Slot(Scenario))
-    _must_be_inside(spot, context, limits)
-    for option in options:
-        spot = replace(spot, node=override(spot, option, context))
-        _must_be_inside(spot, context, limits)  # before the next option looks into a file
-    parts = {}
-    for name in _SIZED:
-        part = spot.step(name)
-        with suppress(DechirpError):  # told below with all others, and nothing comes of it
-            parts[name] = value_of(part, context) if part else None
-    try:
-        _must_be_small(parts, limits)
-    except InvalidSetting as error:
-        raise InvalidFile(*refused(error, spot)) from None
-    made: Scenario = value_of(spot, context)
-    return made
-
-
-def _in_place(scenario: Scenario, options: Iterable[str], limits: Limits) -> Scenario:
-    context = _context(limits)
-    asked = [(within.way_to(scenario, path), node) for path, node in map(given, options)]
-    must_be_apart(way for way, _ in asked)
-    below: dict[str, dict[within.Steps, Any]] = {}
-    for way, node in asked:
-        _must_be_inside(Spot(way.path, node, way.leaf), context, limits)
-        first, *rest = way.steps
-        steps, made = tuple(rest), within.read_at(scenario, way, node, context)
-        if steps in below.setdefault(str(first), {}):
-            raise InvalidFile()  # two settings of what is none as yet: as text
-        below[str(first)][steps] = made
-    parts = {name: within.changed(getattr(scenario, name), of) for name, of in below.items()}
-    _must_be_small({name: getattr(scenario, name) for name in _SIZED} | parts, limits)
-    return within.changed(scenario, {(name,): part for name, part in parts.items()})
-
-
-def _context(limits: Limits) -> Context:
-    return Context(base=limits.folders[0].absolute() if limits.folders else Path(), readers=READERS)
-
-
-def _must_be_inside(spot: Spot, context: Context, limits: Limits) -> None:
-    wrong = [*_outside(spot, context, limits)]
-    if wrong:
-        raise InvalidFile(*in_order(wrong))
-
-
-def _outside(spot: Spot, context: Context, limits: Limits) -> Iterator[Mistake]:
-    """Mistakes of the files that settings name, and those that files among them name."""
-    for steps, path in within.files_in(spot, context):
-        named = spot
-        for step in steps:
-            named = named.step(step) or named
-        text = str(named.node.content)
-        if "://" in text or not is_inside(Path(path), limits):
-            folders = ", ".join(folder.name for folder in limits.folders) or "none was given"
-            yield named.place.mistake(
-                named.setting,
-                got=shown(text),
-                need=f"a file in the folders of the studio: {folders}",
-                fix="Start the studio with the folder that holds it.",
-            )
-        elif Radar in named.slot.choices or named.slot.field == "settings_path":
-            beside = replace(context, base=Path(path).parent)
-            try:
-                tree = read_tree(text_in(Path(path)), path)
-            except InvalidFile:
-                continue  # not YAML: a vendor's, which names no file outside its folder
-            yield from _outside(Spot("", tree, Slot(Radar)), beside, limits)
-
-
-def _must_be_small(parts: Mapping[str, Any], limits: Limits) -> None:
-    """Raise `InvalidSetting` where parts of a scenario are more than the limits."""
+def must_be_small(parts: Mapping[str, Any], limits: Limits) -> None:
+    """Raise `InvalidSetting` where parts of a scenario, by name, are more than the limits."""
     radar: Radar | None = parts.get("radar")
     scene: Scene | None = parts.get("scene")
     chain: Chain = parts.get("chain") or Chain()
@@ -219,6 +130,95 @@ def _must_be_small(parts: Mapping[str, Any], limits: Limits) -> None:
                 need=f"at most {most:,} on this page",
                 fix="Take fewer, or save the settings and run them on the command line.",
             )
+
+
+def _must_be_short(setting: str, text: str, limits: Limits) -> None:
+    if len(text) > limits.most_text:
+        raise InvalidSetting(
+            setting,
+            got=f"a text of {len(text):,} characters",
+            need=f"at most {limits.most_text:,}",
+            fix="Run what is larger on the command line.",
+        )
+
+
+def _read(text: str, options: Iterable[str], limits: Limits) -> Scenario:
+    context = _context(limits)
+    spot = Spot("", read_tree(text, _FILE), Slot(Scenario))
+    _must_be_inside(spot, context, limits)
+    for option in options:
+        spot = replace(spot, node=override(spot, option, context))
+        _must_be_inside(spot, context, limits)  # before the next option looks into a file
+    parts = {}
+    for name in _SIZED:
+        part = spot.step(name)
+        with suppress(DechirpError):  # told below with all others, and nothing comes of it
+            parts[name] = value_of(part, context) if part else None
+    try:
+        must_be_small(parts, limits)
+    except InvalidSetting as error:
+        raise InvalidFile(*refused(error, spot)) from None
+    made: Scenario = value_of(spot, context)
+    return made
+
+
+def _in_place(scenario: Scenario, options: Iterable[str], limits: Limits) -> Scenario:
+    context = _context(limits)
+    asked = [(within.way_to(scenario, path), node) for path, node in map(given, options)]
+    must_be_apart(way for way, _ in asked)
+    below: dict[str, dict[within.Steps, Any]] = {}
+    for way, node in asked:
+        _must_be_inside(Spot(way.path, node, way.leaf), context, limits)
+        first, *rest = way.steps
+        steps, made = tuple(rest), within.read_at(scenario, way, node, context)
+        if steps in below.setdefault(str(first), {}):
+            raise InvalidFile()  # two settings of what is none as yet: as text
+        below[str(first)][steps] = made
+    parts = {name: within.changed(getattr(scenario, name), of) for name, of in below.items()}
+    must_be_small({name: getattr(scenario, name) for name in _SIZED} | parts, limits)
+    return within.changed(scenario, {(name,): part for name, part in parts.items()})
+
+
+def _context(limits: Limits) -> Context:
+    return Context(base=limits.folders[0].absolute() if limits.folders else Path(), readers=READERS)
+
+
+def _must_be_inside(spot: Spot, context: Context, limits: Limits) -> None:
+    wrong = [*_outside(spot, context, limits)]
+    if wrong:
+        raise InvalidFile(*in_order(wrong))
+
+
+def _outside(spot: Spot, context: Context, limits: Limits) -> Iterator[Mistake]:
+    """Mistakes of the files that settings name, and those that files among them name."""
+    for steps, path in within.files_in(spot, context):
+        named = spot
+        for step in steps:
+            named = named.step(step) or named
+        text = str(named.node.content)
+        if "://" in text or _leads_out(Path(path), limits.folders):
+            folders = ", ".join(folder.name for folder in limits.folders) or "none was given"
+            yield named.place.mistake(
+                named.setting,
+                got=shown(text),
+                need=f"a file in the folders of the studio: {folders}",
+                fix="Start the studio with the folder that holds it.",
+            )
+        elif Radar in named.slot.choices or named.slot.field == "settings_path":
+            beside = replace(context, base=Path(path).parent)
+            try:
+                tree = read_tree(text_in(Path(path)), path)
+            except InvalidFile:
+                continue  # not YAML: a vendor's, which names no file outside its folder
+            yield from _outside(Spot("", tree, Slot(Radar)), beside, limits)
+
+
+def _leads_out(path: Path, folders: Iterable[Path]) -> bool:
+    """Whether it may not be opened; what is not there is told by who would read it."""
+    is_there = True
+    with suppress(OSError):  # a name longer than any
+        is_there = path.exists()
+    return not is_inside(path, folders) or (is_there and not is_plain(path, folders))
 
 
 def _without_place(mistake: Mistake) -> Mistake:

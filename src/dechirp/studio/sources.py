@@ -13,6 +13,7 @@ from dechirp.experiment.run import opened_recording
 from dechirp.experiment.scenario import Scenario
 from dechirp.radar.radar import Radar
 from dechirp.scene.truth import truth
+from dechirp.studio.settings import Limits, must_be_small
 
 
 class Frames(Protocol):
@@ -46,9 +47,9 @@ class Frames(Protocol):
         ...
 
 
-def frames_of(scenario: Scenario) -> Frames:
+def frames_of(scenario: Scenario, limits: Limits) -> Frames:
     """The frames of a scenario; raises as `dc.run` where a setting cannot work."""
-    return RecordingFrames(scenario) if scenario.scene is None else SceneFrames(scenario)
+    return RecordingFrames(scenario, limits) if scenario.scene is None else SceneFrames(scenario)
 
 
 class SceneFrames:
@@ -91,10 +92,14 @@ class SceneFrames:
 
 
 class RecordingFrames:
-    """Frames of a recording, each decoded when it is asked for."""
+    """Frames of a recording, each decoded when it is asked for.
 
-    def __init__(self, scenario: Scenario) -> None:
+    Only the file says how large they are, so they are held to the limits here.
+    """
+
+    def __init__(self, scenario: Scenario, limits: Limits) -> None:
         self._recording = opened_recording(scenario)
+        must_be_small({"radar": self._recording.radar, "chain": scenario.chain}, limits)
         self.radar, self.n_frames = self._recording.radar, self._recording.n_frames
         self.findings = self._recording.findings
 

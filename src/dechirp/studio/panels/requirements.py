@@ -54,9 +54,9 @@ class Requirements(Panel):
             sizing_mode="stretch_width",
             spacing=0,
         )
-        self._rule.on_change("value", lambda attr, old, new: self._show())
+        self._rule.on_change("value", lambda attr, old, new: self._ask(self._asked))
         self._take.on_click(self._taken)
-        self._show()
+        self._ask(_START)
 
     @property
     def root(self) -> UIElement:
@@ -68,20 +68,27 @@ class Requirements(Panel):
 
     def _change(self, path: str, text: str) -> None:
         try:
-            self._asked = asked_with(self._asked, path, text)
-            self._show()
+            asked = asked_with(self._asked, path, text)
         except DechirpError as error:
             self._form.tell(error.mistakes)
+        else:
+            self._ask(asked)
 
-    def _show(self) -> None:
-        self._form.show(self._asked)
-        self._design = self._made()
-        self._answer.text = _answer(self._design)
-
-    def _made(self) -> Design:
+    def _ask(self, asked: Asked) -> None:
+        """Answer requirements; where no chirp can be made, say why and keep the last ones."""
         radar = self.session.scenario.radar
         hardware = None if radar is None else radar.hardware
-        return design(self._asked, rule=self._rule.value, hardware=hardware or TYPICAL_HARDWARE)
+        try:
+            made = design(asked, rule=self._rule.value, hardware=hardware or TYPICAL_HARDWARE)
+        except DechirpError as error:
+            self._form.tell(error.mistakes)
+            if asked == self._asked:  # it is the rule that was changed, and has no such chirp
+                self._answer.text = "<br>".join(escape(str(one)) for one in error.mistakes)
+                self._take.disabled = True
+            return
+        self._asked, self._design = asked, made
+        self._form.show(asked)
+        self._answer.text, self._take.disabled = _answer(made), False
 
     def _taken(self) -> None:
         made = self._design

@@ -1,0 +1,155 @@
+"""What one page does with edits, steps and a browser that may be slow."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
+import pytest
+
+from dechirp.experiment.scenario import Scenario, reference
+from dechirp.studio import session as sessions
+from dechirp.studio.session import Session
+from dechirp.studio.settings import Limits
+
+
+class Document:
+    """As much of a document as a session asks for."""
+
+    def add_next_tick_callback(self, job: Callable[[], None]) -> None:
+        asyncio.get_running_loop().call_soon(job)
+
+
+class Player:
+    """Moments that say which step and settings they are of."""
+
+    def __init__(self, scenario: Scenario, limits: Limits) -> None:
+        self.scenario = scenario
+
+    def look(self, step: int, cursor: object) -> SimpleNamespace:
+        return SimpleNamespace(step=step, seed=self.scenario.seed)
+
+
+class Page:
+    """A session, and what it showed and told."""
+
+    def __init__(self, worker: ThreadPoolExecutor, *, draws: bool) -> None:
+        self.session = Session(Document(), worker, reference(), Limits(frame_s=1e-3))
+        self.shown, self.told, self.taken = [], [], []
+        self.session.on_moment.append(self.shown.append)
+        self.session.on_trouble.append(self.told.append)
+        self.session.on_settings.append(self.taken.append)
+        if draws:
+            self.session.on_moment.append(lambda _: self.session.drawn_soon())
+
+    async def until(self, holds: Callable[[], bool]) -> None:
+        async with asyncio.timeout(60):
+            while not holds():
+                await asyncio.sleep(1e-3)
+
+
+@pytest.fixture
+def lived(monkeypatch):
+    """Run what a page lives through; with a browser that draws at once, or not at all."""
+    monkeypatch.setattr(sessions, "Player", Player)
+
+    def live(life, *, draws: bool = True) -> None:
+        async def whole() -> None:
+            loop = asyncio.get_running_loop()
+            monkeypatch.setattr(
+                Session, "drawn_soon", lambda self: loop.call_soon(self.drawn), raising=False
+            )
+            with ThreadPoolExecutor(1) as worker:
+                page = Page(worker, draws=draws)
+                page.session.start()
+                try:
+                    await page.until(lambda: page.shown)
+                    await life(page)
+                finally:
+                    page.session.close()
+
+        asyncio.run(whole())
+
+    return live
+
+
+def test_of_several_edits_those_that_can_be_hold_and_the_others_are_told(lived):
+    async def life(page: Page) -> None:
+        page.session.change("seed", "5")
+        page.session.change("n_frames", "rubbish")
+        page.session.change("chain.range_window", "hamming")
+        await page.until(lambda: page.taken)
+        await page.until(lambda: page.shown[-1].seed == 5)
+        assert page.session.scenario.chain.range_window == "hamming"
+        assert page.session.scenario.n_frames == 1
+        (mistake,) = page.told[-1]
+        assert mistake.setting == "n_frames"
+        page.session.go(1)
+        await page.until(lambda: page.shown[-1].step == 1)
+        assert page.told[-1] == ()  # it is over
+
+    lived(life)
+
+
+def test_of_edits_of_one_setting_the_last_holds(lived):
+    async def life(page: Page) -> None:
+        for seed in range(3, 9):
+            page.session.change("seed", str(seed))
+        await page.until(lambda: page.taken)
+        assert [scenario.seed for scenario in page.taken] == [8]
+
+    lived(life)
+
+
+def test_it_plays_step_by_step_and_a_rewind_meanwhile_shows_the_first(lived):
+    async def life(page: Page) -> None:
+        page.session.play(True)
+        await page.until(lambda: page.shown[-1].step >= 5)
+        steps = [moment.step for moment in page.shown]
+        assert steps == sorted(steps) and set(range(5)) <= set(steps)
+        seen = len(page.shown)
+        page.session.go(0)
+        await page.until(lambda: any(moment.step == 0 for moment in page.shown[seen:]))
+
+    lived(life)
+
+
+def test_when_it_pauses_no_other_step_comes(lived):
+    async def life(page: Page) -> None:
+        page.session.play(True)
+        await page.until(lambda: page.shown[-1].step >= 3)
+        page.session.play(False)
+        step = page.session.step
+        await asyncio.sleep(0.05)
+        assert page.shown[-1].step == page.session.step == step
+
+    lived(life)
+
+
+def test_a_browser_that_draws_nothing_has_two_moments_at_most(lived):
+    async def life(page: Page) -> None:
+        page.session.play(True)
+        await page.until(lambda: len(page.shown) == 2)
+        await asyncio.sleep(0.1)
+        assert len(page.shown) == 2
+        page.session.drawn()
+        await page.until(lambda: len(page.shown) == 3)
+
+    lived(life, draws=False)
+
+
+def test_a_view_that_fails_is_told_and_the_page_lives_on(lived, caplog):
+    async def life(page: Page) -> None:
+        def fail(_: object) -> None:
+            raise RuntimeError("a view")
+
+        page.session.on_moment.append(fail)
+        page.session.go(1)
+        await page.until(lambda: page.told[-1] != ())
+        assert page.told[-1][0].setting == "this page"
+        page.session.on_moment.remove(fail)
+        page.session.go(2)
+        await page.until(lambda: page.told[-1] == ())
+
+    lived(life)
+    assert "a page of the studio failed" in caplog.text
