@@ -1,6 +1,7 @@
 """What one page does with edits, steps and a browser that may be slow."""
 
 import asyncio
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
@@ -153,3 +154,24 @@ def test_a_view_that_fails_is_told_and_the_page_lives_on(lived, caplog):
 
     lived(life)
     assert "a page of the studio failed" in caplog.text
+
+
+def test_what_takes_long_is_said_to_be_under_way_and_what_does_not_is_not(lived, monkeypatch):
+    async def life(page: Page) -> None:
+        waits = []
+        page.session.on_wait.append(lambda: waits.append(len(page.shown)))
+        page.session.go(1)
+        await page.until(lambda: page.shown[-1].step == 1)
+        assert waits == []
+        monkeypatch.setattr(sessions, "_LONG_S", 0.01)
+        monkeypatch.setattr(Player, "look", slow)
+        page.session.go(2)
+        await page.until(lambda: page.shown[-1].step == 2)
+        assert waits == [len(page.shown) - 1]  # before it came
+
+    def slow(self: Player, step: int, cursor: object) -> SimpleNamespace:
+        time.sleep(0.5)
+        return SimpleNamespace(step=step, seed=self.scenario.seed)
+
+    monkeypatch.setattr(sessions, "_LONG_S", 30.0)
+    lived(life)

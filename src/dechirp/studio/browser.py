@@ -12,7 +12,10 @@ class Browser(DataModel):
     shown = Int(0)
     """Moments sent. The browser answers each when it has drawn it."""
     place = String("")
-    """Which frame it was, as the page says it. A widget would be laid out anew each time."""
+    """Which frame it was and whether one is computed, as the page says it.
+
+    A widget would be laid out anew each time.
+    """
     drawn = Int(0)
     """The last of them that was drawn."""
     play_keys = Int(0)

@@ -62,7 +62,9 @@ function begin(browser) {
   if (browser.shown) tell();  // the first came with the page
 
   const place = document.getElementById("place");
-  browser.properties.place.change.connect(() => { place.textContent = browser.place; });
+  const tellPlace = () => { place.textContent = browser.place; };
+  browser.properties.place.change.connect(tellPlace);
+  tellPlace();
 
   const rate = document.getElementById("rate");
   let before = 0;

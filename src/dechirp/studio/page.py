@@ -66,13 +66,17 @@ def page(document: Document, *, worker: Executor, scenario: Scenario, limits: Li
     """Fill the document of a browser that just came."""
     session = Session(document, worker, scenario, limits)
     browser = Browser(name="browser")
+    place = partial(_tell_place, browser, session)
     views = [kind(session) for kind in _VIEWS]
     panels = [kind(session) for kind in _PANELS]
     parts: list[View | Panel] = [*views, *panels]
     for view in views:
         session.on_moment.append(_seldom(session, view.show, view.least_s))
         session.on_moment.append(_seldom(session, view.tell, _WORDS_S))
-    session.on_moment.append(_seldom(session, partial(_tell_place, browser), _WORDS_S))
+    session.on_moment.append(_seldom(session, lambda _: place(), _WORDS_S))
+    session.on_wait.append(partial(place, waits=True))
+    # Of what cannot be computed no moment comes.
+    session.on_trouble.append(lambda mistakes: place() if mistakes else None)
     # After all others: what was sent before is drawn by then.
     session.on_moment.append(lambda _: browser.update(shown=browser.shown + 1))
 
@@ -102,8 +106,11 @@ def page(document: Document, *, worker: Executor, scenario: Scenario, limits: Li
     session.start()
 
 
-def _tell_place(browser: Browser, moment: Moment) -> None:
-    browser.place = f"frame {moment.number}, {moment.time_s:.3f} s"
+def _tell_place(browser: Browser, session: Session, *, waits: bool = False) -> None:
+    """Say which frame is shown, and whether another one is waited for."""
+    at = session.moment
+    words = [] if at is None else [f"frame {at.number}, {at.time_s:.3f} s"]
+    browser.place = "; ".join([*words, "computing ..."] if waits else words)
 
 
 def _seldom(

@@ -28,6 +28,8 @@ Edit = Callable[[Scenario], Scenario]
 DRAWN_WITHIN_S = 2.0
 """A browser that has not said by then that it drew a frame is sent the next one all the same."""
 _MOST_UNDRAWN = 2
+_LONG_S = 0.3
+"""Who waits so long for an answer wonders whether there will be one."""
 
 _log = logging.getLogger(__name__)
 
@@ -62,6 +64,8 @@ class Session:
         """Called when settings were changed, by whomever."""
         self.on_trouble: list[Callable[[tuple[Mistake, ...]], None]] = []
         """Called with what is wrong with an edit or a frame, and with nothing once that is over."""
+        self.on_wait: list[Callable[[], None]] = []
+        """Called while settings are read or a moment is made, if that takes long."""
         self._worker, self._player = worker, Player(scenario, limits)
         self._edits: dict[str, Edit] = {}
         self._asked, self._drawn = asyncio.Event(), asyncio.Event()
@@ -142,7 +146,7 @@ class Session:
         edits, self._edits = list(self._edits.values()), {}
         wrong: tuple[Mistake, ...] = ()
         if edits:
-            scenario, wrong = await self.work(partial(_edited, self.scenario, edits))
+            scenario, wrong = await self._awaited(self.work(partial(_edited, self.scenario, edits)))
             if scenario is not self.scenario:
                 self.scenario, self._player = scenario, Player(scenario, self.limits)
                 await self.in_document(lambda: [tell(scenario) for tell in self.on_settings])
@@ -170,7 +174,19 @@ class Session:
             ahead.moment.cancel()
             ahead.moment.add_done_callback(_let_go)
             ahead = None
-        return await (ahead or self._look(step)).moment
+        return await self._awaited((ahead or self._look(step)).moment)
+
+    async def _awaited(self, made: asyncio.Future[T]) -> T:
+        """What the worker makes; if that takes long, who listens is told."""
+
+        def tell() -> None:
+            self.document.add_next_tick_callback(lambda: [wait() for wait in self.on_wait])
+
+        late = asyncio.get_running_loop().call_later(_LONG_S, tell)
+        try:
+            return await made
+        finally:
+            late.cancel()
 
     def _look(self, step: int) -> "_Begun":
         moment = self.work(partial(self._player.look, step, self.cursor))

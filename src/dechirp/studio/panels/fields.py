@@ -96,6 +96,7 @@ class Field:
         own = tuple(one for one in mistakes if self._asked or one.setting == self._entry.path)
         if own:
             self._mark(own)
+            self._asked = False  # what goes wrong later came of something else
 
     def _take(self, text: str) -> None:
         if text == self._entry.text:

@@ -9,8 +9,10 @@ from dechirp.report.figures.birds_eye import round_down
 from dechirp.report.words import number
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.drawn import joined, plain_figure, second_line, wear
+from dechirp.studio.views.names import beside
 
 _MOST_NAMES = 12
+_CENTRED = {"align": "center", "away": 0, "down": 0}  # a text, and pixels from its place
 _ASIDE_RAD = np.radians(35)  # to the right: where rings are named, for little is there
 
 
@@ -65,14 +67,15 @@ class Ground:
         put(self._rings, joined([arc_m(one, np.pi) for one in radii_m]))
         named_m = radii_m[radii_m * np.cos(_ASIDE_RAD) < 0.95 * reach_m]
         at_m = named_m[:, None] * (-np.sin(_ASIDE_RAD), np.cos(_ASIDE_RAD))
-        write(self._ring_names, at_m, [f"{number(one)} m" for one in named_m], away=0)
+        write(self._ring_names, at_m, [f"{number(one)} m" for one in named_m])
         origin = np.zeros((1, 2))
         put(self._view, np.concatenate([origin, arc_m(1.5 * reach_m, half_rad), origin]))
 
     def stand(self, names: Sequence[str], places_m: np.ndarray, ends_m: np.ndarray) -> None:
         """Draw targets with arrows to the ends of their ways; of many without names."""
         put(self.targets, places_m)
-        write(self._names, places_m[:_MOST_NAMES], names[:_MOST_NAMES], away=11)
+        named, at_m = names[:_MOST_NAMES], places_m[:_MOST_NAMES]
+        write(self._names, at_m, named, **beside(at_m / self.reach_m, named))
         moves = np.any(places_m != ends_m, axis=1)
         self._arrows.source.data = {
             **_columns(places_m[moves]),
@@ -120,8 +123,9 @@ class Ground:
             "x",
             "y",
             "text",
-            source=ColumnDataSource({"x": [], "y": [], "text": [], "away": [], "align": []}),
+            source=ColumnDataSource({of: [] for of in ("x", "y", "text", *_CENTRED)}),
             x_offset="away",
+            y_offset="down",
             text_align="align",
             text_baseline="middle",
             text_font_size="10px",
@@ -133,15 +137,12 @@ def put(drawn: GlyphRenderer, places_m: np.ndarray) -> None:
     drawn.data_source.data = _columns(places_m)
 
 
-def write(drawn: GlyphRenderer, places_m: np.ndarray, words: Sequence[str], *, away: float) -> None:
-    """Write words at places, so many pixels away on that side that is not the middle's."""
-    is_left = places_m[:, 0] > 0
-    drawn.data_source.data = {
-        **_columns(places_m),
-        "text": list(words),
-        "away": np.where(is_left, -away, away),
-        "align": np.where(is_left, "right", "left").tolist() if away else ["center"] * len(words),
-    }
+def write(
+    drawn: GlyphRenderer, places_m: np.ndarray, words: Sequence[str], **aside: Sequence[object]
+) -> None:
+    """Write words at places, in their middle or aside."""
+    columns = {of: aside.get(of, [at] * len(words)) for of, at in _CENTRED.items()}
+    drawn.data_source.data = {**_columns(places_m), "text": list(words), **columns}
 
 
 def arc_m(radius_m: float, half_rad: float) -> np.ndarray:

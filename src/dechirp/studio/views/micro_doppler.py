@@ -1,6 +1,7 @@
 """Micro-Doppler: power over velocity and time of what is at the range of the cursor."""
 
 import numpy as np
+from bokeh.models import BasicTickFormatter
 
 from dechirp.report.words import number
 from dechirp.studio.moment import Cursor, Moment
@@ -19,7 +20,9 @@ class MicroDoppler(MapView):
         super().__init__(
             session, title="Micro-Doppler", x="time, s", y="velocity, m/s (receding +)"
         )
-        self.figure.xaxis[0].ticker.desired_num_ticks = 4  # they have many decimals
+        times = self.figure.xaxis[0]
+        times.ticker.desired_num_ticks = 4  # they have many decimals
+        times.formatter = BasicTickFormatter(use_scientific=False)  # 5.000e-4 is longer still
 
     def show(self, moment: Moment) -> None:
         """Show a moment."""

@@ -26,6 +26,7 @@ class RangeAzimuth(MapView):
         if power is None:
             self._show_none(moment)
             return
+        self._bar.visible = True
         azimuth_deg = np.degrees(power.azimuth.values)
         at_deg = np.linspace(azimuth_deg[0], azimuth_deg[-1], _STEPS)
         right, left = edges(at_deg)
@@ -58,6 +59,7 @@ class RangeAzimuth(MapView):
 
     def _show_none(self, moment: Moment) -> None:
         self.put((90.0, -90.0), edges(moment.power.range.values))
+        self._bar.visible = False
         self.image.data = {"image": [np.zeros((1, 1), np.uint8)]}
         for marks in (self.found, self.truth):
             self.mark(marks, np.empty(0), np.empty(0))

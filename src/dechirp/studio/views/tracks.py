@@ -22,11 +22,11 @@ _HEADS = {
     "velocity": Head("velocity, m/s", "0.00", 75),
     "x": Head("ahead, m", "0.00"),
     "x_std": Head("± m", "0.00", 50),
-    "y": Head("to the left, m", "0.00", 75),
+    "y": Head("left, m", "0.00"),
     "y_std": Head("± m", "0.00", 50),
-    "vx": Head("speed ahead, m/s", "0.00", 90),
+    "vx": Head("ahead, m/s", "0.00"),
     "vx_std": Head("± m/s", "0.00", 50),
-    "vy": Head("to the left, m/s", "0.00", 90),
+    "vy": Head("left, m/s", "0.00"),
     "vy_std": Head("± m/s", "0.00", 50),
 }
 
