@@ -62,7 +62,7 @@ function begin(browser) {
   if (browser.shown) tell();  // the first came with the page
 
   const place = document.getElementById("place");
-  const tellPlace = () => { place.textContent = browser.place; };
+  const tellPlace = () => { if (place) place.textContent = browser.place; };  // no lesson has one
   browser.properties.place.change.connect(tellPlace);
   tellPlace();
 
