@@ -45,7 +45,6 @@ ONLY_IN = {
     "matplotlib": {"report"},
     "jinja2": {"report"},
     "markupsafe": {"report"},
-    "sklearn": {"process"},
     "stonesoup": {"tracking"},
     "cantools": {"objects"},
     "can": {"objects"},

@@ -197,3 +197,27 @@ def _tab_to(looked, name: str) -> None:
         if looked.focused == name:
             return
     raise AssertionError(f"{name} is not reached")
+
+
+_RANGES = """(name) => [...[...Bokeh.documents[0].get_model_by_name(name).references()]
+  .find((model) => model.type === "DataTable").source.data.range]"""
+
+
+def test_rows_change_with_the_frame_also_when_there_are_as_many_and_behind_another_tab(looked):
+    looked.go()
+
+    def is_told() -> bool:
+        shown = looked.text("[data-part=detections]")
+        ranges_m = looked.page.evaluate(_RANGES, "detections")
+        return len(ranges_m) > 0 and all(f"{one:.3f}" in shown for one in ranges_m)
+
+    seen = set()
+    for _ in range(4):
+        looked.drawn_after(lambda: looked.press("Step"))
+        looked.until(is_told)
+        seen.add(tuple(looked.page.evaluate(_RANGES, "detections")))
+    assert len(seen) == 4 and len({len(one) for one in seen}) < 4
+    looked.tab("Findings")
+    looked.drawn_after(lambda: looked.press("Step"))
+    looked.tab("Detections")
+    looked.until(is_told)

@@ -7,9 +7,11 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.units import decibels
+from dechirp.process.angle.aperture import Aperture
 from dechirp.process.angle.bartlett import Bartlett
 from dechirp.process.angle.monopulse import Monopulse
 from dechirp.process.angle.music import Music
+from dechirp.process.mirrored_beams import beams, keep_strongest
 from dechirp.radar.budget import received_power_w
 from noise import noise_cube
 
@@ -126,6 +128,34 @@ def test_on_a_plane_the_strongest_elevation_counts(base):
     up, left = np.unravel_index(int(spectrum.values.argmax()), spectrum.shape)
     assert float(np.sin(spectrum.azimuth[left])) == pytest.approx(np.sin(-0.3), abs=0.6 / 16)
     assert float(np.sin(spectrum.elevation[up])) == pytest.approx(np.sin(0.35), abs=0.6 / 16)
+
+
+ARRAYS = {
+    "an odd line": [(0, k, 0) for k in range(5)],
+    "an uneven line": [(0, k, 0) for k in (0, 1, 2.3, 5)],
+    "two at one place": [(0, k, 0) for k in (0, 1, 1, 2)],
+    "an odd plane": [(0, k, j) for k in range(3) for j in range(3)],
+    "a corner": [(0, 0, 0), (0, 1, 0), (0, 2, 0), (0, 0, 1), (0, 0, 2)],
+    "a bent line": [(1, 0, 0), (0, 1, 0), (0, 2, 0), (1, 3, 0)],
+    "no order": [(0.3, 0, 1.7), (1, 1.2, 0), (0, 2.1, 0.4), (2, 0.1, 2)],
+}
+
+
+@pytest.mark.parametrize("shape", ARRAYS)
+def test_beams_made_in_mirrored_pairs_are_those_made_one_by_one(shape):
+    seen = Aperture(np.array(ARRAYS[shape]) / 2 + 3.0)
+    rng = np.random.default_rng(8)
+    heard = rng.normal(size=(2, seen.n_elements, 300, 2)).astype(np.float32).view(np.complex64)
+    heard = heard[..., 0]
+    still = np.ones(heard.shape[:2], np.complex64)
+
+    folded, weights = beams(seen)
+    power = np.zeros((len(seen.grid.azimuth_rad), 300), np.float32)
+    keep_strongest(power, heard, still, folded, weights)
+
+    each = abs(seen.grid.steering.conj() @ heard / seen.n_elements) ** 2
+    expected = each.reshape(2, *seen.grid.shape, 300).max(axis=(0, 1))
+    assert abs(power - expected).max() < 2e-6 * expected.max()
 
 
 def test_a_map_needs_no_more_memory_than_three_cubes(base):

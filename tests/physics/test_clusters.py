@@ -111,6 +111,17 @@ def test_the_order_of_detections_makes_no_odds(radar):
     assert sorted(again.range.values) == pytest.approx(sorted(clusters.range.values))
 
 
+def test_a_detection_between_two_clusters_is_of_the_first(radar):
+    reach_m = 5 * radar.frame.chirp.range_resolution_m
+    near, far = [0.0] * 4 + [0.9], [2.7] + [3.6] * 4
+    # The one between has a neighbour on each side: too few to start a cluster, or to join both.
+    rows = table(range=20 + reach_m * np.array([1.8, *far, *near]), velocity=0.0)
+
+    marked, _ = cluster(rows, radar, Dbscan(min_detections=4))
+
+    assert marked.cluster.values.tolist() == [0] * 6 + [1] * 5
+
+
 def test_noise_is_kept_and_marked(radar):
     rows = table(range=[20, 20.3, 20.5, 60], velocity=[1, 1.1, 1, 1])
     marked, clusters = cluster(rows, radar, Dbscan(min_detections=2))

@@ -328,6 +328,25 @@ def test_requirements_out_of_this_world_are_refused(wrong):
         replace(REPORT, **wrong)
 
 
+@pytest.mark.parametrize("rule", ["round-trips", "constraints"])
+@pytest.mark.parametrize("wrong", [5e-324, 1e-300, 1e-20, 1e20, 1e300, 1.7e308])
+@pytest.mark.parametrize(
+    "field",
+    [
+        "max_range_m",
+        "range_resolution_m",
+        "max_velocity_m_per_s",
+        "velocity_resolution_m_per_s",
+        "carrier_hz",
+        "rcs_m2",
+    ],
+)
+def test_requirements_of_no_size_are_refused_by_name_under_either_rule(field, wrong, rule):
+    asked = {"max_range_m": 100.0, "range_resolution_m": 1.0, "max_velocity_m_per_s": 10.0}
+    with pytest.raises(InvalidSetting, match=f"Requirements.{field} is .* a number from"):
+        design(**asked | {field: wrong}, rule=rule)
+
+
 def test_limits_that_no_radar_keeps_are_refused():
     with pytest.raises(InvalidSetting, match="Limits"):
         design(REPORT, rule="constraints", limits=Limits(max_cube_bytes=1.0))

@@ -248,6 +248,24 @@ def test_what_is_behind_is_hidden(saved):
     assert ahead[~is_ball].max() > 0
 
 
+def test_from_no_side_more_rays_are_traced_than_are_told(saved, monkeypatch):
+    body = Mesh(
+        path=saved(trimesh.creation.box((0.8, 0.4, 0.3))),
+        rays=Rays(spacing_m=0.02, n_bounces=1),
+    )
+    traced, first_hit = [], Surface.first_hit
+
+    def counted(of, origins_m, directions):
+        traced.append(len(origins_m))
+        return first_hit(of, origins_m, directions)
+
+    monkeypatch.setattr(Surface, "first_hit", counted)
+    sides = 20 * towards(np.arange(0, 360, 20), np.linspace(-80, 80, 18))
+    body.seen_from_m2(sides, WAVELENGTH_M)
+    assert len(traced) == len(sides)  # one pass each
+    assert 0.5 < max(traced) / body.n_rays(WAVELENGTH_M) <= 1
+
+
 def test_places_near_each_other_see_the_same(saved):
     # A cell of 0.3 m changes over lambda / 0.6 m, 6.5 mrad; a twentieth of it is taken as one.
     body = Mesh(path=saved(trimesh.creation.box((0.2, 0.2, 0.2))), rays=Rays(spacing_m=0.01))

@@ -5,13 +5,15 @@ import sys
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import psutil
 import pytest
 import xarray as xr
 
 from dechirp.config import files
-from dechirp.core.errors import InvalidSetting
+from dechirp.core.errors import InvalidSetting, NotEnoughMemory
 from dechirp.core.findings import PhysicsWarning
 from dechirp.evaluate.nees import mean_nees_interval, nees
 from dechirp.evaluate.track_trial import TrackTrial, draw, hold
@@ -478,6 +480,21 @@ def test_a_run_that_can_never_confirm_a_track_is_refused():
 def test_tables_that_do_not_fit_are_refused(found, times_s, message):
     with pytest.raises(InvalidSetting, match=message):
         track(found, times_s)
+
+
+def test_a_frame_without_a_column_that_is_needed_is_refused():
+    found = detections([0], [40, 6, 15, 3]).drop_vars("azimuth_std")
+    with pytest.raises(InvalidSetting, match="found is a table without azimuth_std"):
+        LiveTracker(Tracker()).step(found, 0.0)
+
+
+def test_pairs_of_tracks_and_detections_that_would_not_fit_are_refused(monkeypatch):
+    crowd = detections(np.zeros(600), np.tile([40.0, 6, 15, 3], (600, 1)))
+    live = LiveTracker(Tracker())
+    live.step(crowd, 0.0)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=5e7))
+    with pytest.raises(NotEnoughMemory, match="pairs of tracks and detections"):
+        live.step(crowd, 0.1)
 
 
 def test_what_is_no_tracker_is_refused():

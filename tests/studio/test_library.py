@@ -2,6 +2,7 @@
 
 import os
 
+import numpy as np
 import pytest
 
 import dechirp as dc
@@ -9,9 +10,11 @@ from dechirp.config.texts import dump
 from dechirp.core.errors import DechirpError
 from dechirp.experiment.scenario import reference
 from dechirp.studio import library
+from dechirp.studio.advice import for_page
 from dechirp.studio.folders import DEEPEST, is_plain
 from dechirp.studio.library import Item, Library, looked_over, opened
-from dechirp.studio.settings import Limits, changed
+from dechirp.studio.settings import Limits, changed, parsed
+from dechirp.studio.sources import frames_of
 from trial_cases import small, target
 
 
@@ -141,6 +144,41 @@ def test_a_damaged_recording_is_told_and_not_raised(folder):
     assert found.n_frames is None
     (finding,) = found.findings
     assert finding.level == "error" and str(folder) not in str(finding)
+
+
+def bare(path):
+    """Samples without a word on the radar that made them."""
+    np.zeros((2, 16, 1, 64), np.complex64).tofile(path)
+    return path
+
+
+def test_a_recording_without_its_radar_asks_for_what_the_page_offers(folder):
+    limits = Limits(folders=(folder,))
+    item = item_of(bare(folder / "bare.bin"))
+    (finding,) = looked_over(item, None, limits).findings
+    with pytest.raises(DechirpError) as refused:
+        opened(reference(), item, None, limits)
+    alone = parsed(f"recording: {{path: {item.path}}}", limits)
+    with pytest.raises(DechirpError) as unseen:
+        frames_of(alone, limits)
+    for one in (finding, *refused.value.mistakes, *unseen.value.mistakes):
+        assert one.fix.startswith("Choose settings of its radar, under Recordings")
+        assert "--" not in one.fix and "Python" not in one.fix
+
+
+@pytest.mark.parametrize(
+    ("fix", "said"),
+    [
+        ("Read it with --iq qi.", "Read it with recording.iq: qi (under File)."),
+        (
+            "Name what it is with --format (format=...).",
+            "Name what it is with recording.format (under File).",
+        ),
+        ("Copy it again -- from its source.", "Copy it again -- from its source."),
+    ],
+)
+def test_options_that_no_panel_has_are_settings_of_the_file(fix, said):
+    assert for_page(fix) == said
 
 
 def test_a_frame_that_is_more_than_a_page_may_ask_for_is_refused_before_it_is_read(folder):

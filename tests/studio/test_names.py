@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.studio.views.names import beside
+from dechirp.studio.views.names import beside, in_middle
 
 
 def test_a_name_alone_stands_on_the_side_that_is_not_the_middles():
@@ -27,3 +27,12 @@ def test_a_name_leaves_the_mark_of_another_target_free():
     made = beside(np.array([[-0.2, 0.5], [-0.32, 0.5]]), ["car", "post"])
 
     assert (made["align"][0], made["down"][0]) != ("left", 0)
+
+
+def test_a_name_leaves_the_name_of_a_range_ring_free():
+    place, ring = np.array([[-0.2, 0.4]]), np.array([[-0.35, 0.4]])
+    alone = beside(place, ["car"])
+    kept = beside(place, ["car"], in_middle(ring, ["50 m"]))
+
+    assert (alone["align"], alone["down"]) == (["left"], [0])
+    assert (kept["align"], kept["down"]) != (alone["align"], alone["down"])

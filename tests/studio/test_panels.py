@@ -1,6 +1,7 @@
 """Knobs: what they show is what holds, what is typed into them is what comes to hold."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,15 @@ from dechirp.core.errors import DechirpError
 from dechirp.experiment.run import run
 from dechirp.experiment.scenario import Scenario, load
 from dechirp.radar.budget import noise_power_w
+from dechirp.studio.panels.arrays import in_a_row
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.entries import Entry, entries, options
 from dechirp.studio.panels.hardware import Hardware
 from dechirp.studio.panels.processing import Processing
-from dechirp.studio.panels.radar import Radar, in_a_row
+from dechirp.studio.panels.radar import Radar
 from dechirp.studio.panels.requirements import Requirements
 from dechirp.studio.panels.settings_file import SettingsFile
+from dechirp.studio.panels.taken import readable, with_design
 from dechirp.studio.panels.targets import Targets, with_noise
 from dechirp.studio.session import Session
 from dechirp.studio.settings import Limits, changed, parsed
@@ -192,6 +195,49 @@ def test_an_array_in_a_row_has_its_virtual_elements_half_a_wavelength_apart(
     assert made.frame.n_slots == n_tx
 
 
+def one_element(page: Page) -> None:
+    radar, scenario = page.scenario.radar, page.scenario
+    assert radar is not None and len(radar.elements_m) == 1
+    assert scenario.tracker is None and scenario.ego_motion is None
+    assert not page.words
+
+
+@pytest.mark.parametrize("angle", ["capon", "fft"])
+def test_an_array_of_one_element_is_chosen_at_once_and_ends_what_needs_directions(
+    angle: str,
+) -> None:
+    page = Page(Radar, TEXT.replace("capon", angle))
+    (rows,) = (one for one in page.widgets(Select) if one.title == "Array in a row")
+    rows.value = "1 1"
+    page.apply()
+    one_element(page)
+    assert any("Directions" in one.text for one in page.widgets(Div))
+    rows.value = "1 4"
+    page.apply()
+    assert page.scenario.chain.fitted(page.scenario.radar).angle is not None
+
+
+def test_elements_can_be_typed_one_setting_after_the_other() -> None:
+    page = Page(Radar)
+    page.type("radar.array.rx", "[[0, 0, 0]]")
+    assert page.scenario.tracker is not None  # two transmitters still tell directions
+    page.type("radar.array.tx", "[[0, 0, 0]]")
+    one_element(page)
+    page.type("radar.array.tx", "[[0, 0, 0], [0, 2 mm, 0], [0, 4 mm, 0]]")
+    assert page.scenario.radar.frame.n_slots == 3  # type: ignore[union-attr]
+    page.type("radar.array.tx", "[[0, 0, 0], 2 mm]")
+    assert page.words and page.scenario.radar.frame.n_slots == 3  # type: ignore[union-attr]
+
+
+def test_an_array_that_is_refused_is_not_shown_as_if_it_were_there() -> None:
+    page = Page(Radar, TEXT.replace("n_chirps: 32", "n_chirps: 600"))
+    (rows,) = (one for one in page.widgets(Select) if one.title == "Array in a row")
+    before, shown = page.scenario, rows.value
+    rows.value = "4 4"  # 84 ms, in a period of 50 ms
+    page.apply()
+    assert page.scenario == before and rows.value == shown
+
+
 def test_a_detector_has_a_false_alarm_probability_or_an_offset() -> None:
     page = Page(Processing)
     page.type("chain.cfar.offset", "15 dB")
@@ -235,9 +281,25 @@ def test_the_design_is_taken_with_the_receivers_and_the_hardware_of_the_radar() 
     assert radar is not None
     asked = {"max_range_m": 100, "range_resolution_m": 1, "max_velocity_m_per_s": 30}
     wanted = dc.design(**asked, rule="constraints").radar.frame
-    assert radar.frame.chirp == wanted.chirp and radar.frame.n_chirps == wanted.n_chirps
+    assert radar.frame == replace(readable(wanted), period_s=before.frame.period_s)
     assert radar.array.rx_m == before.array.rx_m and radar.hardware == before.hardware
-    assert radar.frame.period_s == before.frame.period_s
+
+
+@pytest.mark.parametrize("rule", ["constraints", "round-trips"])
+def test_what_is_taken_has_numbers_of_six_digits_and_still_does_what_is_asked(rule: Any) -> None:
+    rng = np.random.default_rng(10)
+    for _ in range(50):
+        farthest_m, cell_m, fastest_m_per_s = rng.uniform((20, 0.3, 1), (200, 2, 15))
+        asked = {"max_range_m": farthest_m, "range_resolution_m": cell_m}
+        made = dc.design(**asked, max_velocity_m_per_s=fastest_m_per_s, rule=rule)
+        assert made.met
+        frame = readable(made.radar.frame)
+        assert frame.chirp.range_resolution_m <= cell_m * (1 + 1e-12)
+        assert frame.chirp.max_range_m >= farthest_m
+        assert frame.max_velocity_m_per_s >= fastest_m_per_s
+        taken = with_design(parsed(TEXT, LIMITS), made)
+        texts = [one.text for one in entries(taken, "radar.frame")]
+        assert max(sum(map(str.isdigit, text)) for text in texts) <= 7, texts  # or a 0 before six
 
 
 def test_what_no_radar_can_do_is_told_with_the_nearest_one() -> None:
@@ -249,15 +311,56 @@ def test_what_no_radar_can_do_is_told_with_the_nearest_one() -> None:
     assert any("a length" in words for words in page.words)
 
 
+def take_and_answer(page: Page) -> tuple[Button, Div]:
+    (take,) = (one for one in page.widgets(Button) if one.label == "Take this radar")
+    (answer,) = (one for one in page.widgets(Div) if "aria-label='Design'" in one.text)
+    return take, answer
+
+
+def test_while_a_requirement_is_wrong_the_answer_is_out_of_date_and_not_taken() -> None:
+    page = Page(Requirements)
+    take, answer = take_and_answer(page)
+    held = answer.text
+    assert "<h3>Met" in held and not take.disabled
+    for path, text in (("max_range", "150"), ("max_velocity", "-1 m/s"), ("rcs", "1 m")):
+        page.type(path, text)
+        assert page.words and take.disabled and "<h3>Out of date" in answer.text, text
+        page.knob(path).value = page.knob(path).tags[0]  # as page.js does on Escape
+        assert not page.words and not take.disabled and answer.text == held, text
+    page.type("max_range", "150")
+    page.type("max_range", "120 m")
+    assert not take.disabled and "Out of date" not in answer.text and answer.text != held
+
+
+def test_a_design_has_the_hardware_that_the_radar_has_when_it_is_taken() -> None:
+    page = Page(Requirements)
+    page.session.change("radar.hardware.noise_factor", "9 dB")
+    page.apply()
+    page.press("Take this radar")
+    radar = page.scenario.radar
+    assert radar is not None and radar.hardware is not None
+    assert radar.hardware.noise_factor == pytest.approx(10**0.9)
+
+
+@pytest.mark.parametrize("wrong", ["1e-300 m/s", "1e300 m/s", "0 m/s", "-1 m/s", "nan", ".inf m/s"])
+def test_requirements_that_are_absurd_are_told_at_their_knob(wrong: str) -> None:
+    page = Page(Requirements)
+    for path in ("max_range", "range_resolution", "max_velocity", "velocity_resolution", "carrier"):
+        unit = {"max_range": "m", "range_resolution": "m", "carrier": "Hz"}.get(path, "m/s")
+        page.type(path, wrong.replace("m/s", unit))
+        assert "wrong" in page.knob(path).css_classes and "needs" in page.words[0]
+        page.knob(path).value = page.knob(path).tags[0]
+
+
 def test_requirements_that_no_chirp_can_have_are_told_at_their_knob_and_not_kept() -> None:
     page = Page(Requirements)
-    page.type("range_resolution", "1e300 m")
-    assert any("Chirp.slope" in words for words in page.words)
-    page.type("max_velocity", "30 m/s")  # of the others one may still be changed
+    page.type("max_velocity", "1e-9 m/s")
+    assert any("Chirp.sample_rate" in words for words in page.words)
+    page.type("max_range", "140 m")  # of the others one may still be changed
     page.press("Take this radar")
     radar = page.scenario.radar
     assert radar is not None
-    assert radar.frame.chirp.range_resolution_m == pytest.approx(1.0, rel=0.1)
+    assert radar.frame.max_velocity_m_per_s == pytest.approx(50.0, rel=1e-4)
 
 
 def test_a_rule_that_has_no_chirp_for_the_requirements_says_so_until_another_has() -> None:

@@ -174,6 +174,26 @@ def test_what_functions_make_of_settings_is_within_the_same_limits() -> None:
         checked(reference(), Limits(most_samples=281_599))
 
 
+def test_meshes_ask_for_so_many_rays_together_and_no_more(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box((2.0, 1.0, 1.0)).export(tmp_path / "box.stl")  # 2.45 m across
+    limits = Limits(folders=(tmp_path,))
+
+    def meshes(*spacings: str) -> str:
+        body = "body: {{kind: mesh, path: box.stl, rays: {{spacing: {}}}}}"
+        of = (f"{{position: [9 m, 0, 0], {body.format(one)}}}" for one in spacings)
+        return f"scene.targets=[{{name: car, position: [9 m, 0, 0]}}, {', '.join(of)}]"
+
+    held = changed(reference(), [meshes("1 mm")], limits)
+    assert held.scene is not None
+    for option, n_rays in ((meshes("1 um"), 6e12), (meshes(*4 * ["1 mm"]), 24e6)):
+        mistake = refused(option, limits)
+        number, words = mistake.got.split(" ", 1)
+        assert float(number.replace(",", "")) == pytest.approx(n_rays, rel=1e-2)
+        assert (mistake.setting, words) == ("scene.targets", "rays onto meshes")
+        assert "20,000,000 on this page" in mistake.need
+
+
 # Files.
 
 

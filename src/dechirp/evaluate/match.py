@@ -262,10 +262,9 @@ class _Frame:
 def scatterers(scene: Scene, times_s: ArrayLike) -> Place:
     """Range of each scatterer at each time and its rate of change, (n_times, n_scatterers)."""
     times_s = np.asarray(times_s, dtype=float)
-    before_m, at_m, after_m = (
-        np.linalg.norm(scene.positions_m(times_s + shift_s), axis=-1)
-        for shift_s in (-_MOMENT_S, 0.0, _MOMENT_S)
-    )
+    moments_s = np.add.outer([-_MOMENT_S, 0.0, _MOMENT_S], times_s)
+    ranges_m = np.linalg.norm(scene.positions_m(moments_s.ravel()), axis=-1)
+    before_m, at_m, after_m = ranges_m.reshape(*moments_s.shape, -1)
     return Place(at_m, (after_m - before_m) / (2 * _MOMENT_S))
 
 

@@ -12,11 +12,13 @@ from dechirp.process.angle.bartlett import Bartlett
 from dechirp.process.angle.base import SpectralEstimator
 from dechirp.process.chain import Chain
 from dechirp.process.folds import ramps
+from dechirp.process.mirrored_beams import beams, keep_strongest
 from dechirp.process.range_walk import undone_by
 from dechirp.process.refine import Tones, refine
 from dechirp.process.sources import aperture_of, middle_m, range_from_m, snapshots
 from dechirp.process.spectrum import Transform
-from dechirp.process.virtual import channels
+from dechirp.process.virtual import channels, turns
+from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
 # Directions of a spectrum over one angle for each of the grid that peaks are looked for on.
@@ -84,26 +86,25 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     n_velocities, _, n_rows = spectrum.shape
     doppler_hz = (np.arange(n_velocities) - n_velocities // 2) / (n_velocities * frame.repetition_s)
     beats = 2 * np.pi / over_range.n_bins * np.arange(n_rows)
-    weights = _as_real(seen.grid.steering.conj().T / seen.n_elements, seen.grid.shape)
-    parted = _parted(doppler_hz, radar)
+    folded, weights = beams(seen)
+    still, parted = _parting(doppler_hz, radar)
+    folding = (parted @ folded).astype(np.complex64)
     parts = slices(n_velocities, n_threads)
-    powers = np.zeros((len(parts), n_rows, len(seen.grid.azimuth_rad)), np.float32)
+    powers = np.zeros((len(parts), len(seen.grid.azimuth_rad), n_rows), np.float32)
 
     def look(part: int) -> None:
-        for velocity in range(n_velocities)[parts[part]]:
-            heard = ramps.unshifted(spectrum[velocity].T, beats, frame)
-            if parted is None:
-                at_hz = np.full(n_rows, doppler_hz[velocity])
-                heard = snapshots(heard, at_hz, np.zeros(n_rows), radar)[0][:, 0]
-            else:
-                heard = heard @ parted[velocity]
-            numbers = np.ascontiguousarray(heard, np.complex64).view(np.float32)
-            _keep_strongest(powers[part], numbers, weights)
+        heard = spectrum[parts[part]]
+        if not frame.ramps_are_alike:
+            alike = np.ones((n_rows, heard.shape[1]), np.complex64)
+            heard *= ramps.unshifted(alike, beats, frame).T
+        if _slots_repeat(frame):
+            heard = _in_phase(heard, radar)
+        heard = np.ascontiguousarray(heard)
+        keep_strongest(powers[part], heard, still[parts[part]], folding, weights)
 
     in_threads(n_threads, look, range(len(parts)))
-    power = powers.max(axis=0)
     return xr.DataArray(
-        power.T,
+        powers.max(axis=0),
         dims=("azimuth", "range"),
         coords={
             "azimuth": axis("azimuth", seen.grid.azimuth_rad),
@@ -171,63 +172,33 @@ def angle_spectrum(
     )
 
 
-def _parted(doppler_hz: np.ndarray, radar: Radar) -> np.ndarray | None:
-    """From channels to elements at each velocity, (n, n_channels, n_elements) complex64.
+def _slots_repeat(frame: Frame) -> bool:
+    """Whether slots are of one transmitter: each cell brings them in phase by itself."""
+    return frame.multiplexing is None and frame.n_slots > 1
 
-    None for slots of one transmitter: each cell brings them in phase by itself.
+
+def _parting(doppler_hz: np.ndarray, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
+    """What undoes the motion between slots, (velocity, channel) complex64, and then the code.
+
+    From channels to elements, (channel, element), or from those of `_in_phase`.
     """
-    frame = radar.frame
-    if frame.multiplexing is None and frame.n_slots > 1:
-        return None
-    n = frame.n_slots * radar.array.n_rx
-    each = np.tile(np.eye(n), (len(doppler_hz), 1))
-    answers, _ = snapshots(each, np.repeat(doppler_hz, n), np.zeros(len(each)), radar)
-    return answers.reshape(len(doppler_hz), n, -1).astype(np.complex64)
+    n_rx, n_slots = radar.array.n_rx, radar.frame.n_slots
+    if _slots_repeat(radar.frame):
+        return np.ones((len(doppler_hz), n_rx), np.complex64), np.eye(n_rx)
+    still = np.repeat(turns(radar.frame, doppler_hz).conj(), n_rx, axis=1)
+    nothing = np.zeros(n_slots * n_rx)
+    heard, _ = snapshots(np.eye(n_slots * n_rx), nothing, nothing, radar)
+    return still.astype(np.complex64), heard[:, 0]
 
 
-def _as_real(beams: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Weights (n, elevation x azimuth) for numbers of which two are a complex one.
-
-    (elevation, 2 n, 2 azimuth) float32: real parts of the beams, then imaginary parts.
-    """
-    by_elevation = np.moveaxis(beams.reshape(-1, *shape), 0, 1)
-    n_elevations, n, n_azimuths = by_elevation.shape
-    out = np.empty((n_elevations, n, 2, 2, n_azimuths), np.float32)
-    out[:, :, 0, 0] = out[:, :, 1, 1] = by_elevation.real
-    out[:, :, 0, 1] = by_elevation.imag
-    out[:, :, 1, 0] = -by_elevation.imag
-    return out.reshape(n_elevations, 2 * n, 2 * n_azimuths)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _keep_strongest(power: np.ndarray, numbers: np.ndarray, weights: np.ndarray) -> None:
-    """Raise powers (n, azimuth) to those of the beams of each row of numbers, in place.
-
-    A product that keeps no beam: 7 ms for 32,768 snapshots of 12 elements and 89 directions,
-    where transforms over the elements take 30.
-    """
-    n, n_azimuths = power.shape
-    n_elevations, n_numbers, n_parts = weights.shape
-    beams = np.empty(n_parts, np.float32)
-    for e in range(n_elevations):
-        for i in range(n):
-            beams[:] = 0
-            for k in range(0, n_numbers - 3, 4):
-                a, b, c, d = numbers[i, k], numbers[i, k + 1], numbers[i, k + 2], numbers[i, k + 3]
-                for j in range(n_parts):
-                    beams[j] += (
-                        a * weights[e, k, j]
-                        + b * weights[e, k + 1, j]
-                        + c * weights[e, k + 2, j]
-                        + d * weights[e, k + 3, j]
-                    )
-            if n_numbers % 4:  # an odd number of elements
-                a, b = numbers[i, n_numbers - 2], numbers[i, n_numbers - 1]
-                for j in range(n_parts):
-                    beams[j] += a * weights[e, n_numbers - 2, j] + b * weights[e, n_numbers - 1, j]
-            for j in range(n_azimuths):
-                here = beams[j] * beams[j] + beams[n_azimuths + j] * beams[n_azimuths + j]
-                power[i, j] = max(power[i, j], here)
+def _in_phase(spectrum: np.ndarray, radar: Radar) -> np.ndarray:
+    """Slots of one transmitter as one, (velocity, element, range) complex64."""
+    n_velocities, _, n_rows = spectrum.shape
+    heard = np.empty((n_velocities, radar.array.n_rx, n_rows), np.complex64)
+    nothing = np.zeros(n_rows)
+    for one, cells in zip(heard, spectrum, strict=True):
+        one[:] = snapshots(cells.T, nothing, nothing, radar)[0][:, 0].T
+    return heard
 
 
 def _rising(cube: xr.DataArray, radar: Radar) -> tuple[np.ndarray, Radar]:

@@ -2,7 +2,8 @@
 
 import numpy as np
 import xarray as xr
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from dechirp.core.checks import count, positive
@@ -18,7 +19,7 @@ _NEEDED = ("frame", "range", "velocity", "snr")
 _OTHERS = ("time", "azimuth", "elevation", "fold")
 _ERRORS = ("range_std", "velocity_std", "azimuth_std", "elevation_std")
 
-_PAIR_BYTES = 160.0  # of two neighbours: their places, how far they are apart, twice in the graph
+_PAIR_BYTES = 120.0  # of two neighbours: their places, both ways, and links of the graph
 
 _COUNTED = 256  # detections whose neighbours are counted, to know how many pairs there are
 
@@ -141,18 +142,23 @@ def cluster(
 
 
 def _labels(frame: np.ndarray, at: Placed, radar: Radar, dbscan: Dbscan) -> np.ndarray:
-    """Cluster of each detection, (n,)."""
-    if not frame.size:
+    """Cluster of each detection, (n,): of those near it that start clusters, the first one's."""
+    n = frame.size
+    if not n:
         return np.empty(0, np.int64)
-    from sklearn.cluster import DBSCAN
-
     first, second = _neighbours(frame, at, radar, dbscan.reach)
-    itself = np.arange(frame.size)
-    rows = np.concatenate([itself, first, second])
+    itself = np.arange(n)
+    ones = np.concatenate([itself, first, second])
     others = np.concatenate([itself, second, first])
-    graph = csr_array((np.ones(rows.size), (rows, others)), shape=(frame.size, frame.size))
-    scan = DBSCAN(eps=1.0, min_samples=dbscan.min_detections, metric="precomputed")
-    return np.asarray(scan.fit_predict(graph), np.int64)
+    starts = np.bincount(ones) >= dbscan.min_detections
+    chained = starts[first] & starts[second]
+    links = np.ones(chained.sum()), (first[chained], second[chained])
+    chain = connected_components(coo_array(links, shape=(n, n)), directed=False)[1]
+    near = starts[others]
+    label = np.full(n, n)
+    np.minimum.at(label, ones[near], chain[others[near]])
+    used, label = np.unique(label, return_inverse=True)
+    return np.where(used[label] < n, label, -1)
 
 
 def _neighbours(

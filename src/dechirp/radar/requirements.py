@@ -14,6 +14,8 @@ BANDS_HZ: dict[Band, tuple[float, float]] = {
     "77-81 GHz": (77e9, 81e9),
 }
 
+_SLOWEST_M_PER_S, _FASTEST_M_PER_S = 1e-9, SPEED_OF_LIGHT / 1000
+
 
 @value
 class Requirements:
@@ -41,10 +43,15 @@ class Requirements:
     """For each cell tested, with noise alone; only used with `rcs_m2`."""
 
     def __post_init__(self) -> None:
-        positive(self, "max_range_m", "range_resolution_m", "max_velocity_m_per_s", "carrier_hz")
-        for name in ("velocity_resolution_m_per_s", "rcs_m2"):
-            if getattr(self, name) is not None:
-                positive(self, name)
+        # The bounds of scenes and chirps. Beyond them a unit is wrong; squares far beyond overflow.
+        positive(self, "max_range_m", "range_resolution_m", at_least=1e-6, at_most=1e9)
+        speeds = {"at_least": _SLOWEST_M_PER_S, "at_most": _FASTEST_M_PER_S}
+        positive(self, "max_velocity_m_per_s", **speeds)
+        if self.velocity_resolution_m_per_s is not None:
+            positive(self, "velocity_resolution_m_per_s", **speeds)
+        positive(self, "carrier_hz", at_least=1e6, at_most=1e13)
+        if self.rcs_m2 is not None:
+            positive(self, "rcs_m2", at_least=1e-12, at_most=1e12)
         self._check_choices()
         self._check_sizes()
         self._check_probabilities()
@@ -64,7 +71,7 @@ class Requirements:
                 )
 
     def _check_sizes(self) -> None:
-        # No converter or memory is near either; beyond them a unit is wrong.
+        # No converter or memory is near it; beyond it a unit is wrong.
         if self.max_range_m > 1e6 * self.range_resolution_m:
             raise InvalidSetting(
                 "Requirements.range_resolution_m",
@@ -72,13 +79,6 @@ class Requirements:
                 f" {self.max_range_m:.4g} m",
                 need="at least a millionth of the largest range",
                 fix="Check the units of both.",
-            )
-        if self.max_velocity_m_per_s > SPEED_OF_LIGHT / 1000:
-            raise InvalidSetting(
-                "Requirements.max_velocity_m_per_s",
-                got=f"{self.max_velocity_m_per_s:.4g} m/s",
-                need="at most a thousandth of the speed of light",
-                fix="Check its unit.",
             )
 
     def _check_probabilities(self) -> None:

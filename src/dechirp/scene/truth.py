@@ -52,26 +52,26 @@ def truth(
     frame = radar.frame
     times_s = np.array([frame.start_s(i) + frame.at(i).mid_frame_s for i in frames.tolist()])
     seen = _seen(scene, times_s)
+    told = {
+        "range": (seen.range_m, "m"),
+        "velocity": (seen.velocity_m_per_s, "m/s"),
+        "azimuth": (seen.azimuth_rad, "rad"),
+        "elevation": (seen.elevation_rad, "rad"),
+    }
+    if radar.hardware is not None:
+        noise_w = thermal_noise_w(radar) if noise_power_w is None else noise_power_w
+        with np.errstate(divide="ignore", invalid="ignore"):  # without noise it is infinite
+            snr = _echo_powers_w(scene, radar, times_s, seen) / noise_w * radar.integration_gain
+        told["snr"] = (snr, "1")
     over = ("target", "frame")
-    known = xr.Dataset(
-        {
-            "range": (over, seen.range_m.T, {"units": "m"}),
-            "velocity": (over, seen.velocity_m_per_s.T, {"units": "m/s"}),
-            "azimuth": (over, seen.azimuth_rad.T, {"units": "rad"}),
-            "elevation": (over, seen.elevation_rad.T, {"units": "rad"}),
-        },
+    return xr.Dataset(
+        {name: (over, column.T, {"units": unit}) for name, (column, unit) in told.items()},
         coords={
             "target": ("target", list(scene.names)),
             "frame": ("frame", frames),
             "time": ("frame", times_s, {"units": "s"}),
         },
     )
-    if radar.hardware is None:
-        return known
-    noise_w = thermal_noise_w(radar) if noise_power_w is None else noise_power_w
-    with np.errstate(divide="ignore", invalid="ignore"):  # without noise it is infinite
-        snr = _echo_powers_w(scene, radar, times_s, seen) / noise_w * radar.integration_gain
-    return known.assign(snr=(over, snr.T, {"units": "1"}))
 
 
 def echo_powers_w(scene: Scene, radar: Radar, times_s: ArrayLike) -> np.ndarray:

@@ -21,6 +21,7 @@ from dechirp.experiment.scenario import Scenario, Source, check_following
 from dechirp.formats.recognise import recognised
 from dechirp.formats.recording import open as open_recording
 from dechirp.formats.settings.read import holds_settings
+from dechirp.studio.advice import advised, for_page
 from dechirp.studio.folders import DEEPEST, MOST_NAMES, is_plain, stays
 from dechirp.studio.settings import Limits, must_be_small, parsed
 
@@ -96,7 +97,7 @@ def looked_over(item: Item, settings: Item | None, limits: Limits) -> LookedOver
         n_frames = recording.n_frames
     except DechirpError as error:
         n_frames, n_inspected, found = None, 0, tuple(map(_finding, error.mistakes))
-    return LookedOver(n_frames, n_inspected, tuple(_in_names(one, limits) for one in found))
+    return LookedOver(n_frames, n_inspected, tuple(_on_page(one, limits) for one in found))
 
 
 def opened(scenario: Scenario, item: Item, settings: Item | None, limits: Limits) -> Scenario:
@@ -116,7 +117,8 @@ def opened(scenario: Scenario, item: Item, settings: Item | None, limits: Limits
     told = None if settings is None else str(_reached(settings, limits))
     source = Source(path=str(path), settings_path=told)
     made = replace(scenario, name=path.stem, scene=None, radar=None, recording=source)
-    recording = open_recording(path, radar=told)
+    with advised():
+        recording = open_recording(path, radar=told)
     try:
         check_following(made, recording.radar, recording.n_frames)
     except InvalidSetting:  # its array tells no azimuth, or it is too short
@@ -200,8 +202,9 @@ def _finding(mistake: Mistake) -> Finding:
     )
 
 
-def _in_names(finding: Finding, limits: Limits) -> Finding:
-    """The same without the paths of the folders."""
+def _on_page(finding: Finding, limits: Limits) -> Finding:
+    """The same without the paths of the folders, and with what the page has to mend it."""
+    finding = replace(finding, fix=for_page(finding.fix))
     said = {name: getattr(finding, name) for name in ("got", "need", "fix")}
     for folder in limits.folders:
         said = {name: words.replace(f"{folder}/", "") for name, words in said.items()}

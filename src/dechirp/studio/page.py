@@ -116,14 +116,15 @@ def _tell_place(browser: Browser, session: Session, *, waits: bool = False) -> N
 def _seldom(
     session: Session, show: Callable[[Moment], None], least_s: float
 ) -> Callable[[Moment], None]:
-    """Show moments; while it plays, none too soon after the last one."""
-    last_s = -least_s
+    """Show moments; while it plays, on average none sooner than that after the last one."""
+    due_s = 0.0
 
     def shown(moment: Moment) -> None:
-        nonlocal last_s
+        nonlocal due_s
         now_s = perf_counter()
-        if not session.playing or now_s - last_s >= least_s:
-            last_s = now_s
+        if not session.playing or now_s >= due_s:
+            # From when it was due: else each would wait for the first frame after its time.
+            due_s = max(due_s, now_s - least_s) + least_s
             show(moment)
 
     return shown

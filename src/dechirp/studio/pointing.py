@@ -10,7 +10,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, on_map
 from dechirp.studio.moment import Beat, Cursor, Cut
 
-_MOST_CHIRPS = 256  # averaged for the range profile: the mean is smooth to 0.3 dB by then
+_MOST_CHIRPS = 64  # averaged for the range profile: the mean is smooth to 0.5 dB by then
 
 
 def strongest(power: xr.DataArray, detections: xr.Dataset, radar: Radar) -> Cursor:

@@ -27,6 +27,7 @@ from dechirp.experiment.scenario import READERS, Scenario
 from dechirp.experiment.study.variants import must_be_apart
 from dechirp.process.chain import Chain
 from dechirp.radar.radar import Radar
+from dechirp.scene.bodies.mesh import Mesh
 from dechirp.scene.scene import Scene
 from dechirp.studio.folders import is_inside, is_plain
 
@@ -48,6 +49,8 @@ class Limits:
     """In a frame; cells of a map, too."""
     most_targets: int = 100
     most_scatterers: int = 20_000
+    most_rays: int = 20_000_000
+    """Of all meshes, for a frame from a direction of its own: some 25 s."""
     most_frames: int = 2000
     frame_s: float = 1 / 30
     """Shortest time from one frame to the next."""
@@ -115,6 +118,10 @@ def must_be_small(parts: Mapping[str, Any], limits: Limits) -> None:
             ("scene.targets", len(bodies), limits.most_targets, "targets"),
             ("scene.targets", n_scatterers, limits.most_scatterers, "scatterers"),
         ]
+        if radar is not None:
+            meshes = [body for body in bodies if isinstance(body, Mesh)]
+            n_rays = sum(mesh.n_rays(radar.frame.chirp.wavelength_m) for mesh in meshes)
+            sizes += [("scene.targets", n_rays, limits.most_rays, "rays onto meshes")]
     added = sum(
         getattr(one, field.name)
         for one in impairments

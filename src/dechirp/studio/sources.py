@@ -1,5 +1,6 @@
 """Where frames come from: a scene, or a recording; both are walked through alike."""
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from dechirp.experiment.run import opened_recording
 from dechirp.experiment.scenario import Scenario
 from dechirp.radar.radar import Radar
 from dechirp.scene.truth import truth
+from dechirp.studio.advice import advised, for_page
 from dechirp.studio.settings import Limits, must_be_small
 
 
@@ -98,10 +100,13 @@ class RecordingFrames:
     """
 
     def __init__(self, scenario: Scenario, limits: Limits) -> None:
-        self._recording = opened_recording(scenario)
+        with advised():
+            self._recording = opened_recording(scenario)
         must_be_small({"radar": self._recording.radar, "chain": scenario.chain}, limits)
         self.radar, self.n_frames = self._recording.radar, self._recording.n_frames
-        self.findings = self._recording.findings
+        self.findings = tuple(
+            replace(one, fix=for_page(one.fix)) for one in self._recording.findings
+        )
 
     def number(self, step: int) -> int:
         """Of the frame that a step shows."""

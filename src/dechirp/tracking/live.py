@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
 import xarray as xr
 
 from dechirp.core.checks import number
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.process.columns import must_be
-from dechirp.tracking.measured import Measured, measured, rows_of, usable
+from dechirp.tracking.measured import Measured, measured, rows_of
 from dechirp.tracking.start import first_states
 from dechirp.tracking.tracker import Tracker
 
@@ -82,14 +81,16 @@ class LiveTracker:
         ------
         InvalidSetting
             If the time does not go forward, or columns are missing; the tracks stay as they were.
+        NotEnoughMemory
+            If there are so many tracks and detections that their pairs would not fit.
         """
         return self.advance(self.measured(found), time_s)
 
     def measured(self, found: xr.Dataset) -> Measured:
         """What the tracker takes of a table: its usable rows, in the plane."""
-        rows = np.flatnonzero(usable(found))
+        rows_of(found)  # raises where it is no table to track
         return measured(
-            found.isel({rows_of(found): rows}),
+            found,
             target_size_m=self._tracker.target_size_m,
             velocity_span_m_per_s=self._span_m_per_s,
         )

@@ -8,6 +8,7 @@ import xarray as xr
 from dechirp.core.errors import InvalidSetting
 
 NEEDED = ("range", "velocity", "azimuth", "range_std", "velocity_std", "azimuth_std")
+_OTHERS = ("elevation", "elevation_std", "fold")
 
 
 class Measured(NamedTuple):
@@ -50,13 +51,14 @@ def rows_of(found: xr.Dataset, *also: str) -> str:
 
 
 def _is_column(found: xr.Dataset, name: str) -> bool:
-    column, axes = found[name], found["range"].dims
+    column, axes = found.variables[name], found.variables["range"].dims
     return len(axes) == 1 and column.dims == axes and column.dtype.kind in "iuf"
 
 
 def usable(found: xr.Dataset) -> np.ndarray:
     """Whether a row tells range and azimuth, with their errors, (n,)."""
-    told = [found[name].values for name in ("range", "azimuth", "range_std", "azimuth_std")]
+    wanted = ("range", "azimuth", "range_std", "azimuth_std")
+    told = [found.variables[name].values for name in wanted]
     good: np.ndarray = np.all(np.isfinite(told), axis=0)
     return good & (told[0] > 0) & (told[2] > 0) & (told[3] > 0)
 
@@ -64,30 +66,35 @@ def usable(found: xr.Dataset) -> np.ndarray:
 def measured(
     found: xr.Dataset, *, target_size_m: float, velocity_span_m_per_s: float | None
 ) -> Measured:
-    """Columns of usable detections, brought into the plane.
+    """Usable detections, brought into the plane.
 
     With an elevation e the range is R cos e, and of a target that stays at its height the rate
     divided by cos e; without one, a target is taken to be level with the radar. Rates whose `fold`
     is NaN are known up to the span of unambiguous velocity, if one is given.
     """
-    range_m, azimuth, rate = (found[name].values for name in ("range", "azimuth", "velocity"))
+    good = usable(found)
+    # Rows of arrays: those of a table of 16 columns take 0.4 ms.
+    told = {
+        name: found.variables[name].values[good] for name in (*NEEDED, *_OTHERS) if name in found
+    }
+    range_m, rate = told["range"], told["velocity"]
     elevation, elevation_std = (
-        np.nan_to_num(found[name].values) if name in found else np.zeros_like(range_m)
+        np.nan_to_num(told[name]) if name in told else np.zeros_like(range_m)
         for name in ("elevation", "elevation_std")
     )
     level, up = np.cos(elevation), np.sin(elevation)
     plane_m = range_m * level
-    range_variance = (level * found["range_std"].values) ** 2 + (range_m * up * elevation_std) ** 2
-    rate_std = found["velocity_std"].values / level
+    range_variance = (level * told["range_std"]) ** 2 + (range_m * up * elevation_std) ** 2
+    rate_std = told["velocity_std"] / level
     is_told = np.isfinite(rate) & np.isfinite(rate_std) & (rate_std > 0)
     span = np.full(range_m.shape, np.inf)
-    if velocity_span_m_per_s is not None and "fold" in found:
-        span[np.isnan(found["fold"].values)] = velocity_span_m_per_s
+    if velocity_span_m_per_s is not None and "fold" in told:
+        span[np.isnan(told["fold"])] = velocity_span_m_per_s
     return Measured(
-        seen=np.stack([azimuth, plane_m, np.where(is_told, rate / level, np.nan)], axis=-1),
+        seen=np.stack([told["azimuth"], plane_m, np.where(is_told, rate / level, np.nan)], axis=-1),
         variance=np.stack(
             [
-                found["azimuth_std"].values ** 2 + (target_size_m / plane_m) ** 2,
+                told["azimuth_std"] ** 2 + (target_size_m / plane_m) ** 2,
                 range_variance + target_size_m**2,
                 np.where(is_told, rate_std**2, np.nan),
             ],

@@ -60,6 +60,8 @@ def track(
         If times do not go forward, rows are of other frames, columns are missing, Stone Soup is
         not installed, or the settings can never confirm a track: too few frames, or false alarms
         so dense that a miss is always likelier.
+    NotEnoughMemory
+        If the tracks, or a frame's pairs of tracks and detections, would not fit.
 
     Warns
     -----

@@ -1,5 +1,6 @@
 """A surface from a file: what its parts reflect follows from rays."""
 
+import math
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -114,6 +115,15 @@ class Mesh(AspectBody):
     def n_scatterers(self) -> int:
         """How many cells hold a part of the surface."""
         return len(self._cells.center_m)
+
+    def n_rays(self, wavelength_m: float) -> int:
+        """Rays of one direction, at most: as if it were as large from all sides as across its box.
+
+        Each frame is seen from one, at its middle, and of a direction that was seen before what
+        came back is known.
+        """
+        apart_m = self.rays.spacing_m or wavelength_m / 2
+        return (math.ceil(self._file.surface.extent_m / apart_m) + 1) ** 2
 
     def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         """Middle of what each cell holds, the same at each time, (n_times, n_scatterers, 3)."""

@@ -29,11 +29,22 @@ class Field:
     """One knob: a text or a choice. Enter or leaving it applies; Escape puts back what holds.
 
     page.js answers Escape, with the text that it finds in the tags of the widget.
+
+    Parameters
+    ----------
+    entry : Entry
+        What it shows.
+    typed : function
+        Called with path and text of what is typed.
+    marked : function
+        Called when it may have become wrong, or right again.
     """
 
-    def __init__(self, entry: Entry, typed: Change) -> None:
-        self._entry, self._typed = entry, typed
-        self._asked = self._wrong = self._shown = False
+    def __init__(self, entry: Entry, typed: Change, marked: Callable[[], None]) -> None:
+        self._entry, self._typed, self._marked = entry, typed, marked
+        self._asked = self._shown = False
+        self.is_wrong = False
+        """Whether what is wrong with it stands below it."""
         self._widget: Checkbox | Select | TextInput
         if entry.is_switch:
             self._widget = Checkbox()
@@ -64,7 +75,7 @@ class Field:
     @property
     def holds(self) -> bool:
         """Whether what is in it holds."""
-        return self._shown and self.text == self._entry.text and not self._wrong
+        return self._shown and self.text == self._entry.text and not self.is_wrong
 
     def show(self, entry: Entry) -> None:
         """Show what holds; what was wrong is forgotten."""
@@ -106,10 +117,11 @@ class Field:
             self._typed(self._entry.path, text)
 
     def _mark(self, mistakes: tuple[Mistake, ...]) -> None:
-        self._wrong = bool(mistakes)
+        self.is_wrong = bool(mistakes)
         self._widget.css_classes = ["field", "wrong"] if mistakes else ["field"]
         self._words.text = "\n".join(_words(one, self._entry.path) for one in mistakes)
         self._words.visible = bool(mistakes)
+        self._marked()
 
 
 def changer(session: Session) -> Change:
@@ -144,6 +156,8 @@ class Form(Generic[T]):
         self._drafts: dict[str, str] = {}
         """Kinds by path that wait for their settings."""
         self._fields: dict[tuple[str, bool], Field] = {}
+        self.on_marks: list[Callable[[], None]] = []
+        """Called when a knob may have become wrong, or right again."""
         self._parts: list[tuple[str, object]] = []
         self._root = Column(sizing_mode="stretch_width", spacing=0)
         self.show(whole)
@@ -152,6 +166,11 @@ class Form(Generic[T]):
     def root(self) -> UIElement:
         """The knobs, one below the other."""
         return self._root
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether something that is typed in it does not hold."""
+        return any(field.is_wrong for field in self._fields.values())
 
     def show(self, whole: T) -> None:
         """Show what holds."""
@@ -176,12 +195,16 @@ class Form(Generic[T]):
         kept = {}
         for entry in found:
             key = (entry.path, bool(entry.choices))
-            kept[key] = self._fields.get(key) or Field(entry, self._typed)
+            kept[key] = self._fields.get(key) or Field(entry, self._typed, self._mark)
             kept[key].show(entry)
         self._fields = kept
         children = [field.root for field in kept.values()]
         if self._root.children != children:
             self._root.children = children
+
+    def _mark(self) -> None:
+        for heard in self.on_marks:
+            heard()
 
     def _of(self, path: str) -> Iterable[Entry]:
         """Knobs of a setting; instead of those of a member that is being left, the next one's."""

@@ -5,21 +5,22 @@ from html import escape
 
 from bokeh.models import Column, Div, Select, UIElement
 
+from dechirp.core.errors import Mistake
 from dechirp.experiment.scenario import Scenario
-from dechirp.radar.array import Array
+from dechirp.process.sources import tells_directions
 from dechirp.radar.budget import noise_power_w
-from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar as Settings
 from dechirp.report.words import number, quantity, ratio_db
+from dechirp.studio.panels.arrays import in_a_row, with_array, with_elements
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.entries import NONE, written
+from dechirp.studio.panels.entries import written
 from dechirp.studio.panels.fields import Form, changer
 from dechirp.studio.session import Session
-from dechirp.studio.settings import changed
 from dechirp.studio.theme import Theme
 
 _CHIRP = "start_frequency slope adc_start ramp_duration sample_rate n_samples sampling"
 _FRAME = "n_chirps interval period multiplexing modulation"
+_ARRAY = ("radar.array.tx", "radar.array.rx")
 _ROWS = ((1, 1), (1, 4), (1, 8), (2, 4), (3, 4), (4, 4), (2, 8))
 """Transmitters and receivers of arrays in a row, to choose from."""
 
@@ -43,25 +44,21 @@ class Radar(Panel):
                 "title": "Elements half a wavelength apart, whose transmitters take turns."
             },
         )
-        change = changer(session)
+        waveform = [f"radar.frame.chirp.{key}" for key in _CHIRP.split()]
+        waveform += [f"radar.frame.{key}" for key in _FRAME.split()]
         self._forms = [
-            Form(session.scenario, lambda _, paths=paths: paths, change)  # type: ignore[misc]
-            for paths in (
-                [f"radar.frame.chirp.{key}" for key in _CHIRP.split()]
-                + [f"radar.frame.{key}" for key in _FRAME.split()],
-                ["radar.array.tx", "radar.array.rx"],
-            )
+            Form(session.scenario, lambda _: waveform, changer(session)),
+            Form(session.scenario, lambda _: _ARRAY, self._place),
         ]
-        waveform, array = (form.root for form in self._forms)
         self._root = Column(
             name=self.name,
-            children=[self._follows, waveform, self._rows, array],
+            children=[self._follows, self._forms[0].root, self._rows, self._forms[1].root],
             sizing_mode="stretch_width",
             spacing=0,
         )
         self._rows.on_change("value", lambda attr, old, new: self._take(str(new)))
         session.on_settings.append(self._show)
-        session.on_trouble += [form.tell for form in self._forms]
+        session.on_trouble += [*(form.tell for form in self._forms), self._put_back]
         self._show(session.scenario)
 
     @property
@@ -76,35 +73,31 @@ class Radar(Panel):
         for form in self._forms:
             form.show(scenario)
         self._follows.text = _table(scenario.radar)
-        rows = "" if scenario.radar is None else _row_of(scenario.radar)
         self._rows.visible = scenario.radar is not None
-        self._rows.value = rows
+        self._rows.value = _row_of(scenario.radar)
+
+    def _put_back(self, mistakes: tuple[Mistake, ...]) -> None:
+        """Show the array that holds, where another was refused."""
+        if mistakes:
+            self._rows.value = _row_of(self.session.scenario.radar)
 
     def _take(self, text: str) -> None:
         radar = self.session.scenario.radar
         if not text or radar is None or text == _row_of(radar):
             return
         n_tx, n_rx = map(int, text.split())
-        self.session.edit(
-            "radar.array",
-            partial(changed, options=in_a_row(radar, n_tx, n_rx), limits=self.session.limits),
-        )
+        options, limits = in_a_row(radar, n_tx, n_rx), self.session.limits
+        self.session.edit("radar.array", partial(with_array, options=options, limits=limits))
+
+    def _place(self, path: str, text: str) -> None:
+        limits = self.session.limits
+        self.session.edit(path, partial(with_elements, path=path, text=text, limits=limits))
 
 
-def in_a_row(radar: Settings, n_tx: int, n_rx: int) -> tuple[str, ...]:
-    """PATH=VALUE for an array in a row, half a wavelength apart, whose transmitters take turns."""
-    apart_m = round(radar.frame.chirp.wavelength_m / 2, 6)
-    array = Array(
-        tx_m=tuple((0.0, place * n_rx * apart_m, 0.0) for place in range(n_tx)),
-        rx_m=tuple((0.0, place * apart_m, 0.0) for place in range(n_rx)),
-    )
-    turns = written(Tdm(order=tuple(range(n_tx)))) if n_tx > 1 else NONE
-    calibration = () if radar.calibration is None else (f"radar.calibration={NONE}",)
-    return (f"radar.array={written(array)}", f"radar.frame.multiplexing={turns}", *calibration)
-
-
-def _row_of(radar: Settings) -> str:
+def _row_of(radar: Settings | None) -> str:
     """Text of the choice that an array is; empty where it is none of them."""
+    if radar is None:
+        return ""
     n_tx, n_rx = len(radar.array.tx_m), radar.array.n_rx
     if (n_tx, n_rx) not in _ROWS:
         return ""
@@ -134,6 +127,8 @@ def _table(radar: Settings | None) -> str:
         ("Wavelength", quantity(chirp.wavelength_m, "m")),
         ("Sampled bandwidth", quantity(chirp.sampled_bandwidth_hz, "Hz")),
     ]
+    if not tells_directions(radar):
+        rows.append(("Directions", "none, so no tracks"))
     if radar.hardware is not None:
         noise_dbm = ratio_db(noise_power_w(radar)) + 30
         rows.append(("Noise in a sample", f"{number(noise_dbm)} dBm"))

@@ -13,15 +13,18 @@ from dechirp.core.errors import DechirpError, InvalidFile
 from dechirp.experiment.scenario import Scenario
 from dechirp.radar.derived import Derived
 from dechirp.radar.design import TYPICAL_HARDWARE, Design, design
+from dechirp.radar.hardware import Hardware
 from dechirp.radar.requirements import Requirements as Asked
 from dechirp.report.words import number, quantity
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.fields import Form
+from dechirp.studio.panels.taken import with_design
 from dechirp.studio.session import Session
 from dechirp.studio.settings import checked
 from dechirp.studio.theme import Theme
 
 _START = Asked(max_range_m=150.0, range_resolution_m=1.0, max_velocity_m_per_s=50.0)
+_OLD = "Out of date: a requirement above is wrong"
 _RULES = get_args(get_type_hints(design)["rule"])
 
 
@@ -33,6 +36,10 @@ class Requirements(Panel):
     def __init__(self, session: Session) -> None:
         super().__init__(session)
         self._asked = _START
+        self._hardware = _hardware(session.scenario)
+        self._design: Design | None = None
+        """None where the rule has none for what is asked."""
+        self._title = self._said = ""
         self._rule = Select(
             title="Rule",
             options=list(_RULES),
@@ -56,6 +63,8 @@ class Requirements(Panel):
         )
         self._rule.on_change("value", lambda attr, old, new: self._ask(self._asked))
         self._take.on_click(self._taken)
+        self._form.on_marks.append(self._show)
+        session.on_settings.append(self._settle)
         self._ask(_START)
 
     @property
@@ -76,25 +85,45 @@ class Requirements(Panel):
 
     def _ask(self, asked: Asked) -> None:
         """Answer requirements; where no chirp can be made, say why and keep the last ones."""
-        radar = self.session.scenario.radar
-        hardware = None if radar is None else radar.hardware
         try:
-            made = design(asked, rule=self._rule.value, hardware=hardware or TYPICAL_HARDWARE)
+            made = design(asked, rule=self._rule.value, hardware=self._hardware)
         except DechirpError as error:
             self._form.tell(error.mistakes)
             if asked == self._asked:  # it is the rule that was changed, and has no such chirp
-                self._answer.text = "<br>".join(escape(str(one)) for one in error.mistakes)
-                self._take.disabled = True
-            return
-        self._asked, self._design = asked, made
-        self._form.show(asked)
-        self._answer.text, self._take.disabled = _answer(made), False
+                self._design, self._title = None, "No radar"
+                self._said = "<br>".join(escape(str(one)) for one in error.mistakes)
+        else:
+            self._asked, self._design, self._said = asked, made, _answer(made)
+            self._title = "Met" if made.met else "Cannot be met: the nearest radar"
+            self._form.show(asked)
+        self._show()
+
+    def _show(self) -> None:
+        """Show the answer; while a knob is wrong it is that of other requirements."""
+        is_old = self._form.is_wrong
+        self._answer.text = f"<h3>{_OLD if is_old else self._title}</h3>{self._said}"
+        self._answer.styles = {"opacity": "0.5" if is_old else "1"}
+        self._take.disabled = is_old or self._design is None
+
+    def _settle(self, scenario: Scenario) -> None:
+        """Answer anew where the hardware has changed, which is taken with the radar."""
+        hardware = _hardware(scenario)
+        if hardware != self._hardware:
+            self._hardware = hardware
+            self._ask(self._asked)
 
     def _taken(self) -> None:
         made = self._design
-        self.session.edit(
-            "radar", lambda scenario: checked(with_design(scenario, made), self.session.limits)
-        )
+        if made is not None:
+            self.session.edit(
+                "radar",
+                lambda scenario: checked(with_design(scenario, made), self.session.limits),
+            )
+
+
+def _hardware(scenario: Scenario) -> Hardware:
+    radar = scenario.radar
+    return (None if radar is None else radar.hardware) or TYPICAL_HARDWARE
 
 
 def asked_with(asked: Asked, path: str, text: str) -> Asked:
@@ -112,34 +141,15 @@ def asked_with(asked: Asked, path: str, text: str) -> Asked:
         raise InvalidFile(*nowhere) from None
 
 
-def with_design(scenario: Scenario, made: Design) -> Scenario:
-    """A scenario with the waveform of a design, and the receivers that it had.
-
-    One transmitter sends, for several that take turns would divide the largest velocity. Frames
-    come as often as before where there is time.
-    """
-    radar = scenario.radar
-    if radar is None:
-        return replace(scenario, radar=made.radar)
-    frame, period_s = made.radar.frame, radar.frame.period_s
-    if period_s is not None and period_s >= frame.duration_s:
-        frame = replace(frame, period_s=period_s)
-    array = replace(radar.array, tx_m=radar.array.tx_m[:1])
-    chain = replace(scenario.chain, n_range_bins=None, n_velocity_bins=None)
-    taken = replace(made.radar, frame=frame, array=array)
-    return replace(scenario, radar=taken, chain=chain)
-
-
 def _answer(made: Design) -> str:
     """The numbers of a design with their formulas, after what it cannot do."""
-    title = "Met" if made.met else "Cannot be met: the nearest radar"
     findings = "".join(f"<p class='finding'>{escape(str(one))}</p>" for one in made.findings)
     rows = "".join(
         f"<tr title='{escape(one.uses)}'><td>{escape(one.name.replace('_', ' '))}</td>"
         f"<td>{escape(_with_unit(one))}</td><td>{escape(one.formula)}</td></tr>"
         for one in made.derived
     )
-    return f"<h3>{title}</h3>{findings}<table class='follows' aria-label='Design'>{rows}</table>"
+    return f"{findings}<table class='follows' aria-label='Design'>{rows}</table>"
 
 
 def _with_unit(one: Derived) -> str:

@@ -16,8 +16,7 @@ class View(ABC):
     name: ClassVar[str]
     """Its place in page.html."""
     least_s: ClassVar[float] = 0.0
-    """Shortest time between two shows while it plays: of frames that come 20 or 30 a second,
-    0.14 makes 5 for what is read, not watched."""
+    """Time between two shows while it plays: 0.19 makes 5 a second, for what is read."""
 
     def __init__(self, session: Session) -> None:
         self.session = session

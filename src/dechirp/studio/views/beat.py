@@ -12,6 +12,7 @@ from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
 from dechirp.studio.views.drawing import Drawing
+from dechirp.studio.views.drawn import SELDOM
 from dechirp.studio.views.places import true_on_map
 from dechirp.studio.views.steady import floor_db, steady_db, steady_top
 from dechirp.studio.views.switched import Switched, coloured
@@ -24,7 +25,7 @@ class Beat(View):
     """Samples over time, or their spectrum over frequency and range; a tap points at a range."""
 
     name = "beat"
-    least_s = 0.16
+    least_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
@@ -48,6 +49,7 @@ class Beat(View):
         self.spectrum.figure.add_layout(
             LinearAxis(
                 x_range_name="metres",
+                level=SELDOM,
                 formatter=PrintfTickFormatter(format="%g m"),
                 major_label_text_font_size="10px",
             ),

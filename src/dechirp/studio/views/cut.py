@@ -28,7 +28,7 @@ class Cut(View):
     """The cell at the cursor, those that tell its noise, and what it has to exceed."""
 
     name = "cut"
-    least_s = 0.16
+    least_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)

@@ -33,7 +33,7 @@ class Detections(View):
     """Estimates with standard errors, and whose they are; a row that is picked moves the cursor."""
 
     name = "detections"
-    least_s = 0.14
+    least_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)

@@ -8,6 +8,8 @@ from dechirp.studio.theme import Theme
 
 SPAN_DB = 60.0
 """The widest of a map, from the strongest cell down."""
+SELDOM = "overlay"
+"""Level of what is painted when it changes: words take longer than maps, 20 times a second."""
 
 
 def plain_figure(*, title: str, x: str, y: str) -> figure:
@@ -25,7 +27,9 @@ def plain_figure(*, title: str, x: str, y: str) -> figure:
     # Where a tile ends between two pixels the browser shows what is behind it, else white.
     made.styles = {"background": "var(--tile)"}
     made.title.text_font_size = "12px"
+    made.title.level = SELDOM
     for axis in made.axis:
+        axis.level = SELDOM
         axis.axis_label_text_font_size = "11px"
         axis.axis_label_text_font_style = "normal"
         axis.major_label_text_font_size = "10px"
@@ -36,6 +40,7 @@ def second_line(made: figure) -> Title:
     """A smaller line under the title of a figure: what its marks mean, and lesser numbers."""
     # Its room is what its first words need: figures are not laid out again for others.
     line = Title(text="The first frame is under way.", standoff=5)
+    line.level = SELDOM
     line.text_font_size, line.text_font_style = "10px", "normal"
     # Both begin above the labels of the axis, not above the frame: small tiles need the room.
     made.title.offset = line.offset = -36

@@ -9,7 +9,7 @@ from dechirp.report.figures.birds_eye import round_down
 from dechirp.report.words import number
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.drawn import joined, plain_figure, second_line, wear
-from dechirp.studio.views.names import beside
+from dechirp.studio.views.names import Box, beside, in_middle
 
 _MOST_NAMES = 12
 _CENTRED = {"align": "center", "away": 0, "down": 0}  # a text, and pixels from its place
@@ -27,6 +27,8 @@ class Ground:
         self.note = second_line(self.figure)
         self.reach_m = 0.0
         """How far ahead it shows."""
+        self._words: Sequence[Box] = ()
+        """Where rings are named."""
         self._corners = self._marks("circle", size=0)
         # Both axes in one scale: the browser widens the one that has room.
         self.figure.x_range, self.figure.y_range = (
@@ -67,7 +69,9 @@ class Ground:
         put(self._rings, joined([arc_m(one, np.pi) for one in radii_m]))
         named_m = radii_m[radii_m * np.cos(_ASIDE_RAD) < 0.95 * reach_m]
         at_m = named_m[:, None] * (-np.sin(_ASIDE_RAD), np.cos(_ASIDE_RAD))
-        write(self._ring_names, at_m, [f"{number(one)} m" for one in named_m])
+        names = [f"{number(one)} m" for one in named_m]
+        write(self._ring_names, at_m, names)
+        self._words = in_middle(at_m / reach_m, names)
         origin = np.zeros((1, 2))
         put(self._view, np.concatenate([origin, arc_m(1.5 * reach_m, half_rad), origin]))
 
@@ -75,7 +79,7 @@ class Ground:
         """Draw targets with arrows to the ends of their ways; of many without names."""
         put(self.targets, places_m)
         named, at_m = names[:_MOST_NAMES], places_m[:_MOST_NAMES]
-        write(self._names, at_m, named, **beside(at_m / self.reach_m, named))
+        write(self._names, at_m, named, **beside(at_m / self.reach_m, named, self._words))
         moves = np.any(places_m != ends_m, axis=1)
         self._arrows.source.data = {
             **_columns(places_m[moves]),

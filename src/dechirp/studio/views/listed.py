@@ -55,10 +55,11 @@ class Listed:
         self._on_pick = on_pick
         self._cursors: Sequence[Cursor] = ()
         self._marked: list[int] = []
-        self._n_shown = 0
         self.source = ColumnDataSource({key: [] for key in heads})
         self.source.selected.on_change("indices", self._pick)
-        self.title = Div(text="", margin=(3, 8, 1, 8), sizing_mode="stretch_width")
+        self.title = Div(
+            text="", margin=(3, 8, 1, 8), sizing_mode="stretch_width", css_classes=["line"]
+        )
         css = resources.files("dechirp.studio.views").joinpath("table.css").read_text("utf-8")
         self.table = DataTable(
             source=self.source,
@@ -87,9 +88,6 @@ class Listed:
         self._cursors = cursors[:MOST_ROWS]
         self._marked = [] if marked is None or marked >= MOST_ROWS else [marked]
         self.source.data = {key: of[:MOST_ROWS] for key, of in columns.items()}
-        # Bokeh's table does not draw as many other rows again unless its view has changed.
-        self._n_shown += 1
-        self.table.view.tags = [self._n_shown]
         self.source.selected.indices = self._marked
 
     def show_columns(self, shown: Mapping[str, bool]) -> None:

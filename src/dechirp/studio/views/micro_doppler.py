@@ -14,7 +14,7 @@ class MicroDoppler(MapView):
     """A column of velocities for each moment since the last rewind; a tap points at a velocity."""
 
     name = "micro_doppler"
-    least_s = 0.14
+    least_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(

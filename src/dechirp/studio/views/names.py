@@ -13,7 +13,18 @@ Box = tuple[float, float, float, float]
 """Right, left, bottom, top."""
 
 
-def beside(places: np.ndarray, names: Sequence[str]) -> dict[str, Sequence[object]]:
+def in_middle(places: np.ndarray, names: Sequence[str]) -> list[Box]:
+    """What names take that stand in the middle of their places, as for `beside`."""
+    halves = [len(name) * _LETTER / 2 for name in names]
+    return [
+        (x - half, x + half, y - _LINE / 2, y + _LINE / 2)
+        for (x, y), half in zip(places.astype(float), halves, strict=True)
+    ]
+
+
+def beside(
+    places: np.ndarray, names: Sequence[str], free: Sequence[Box] = ()
+) -> dict[str, Sequence[object]]:
     """Columns of texts: how they are aligned, and how many pixels to the right and down they are.
 
     Each name is on that side of its place that is not the middle's; where that hides another name
@@ -25,9 +36,12 @@ def beside(places: np.ndarray, names: Sequence[str]) -> dict[str, Sequence[objec
         (n, 2), to the left and forward, as parts of the picture's height.
     names : sequence of str
         What stands there.
+    free : sequence of Box
+        Where other words stand already.
     """
     taken: list[Box] = [
-        (x - _MARK, x + _MARK, y - _MARK, y + _MARK) for x, y in places.astype(float)
+        *free,
+        *((x - _MARK, x + _MARK, y - _MARK, y + _MARK) for x, y in places.astype(float)),
     ]
     chosen: list[tuple[int, int]] = []
     for (x, y), name in zip(places.astype(float), names, strict=True):

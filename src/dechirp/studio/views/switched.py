@@ -15,7 +15,13 @@ class Switched:
     ) -> None:
         self._figures, self._on_switch = figures, on_switch
         self.title, self.note = (
-            Div(text="", sizing_mode="stretch_width", margin=0, styles={"padding": padding})
+            Div(
+                text="",
+                sizing_mode="stretch_width",
+                margin=0,
+                styles={"padding": padding},
+                css_classes=["line"],
+            )
             for padding in ("6px 0 0 8px", "0 0 0 8px")
         )
         self.note.styles = {**self.note.styles, "font-size": "10px", "color": "var(--muted)"}

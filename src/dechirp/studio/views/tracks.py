@@ -35,7 +35,7 @@ class Tracks(View):
     """States with standard errors, confirmed ones first; a row that is picked moves the cursor."""
 
     name = "tracks"
-    least_s = 0.14
+    least_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
@@ -64,7 +64,7 @@ class Tracks(View):
 
     def _said(self, tracks: Sequence[Track]) -> str:
         if self.session.scenario.tracker is None:
-            return "No tracks: the settings have no tracker"
+            return "No tracks: the settings have no tracker (Processing)"
         n_confirmed = sum(one.status == "confirmed" for one in tracks)
         n_tentative = len(tracks) - n_confirmed
         said = f"{counted(n_confirmed, 'track')} confirmed, {n_tentative} tentative"
