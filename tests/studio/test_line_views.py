@@ -308,7 +308,7 @@ def test_a_row_that_is_picked_moves_the_cursor_to_its_peak_on_the_map():
     view.listed.source.selected.indices = [row]
 
     cursor = view.session.cursor
-    car = moment.truth.sel(target="car")
+    car = moment.truth.sel(target="car").squeeze()
     seen = on_map(folded(Place(car.range.values, car.velocity.values), moment.radar), moment.radar)
     assert cursor.range_m == pytest.approx(float(seen.range_m), abs=0.5)
     assert cursor.velocity_m_per_s == pytest.approx(float(seen.velocity_m_per_s), abs=0.3)

@@ -41,7 +41,7 @@ class Page:
         self.session.on_trouble.append(self.told.append)
         self.session.on_settings.append(self.taken.append)
         if draws:
-            self.session.on_moment.append(lambda _: self.session.drawn_soon())
+            self.session.on_moment.append(lambda _: self.session.drawn_soon(len(self.shown)))
 
     async def until(self, holds: Callable[[], bool]) -> None:
         async with asyncio.timeout(60):
@@ -58,7 +58,7 @@ def lived(monkeypatch):
         async def whole() -> None:
             loop = asyncio.get_running_loop()
             monkeypatch.setattr(
-                Session, "drawn_soon", lambda self: loop.call_soon(self.drawn), raising=False
+                Session, "drawn_soon", lambda self, n: loop.call_soon(self.drawn, n), raising=False
             )
             with ThreadPoolExecutor(1) as worker:
                 page = Page(worker, draws=draws)
@@ -127,14 +127,16 @@ def test_when_it_pauses_no_other_step_comes(lived):
     lived(life)
 
 
-def test_a_browser_that_draws_nothing_has_two_moments_at_most(lived):
+def test_a_browser_that_draws_nothing_has_three_moments_at_most(lived):
     async def life(page: Page) -> None:
         page.session.play(True)
-        await page.until(lambda: len(page.shown) == 2)
-        await asyncio.sleep(0.1)
-        assert len(page.shown) == 2
-        page.session.drawn()
         await page.until(lambda: len(page.shown) == 3)
+        await asyncio.sleep(0.1)
+        assert len(page.shown) == 3
+        page.session.drawn(1)
+        await page.until(lambda: len(page.shown) == 4)
+        await asyncio.sleep(0.1)
+        assert len(page.shown) == 4
 
     lived(life, draws=False)
 

@@ -79,13 +79,22 @@ class Matcher:
 
     def __call__(self, columns: Mapping[str, np.ndarray]) -> Match:
         """Match the columns of `process.detect.detect`, each (n_detections,)."""
-        found = _Columns(*(_column(columns, name) for name in _Columns._fields))
+        found = _columns(columns)
         at = self._places_of(found.frame)
+        target = self._nearest(found, at)
+        return Match(target, *self._errors(found, target, at))
+
+    def targets(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """`Match.target` by itself: how far off they are takes as long again."""
+        found = _columns(columns)
+        return self._nearest(found, self._places_of(found.frame))
+
+    def _nearest(self, found: "_Columns", at: np.ndarray) -> np.ndarray:
         target = np.full(len(at), -1)
         for frame in np.unique(at).tolist():
             own = slice(None) if len(self._numbers) == 1 else at == frame
             target[own] = self._frame(frame).nearest(_Columns(*(each[own] for each in found)))
-        return Match(target, *self._errors(found, target, at))
+        return target
 
     def _errors(self, found: "_Columns", target: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Of all four axes, (4, n), NaN where there is no place to be off from."""
@@ -276,8 +285,7 @@ def visible(scene: Scene, time_s: float, radar: Radar) -> np.ndarray:
     return rcs_m2 > _HIDDEN * strongest_m2[scene.owners]
 
 
-def _column(columns: Mapping[str, np.ndarray], name: str) -> np.ndarray:
-    """A column of detections, NaN where there is none."""
-    if name in columns:
-        return np.asarray(columns[name])
-    return np.full(len(columns["range"]), np.nan)
+def _columns(columns: Mapping[str, np.ndarray]) -> _Columns:
+    """Columns of detections, NaN where there is none."""
+    none = np.full(len(columns["range"]), np.nan)
+    return _Columns(*(np.asarray(columns.get(name, none)) for name in _Columns._fields))

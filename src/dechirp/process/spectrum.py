@@ -113,18 +113,21 @@ def range_profiles(cube: xr.DataArray, chirp: Chirp, transform: Transform) -> xr
 
     |.|^2 of a tone on a bin is its mean power, for complex and for real samples.
     """
-    weights = amplitude_weights(transform, chirp.sampling)
     array = cube.transpose(..., "sample")
-    tapered = array.values * weights
-    if chirp.sampling == "complex":
-        profiles = scipy.fft.fft(tapered, transform.n_bins, axis=-1)
-    else:
-        profiles = scipy.fft.rfft(tapered, transform.n_bins, axis=-1)
+    profiles = over_range(array.values, chirp.sampling, transform)
     coords = {name: c for name, c in array.coords.items() if "sample" not in c.dims}
     coords["range"] = axis("range", chirp.range_bins_m(transform.n_bins))
     return xr.DataArray(
         profiles, dims=(*array.dims[:-1], "range"), coords=coords, attrs=dict(cube.attrs)
     )
+
+
+def over_range(samples: np.ndarray, sampling: Sampling, transform: Transform) -> np.ndarray:
+    """`range_profiles` of an array without labels, (..., sample) to (..., range)."""
+    tapered = samples * amplitude_weights(transform, sampling)
+    if sampling == "complex":
+        return np.asarray(scipy.fft.fft(tapered, transform.n_bins, axis=-1))
+    return np.asarray(scipy.fft.rfft(tapered, transform.n_bins, axis=-1))
 
 
 def range_doppler(

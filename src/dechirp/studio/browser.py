@@ -10,7 +10,7 @@ class Browser(DataModel):
     """Counters and a switch that both sides hold."""
 
     shown = Int(0)
-    """Moments sent. The browser answers each when it has drawn it."""
+    """Moments sent. The browser answers every second one when it has drawn it."""
     place = String("")
     """Which frame it was and whether one is computed, as the page says it.
 

@@ -80,7 +80,7 @@ class Moment:
     tracks: tuple[Track, ...]
     """Told from the last rewind or jump on; none where nobody asked for them."""
     truth: xr.Dataset | None
-    """Over `target`, of this frame; None for a recording."""
+    """Over `target` and `frame`, of this one alone; None for a recording."""
     findings: tuple[Finding, ...]
     """On the settings or the recording, and on this frame."""
     took_s: float

@@ -84,7 +84,7 @@ def page(document: Document, *, worker: Executor, scenario: Scenario, limits: Li
         for part in parts:
             part.wear(DARK if dark else LIGHT)
 
-    browser.on_change("drawn", lambda attr, old, new: session.drawn())
+    browser.on_change("drawn", lambda attr, old, new: session.drawn(new))
     browser.on_change("play_keys", lambda attr, old, new: session.play(not session.playing))
     browser.on_change("step_keys", lambda attr, old, new: session.go(session.step + 1))
     browser.on_change("free_keys", lambda attr, old, new: session.point(None))

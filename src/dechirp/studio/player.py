@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from time import perf_counter
 
 import numpy as np
@@ -188,20 +189,19 @@ class _Made:
         of_frame = radar.at(number)
         if radar.frame.falls:  # a map of each side, where one of both is shown
             return found, power_map(samples, of_frame, self.chain)
-        return found, _labelled(maps[0], of_frame, self.chain, cube.attrs["units"])
+        return found, _labels(of_frame, self.chain, cube.attrs["units"]).copy(
+            deep=False, data=maps[0]
+        )
 
 
-def _labelled(power: np.ndarray, radar: Radar, chain: Chain, units: str) -> xr.DataArray:
-    n_velocities, n_ranges = (
-        chain.over_velocity(radar.frame).n_bins,
-        chain.over_range(radar.frame.chirp).n_bins,
-    )
+@lru_cache(maxsize=8)  # 0.7 ms
+def _labels(radar: Radar, chain: Chain, units: str) -> xr.DataArray:
+    """A map without power."""
+    velocity_m_per_s = radar.frame.velocity_bins_m_per_s(chain.over_velocity(radar.frame).n_bins)
+    range_m = radar.frame.chirp.range_bins_m(chain.over_range(radar.frame.chirp).n_bins)
     return xr.DataArray(
-        power,
+        np.zeros((velocity_m_per_s.size, range_m.size), np.float32),
         dims=("velocity", "range"),
-        coords={
-            "velocity": axis("velocity", radar.frame.velocity_bins_m_per_s(n_velocities)),
-            "range": axis("range", radar.frame.chirp.range_bins_m(n_ranges)),
-        },
+        coords={"velocity": axis("velocity", velocity_m_per_s), "range": axis("range", range_m)},
         attrs={"units": "W" if units == "sqrt(W)" else "full scale squared", "long_name": "power"},
     )

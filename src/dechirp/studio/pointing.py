@@ -5,7 +5,7 @@ import xarray as xr
 
 from dechirp.process.chain import Chain
 from dechirp.process.maps import threshold_through
-from dechirp.process.spectrum import range_profiles
+from dechirp.process.spectrum import over_range
 from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, on_map
 from dechirp.studio.moment import Beat, Cursor, Cut
@@ -53,14 +53,14 @@ def cuts(power: xr.DataArray, radar: Radar, chain: Chain, cell: tuple[int, int])
 
 def beat(cube: xr.DataArray, radar: Radar, chain: Chain) -> Beat:
     """What the first receiver hears in one frame, (chirp, rx, sample)."""
-    heard = cube.isel(rx=0, chirp=slice(_MOST_CHIRPS)).transpose("chirp", "sample")
+    heard = cube.transpose("rx", "chirp", "sample").values[0, :_MOST_CHIRPS]
     chirp = radar.frame.chirp
-    profiles = range_profiles(heard, chirp, chain.over_range(chirp))
-    power = abs(profiles.values) ** 2
+    transform = chain.over_range(chirp)
+    power = abs(over_range(heard, chirp.sampling, transform)) ** 2
     return Beat(
-        time_s=heard["sample"].values,
-        samples=heard.values[0],
-        range_m=profiles.range.values,
+        time_s=cube["sample"].values,
+        samples=heard[0],
+        range_m=chirp.range_bins_m(transform.n_bins),
         power=power[0],
         profile=power.mean(axis=0),
     )

@@ -1,9 +1,9 @@
 """What one page does: it holds settings and a place in time, and asks for the next moment.
 
 Widgets live on the loop of the server; settings are read and moments made by one worker for all
-pages, so that the loop is never held. A browser has two moments at most that it has not drawn yet:
-one that it draws, and one that is on its way. So a slow one gets fewer frames, never a queue of old
-ones, and a fast one need not wait for the next.
+pages, so that the loop is never held. A browser has three moments at most that it has not told to
+have drawn: it tells of every second one, draws one, and one is on its way. So a slow one gets fewer
+frames, never a queue of old ones, and a fast one need not wait for the next.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ Edit = Callable[[Scenario], Scenario]
 
 DRAWN_WITHIN_S = 2.0
 """A browser that has not said by then that it drew a frame is sent the next one all the same."""
-_MOST_UNDRAWN = 2
+_MOST_UNDRAWN = 3
 _LONG_S = 0.3
 """Who waits so long for an answer wonders whether there will be one."""
 
@@ -69,7 +69,7 @@ class Session:
         self._worker, self._player = worker, Player(scenario, limits)
         self._edits: dict[str, Edit] = {}
         self._asked, self._drawn = asyncio.Event(), asyncio.Event()
-        self._n_undrawn = 0
+        self._n_shown = self._n_drawn = 0
         self._running: asyncio.Task[None] | None = None
         self._ahead: _Begun | None = None
 
@@ -104,9 +104,9 @@ class Session:
         self.cursor = cursor
         self._asked.set()
 
-    def drawn(self) -> None:
-        """Hear from the browser that it drew the first of the moments that it has."""
-        self._n_undrawn = max(0, self._n_undrawn - 1)
+    def drawn(self, n_moments: int) -> None:
+        """Hear from the browser how many of the moments that it got it has drawn."""
+        self._n_drawn = n_moments
         self._drawn.set()
 
     # Its life.
@@ -156,16 +156,16 @@ class Session:
             self._ahead = self._look(self.step + 1)
         await self._room()
         await self.in_document(partial(self._show, moment, wrong))
-        self._n_undrawn += 1
+        self._n_shown += 1
 
     async def _room(self) -> None:
         """Wait until the browser takes another moment."""
-        while self._n_undrawn >= _MOST_UNDRAWN:
+        while self._n_shown - self._n_drawn >= _MOST_UNDRAWN:
             self._drawn.clear()
             try:
                 await asyncio.wait_for(self._drawn.wait(), DRAWN_WITHIN_S)
             except TimeoutError:
-                self._n_undrawn = 0
+                self._n_drawn = self._n_shown
 
     async def _made(self, step: int) -> Moment:
         """The moment of a step, which may have been begun already."""

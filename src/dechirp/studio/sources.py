@@ -45,7 +45,7 @@ class Frames(Protocol):
         ...
 
     def truth(self, step: int) -> xr.Dataset | None:
-        """Truth about that frame, over `target`; None where nobody knows it."""
+        """Truth about that frame alone, over `target` and `frame`; None where nobody knows it."""
         ...
 
 
@@ -87,10 +87,9 @@ class SceneFrames:
         return self._frames.cube(self.number(step), np.random.default_rng(seed))
 
     def truth(self, step: int) -> xr.Dataset:
-        """Truth about that frame, over `target`."""
+        """Truth about that frame, over `target` and `frame`."""
         number = self.number(step)
-        known = truth(self._scene, self.radar, first=number, noise_power_w=self._noise_w)
-        return known.isel(frame=0)
+        return truth(self._scene, self.radar, first=number, noise_power_w=self._noise_w)
 
 
 class RecordingFrames:

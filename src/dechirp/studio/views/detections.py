@@ -4,7 +4,7 @@ import numpy as np
 from bokeh.models import UIElement
 
 from dechirp.core.units import decibels
-from dechirp.evaluate.match import match
+from dechirp.evaluate.match import Matcher
 from dechirp.report.words import NONE
 from dechirp.studio.moment import Cursor, Moment
 from dechirp.studio.session import Session
@@ -68,8 +68,8 @@ class Detections(View):
         order = _strongest_first(moment)
         if truth is None or scenario.radar is None:
             return np.full(order.size, NONE, dtype=object)
-        of_frame = truth.expand_dims("frame").assign_coords(time=("frame", [float(truth.time)]))
-        target = match(moment.detections, of_frame, scenario.radar, scenario.scene).target[order]
+        columns = {str(name): column.values for name, column in moment.detections.items()}
+        target = Matcher(truth, scenario.radar, scenario.scene).targets(columns)[order]
         names = np.array([*truth.target.values.tolist(), _NO_TARGET], dtype=object)
         return np.asarray(names[target])
 

@@ -77,9 +77,11 @@ def levels(power: np.ndarray, top: float, span_db: float = SPAN_DB) -> np.ndarra
     No power at all is 0, infinite power 255; what is no number is 0 too.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        below_db = 10 * np.log10(np.asarray(power, np.float32) / np.float32(top))
-    shown = np.clip(255 * (1 + below_db / span_db), 0, 255)
-    return np.nan_to_num(shown, copy=False, nan=0.0).astype(np.uint8)
+        shown = np.log10(np.asarray(power, np.float32) / np.float32(top))
+        shown *= 10 * 255 / span_db
+        shown += 255
+    np.fmax(shown, 0, out=shown)  # of zero and what is no number, zero
+    return np.minimum(shown, 255, out=shown).astype(np.uint8)
 
 
 def joined(lines: list[np.ndarray]) -> np.ndarray:

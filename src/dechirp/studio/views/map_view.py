@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from collections.abc import Iterator
 
 import numpy as np
 from bokeh.events import DoubleTap, Pan, PointEvent, Tap
@@ -9,6 +10,7 @@ from bokeh.models import (
     BasicTicker,
     ColorBar,
     ColumnDataSource,
+    GlyphRenderer,
     LinearColorMapper,
     Range1d,
     Span,
@@ -45,9 +47,7 @@ class MapView(View):
         self.figure.x_range, self.figure.y_range = Range1d(0, 1), Range1d(0, 1)
         self.note = second_line(self.figure)
         self.image = ColumnDataSource({"image": [np.zeros((1, 1), np.uint8)]})
-        self.found, self.truth = (
-            ColumnDataSource({"x": [], "y": [], "size": []}) for _ in range(2)
-        )
+        self.found, self.truth = (ColumnDataSource({"x": [], "y": []}) for _ in range(2))
         # What is sent are levels; the bar tells the powers that they stand for.
         self._of_levels = LinearColorMapper(low=0, high=255)
         self._of_powers = LinearColorMapper(low=-100 - SPAN_DB, high=-100)
@@ -56,7 +56,7 @@ class MapView(View):
         ).glyph
         self._bar = _bar(self._of_powers)
         self.figure.add_layout(self._bar, "right")
-        self._mark()
+        self._marks = list(self._drawn_marks())
         self._upright, self._level = (
             Span(dimension=way, line_color=_LIGHT, line_dash=[3, 3], line_alpha=0.8)
             for way in ("height", "width")
@@ -115,8 +115,11 @@ class MapView(View):
     def mark(self, source: ColumnDataSource, x: np.ndarray, y: np.ndarray) -> None:
         """Set the places of rings or crosses; of many the first."""
         shown = np.flatnonzero(np.isfinite(x) & np.isfinite(y))[:_MOST_MARKS]
+        source.data = {"x": x[shown], "y": y[shown]}
         size = _SIZE if len(shown) <= _FEW_MARKS else _SIZE / 2
-        source.data = {"x": x[shown], "y": y[shown], "size": np.full(len(shown), size)}
+        for marks in self._marks:
+            if marks.data_source is source and marks.glyph.size != size:
+                marks.glyph.size = size
 
     def point(self, x: float | None, y: float | None) -> None:
         """Draw the lines of the cursor."""
@@ -132,15 +135,15 @@ class MapView(View):
         ]
         return "   ".join(words)
 
-    def _mark(self) -> None:
+    def _drawn_marks(self) -> Iterator[GlyphRenderer]:
         for color, width in ((_RIM, 3.2), (_LIGHT, 1.4)):
             for source, marker in ((self.truth, "cross"), (self.found, "circle")):
-                self.figure.scatter(
+                yield self.figure.scatter(
                     "x",
                     "y",
                     source=source,
                     marker=marker,
-                    size="size",
+                    size=_SIZE,
                     fill_color=None,
                     line_color=color,
                     line_width=width,
