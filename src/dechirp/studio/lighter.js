@@ -5,6 +5,8 @@
 // as they were, no colour of these pages is in a variable of Bokeh's, and letters keep their size.
 // Nothing on a page asks where marks lie.
 //
+// All that is drawn is made ready five times, also as it would look if it were selected.
+//
 // Rows of a table are drawn five times for each change, and its columns fitted to its width: 15 ms.
 // For other words in a line, 4 ms each, the whole tile is laid out.
 
@@ -53,7 +55,11 @@ function lighten() {
     change(view.position, "_update", ifChanged);
     for (const visual of view.visuals ?? []) change(visual, "_get_css_value", nothing);
     if (view.model.type === "Figure") change(view, "base_font_size", once);
-    if (view.model.type === "GlyphRenderer") view.update_position = () => {};
+    if (view.model.type === "GlyphRenderer") {
+      view.update_position = () => {};
+      for (const kind of ["decimated", "selection", "nonselection", "muted"])
+        Object.assign(view[`${kind}_glyph`], { set_data() {}, set_visuals() {}, map_data() {} });
+    }
     if (view.model.type === "DataTable") {
       change(view, "updateGrid", onceAFrame);
       change(view, "updateLayout", ifResized);

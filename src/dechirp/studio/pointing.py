@@ -17,7 +17,8 @@ def strongest(power: xr.DataArray, detections: xr.Dataset, radar: Radar) -> Curs
     """The cell of a map with the strongest detection; without any, the strongest cell."""
     rows, columns = slice(None), slice(None)
     if detections.sizes["detection"]:
-        snr, range_m, velocity = (detections[n].values for n in ("snr", "range", "velocity"))
+        found = detections.variables
+        snr, range_m, velocity = (found[n].values for n in ("snr", "range", "velocity"))
         first = slice(int(snr.argmax()), None)
         place = on_map(Place(range_m[first][:1], velocity[first][:1]), radar)
         row, column = cell_of(power, Cursor(*(float(at[0]) for at in place)))

@@ -105,8 +105,13 @@ class Listed:
 def at_cursor(places: Place, moment: Moment) -> int | None:
     """Which of places on the map is within a cell of the cursor: the nearest, if any is."""
     off = [
-        abs(place - at) / cell_of(moment.power[name].values)
-        for name, place, at in zip(("range", "velocity"), places, moment.cursor, strict=True)
+        abs(place - at) / cell_of(cells)
+        for cells, place, at in zip(
+            (moment.cut_over_range.at, moment.cut_over_velocity.at),
+            places,
+            moment.cursor,
+            strict=True,
+        )
     ]
     farthest = np.fmax(*off)  # one chirp tells no velocity
     if not np.any(farthest <= 1):

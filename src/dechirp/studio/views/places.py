@@ -1,4 +1,7 @@
-"""Where things lie on the maps of a moment, strongest first, and how many there are in words."""
+"""Where things lie on the maps of a moment, strongest first, and how many there are in words.
+
+Columns are taken as variables: with labels each takes 40 us, twenty times a frame.
+"""
 
 from functools import lru_cache
 
@@ -12,10 +15,10 @@ from dechirp.studio.moment import Moment
 @lru_cache(maxsize=4)  # each is asked for by several views: 0.1 ms
 def found_on_map(moment: Moment) -> tuple[Place, np.ndarray]:
     """Detections, where their peaks lie, and their azimuths (rad), NaN where not told."""
-    found = moment.detections
-    order = np.argsort(-found.snr.values, kind="stable")
-    place = Place(found.range.values[order], found.velocity.values[order])
-    return on_map(place, moment.radar), found.azimuth.values[order]
+    found = moment.detections.variables
+    order = np.argsort(-found["snr"].values, kind="stable")
+    place = Place(found["range"].values[order], found["velocity"].values[order])
+    return on_map(place, moment.radar), found["azimuth"].values[order]
 
 
 @lru_cache(maxsize=4)
@@ -23,33 +26,33 @@ def true_on_map(moment: Moment) -> tuple[Place, np.ndarray]:
     """Targets as a perfect detector sees them, folded, and their azimuths; none of a recording."""
     if moment.truth is None:
         return Place(np.empty(0), np.empty(0)), np.empty(0)
-    truth = moment.truth
-    there = Place(truth.range.values.ravel(), truth.velocity.values.ravel())
+    truth = moment.truth.variables
+    there = Place(truth["range"].values.ravel(), truth["velocity"].values.ravel())
     seen = on_map(folded(there, moment.radar), moment.radar)
-    return seen, truth.azimuth.values.ravel()
+    return seen, truth["azimuth"].values.ravel()
 
 
 def with_directions(moment: Moment) -> Seen:
     """Detections that tell an azimuth, strongest first."""
-    found = moment.detections
-    order = np.argsort(-found.snr.values, kind="stable")
-    told = order[np.isfinite(found.azimuth.values[order])]
+    found = moment.detections.variables
+    order = np.argsort(-found["snr"].values, kind="stable")
+    told = order[np.isfinite(found["azimuth"].values[order])]
     return Seen(
-        range_m=found.range.values[told],
-        azimuth_rad=found.azimuth.values[told],
-        elevation_rad=np.nan_to_num(found.elevation.values[told]),
-        range_std_m=found.range_std.values[told],
-        azimuth_std_rad=found.azimuth_std.values[told],
-        is_sure=np.isfinite(found.fold.values[told]),
+        range_m=found["range"].values[told],
+        azimuth_rad=found["azimuth"].values[told],
+        elevation_rad=np.nan_to_num(found["elevation"].values[told]),
+        range_std_m=found["range_std"].values[told],
+        azimuth_std_rad=found["azimuth_std"].values[told],
+        is_sure=np.isfinite(found["fold"].values[told]),
         field_of_view_rad=moment.chain.field_of_view.azimuth_rad,
     )
 
 
 def ranges_alone(moment: Moment) -> np.ndarray:
     """Ranges of the detections that tell no azimuth, strongest first."""
-    found = moment.detections
-    order = np.argsort(-found.snr.values, kind="stable")
-    return found.range.values[order[np.isnan(found.azimuth.values[order])]]
+    found = moment.detections.variables
+    order = np.argsort(-found["snr"].values, kind="stable")
+    return found["range"].values[order[np.isnan(found["azimuth"].values[order])]]
 
 
 def counted(n: int, thing: str) -> str:

@@ -19,7 +19,7 @@ class RangeDoppler(MapView):
 
     def show(self, moment: Moment) -> None:
         """Show a moment."""
-        range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
+        range_m, velocity_m_per_s = moment.cut_over_range.at, moment.cut_over_velocity.at
         self.put(edges(range_m), edges(velocity_m_per_s))
         self.draw(moment.power.values, units=str(moment.samples.attrs.get("units", "")))
         found, _ = found_on_map(moment)
@@ -30,7 +30,7 @@ class RangeDoppler(MapView):
 
     def tell(self, moment: Moment) -> None:
         """Put into words what is seen."""
-        range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
+        range_m, velocity_m_per_s = moment.cut_over_range.at, moment.cut_over_velocity.at
         n_found = moment.detections.sizes["detection"]
         self.figure.title.text = f"Range-Doppler map: {counted(n_found, 'detection')}"
         cell = f"{number(cell_of(range_m), 2)} m {TIMES} {number(cell_of(velocity_m_per_s), 2)} m/s"

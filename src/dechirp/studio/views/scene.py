@@ -34,7 +34,7 @@ class Scene(View):
     """Targets, detections and tracks about the radar; a tap puts the cursor."""
 
     name = "scene"
-    least_s = 0.16
+    least_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
