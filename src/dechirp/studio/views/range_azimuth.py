@@ -9,7 +9,7 @@ from dechirp.studio.views.map_view import MapView, edges
 from dechirp.studio.views.places import found_on_map, true_on_map
 
 _TITLE = "Range-azimuth map"
-_STEPS = 120  # as many as a small tile has pixels; a beam is some 10 degrees of +-30
+_STEPS = 120  # as many as a small tile has pixels: 1.3 degrees, where a beam has some 10
 
 
 class RangeAzimuth(MapView):
