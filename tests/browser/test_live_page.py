@@ -1,6 +1,10 @@
 """The live page in a browser: what a user does with it, and what is then seen."""
 
+from io import BytesIO
+
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from dechirp.process.cfar.smallest_of import SmallestOf
 
@@ -221,3 +225,27 @@ def test_rows_change_with_the_frame_also_when_there_are_as_many_and_behind_anoth
     looked.drawn_after(lambda: looked.press("Step"))
     looked.tab("Detections")
     looked.until(is_told)
+
+
+def test_what_was_stepped_through_is_shown_on_as_soon_as_it_plays(looked):
+    looked.go()
+    for _ in range(30):
+        looked.drawn_after(lambda: looked.press("Step"))
+    paused = looked.place
+    looked.press("Play")
+    looked.page.wait_for_timeout(1000)
+    assert looked.place != paused
+
+
+def test_colours_that_are_put_back_leave_nothing_of_the_others(looked):
+    looked.go()
+
+    def picture() -> np.ndarray:
+        return imread(BytesIO(looked.page.locator("#tiles").screenshot()))
+
+    before = picture()
+    for _ in range(2):
+        looked.press("Dark")
+        looked.until(lambda: len(set(looked.grounds)) == 1)
+        looked.page.wait_for_timeout(500)
+    assert abs(picture() - before).max() < 0.02  # rounded corners are 2 of 255 off

@@ -141,6 +141,18 @@ def test_a_browser_that_draws_nothing_has_three_moments_at_most(lived):
     lived(life, draws=False)
 
 
+def test_a_browser_that_answers_every_second_moment_is_never_waited_for_in_vain(lived):
+    async def life(page: Page) -> None:
+        page.session.on_moment.append(
+            lambda _: len(page.shown) % 2 or page.session.drawn_soon(len(page.shown))
+        )
+        page.session.play(True)
+        async with asyncio.timeout(0.9 * sessions.DRAWN_WITHIN_S):
+            await page.until(lambda: len(page.shown) == 40)
+
+    lived(life, draws=False)
+
+
 def test_a_view_that_fails_is_told_and_the_page_lives_on(lived, caplog):
     async def life(page: Page) -> None:
         def fail(_: object) -> None:

@@ -33,8 +33,15 @@ class Connection(ServerConnection):
 
     async def _send(self) -> None:
         changes, self._changes = self._changes, []
+        changes = [change for change in changes if _is_there(change)]
         if changes:
             await self._browser.send_message(_message(changes))
+
+
+def _is_there(change: DocumentPatchedEvent) -> bool:
+    """Whether the page still has what was changed; else it would go there again, as if new."""
+    model = getattr(change, "model", None)
+    return model is None or model.document is not None
 
 
 def _message(changes: list[DocumentPatchedEvent]) -> Message[Any]:
@@ -57,7 +64,7 @@ class _LooksUp(Serializer):
         super().__init__(deferred=False)
         self._models = models
         self._unsent: set[Model] = set()
-        models.flush_synced(self._still_unsent)
+        models.flush_synced(self._still_unsent)  # it tells of them in no other way
 
     def get_ref(self, obj: object) -> Ref | None:
         """What the browser knows an object by, if it does."""

@@ -124,7 +124,7 @@ def _seldom(
         now_s = perf_counter()
         if not session.playing or now_s >= due_s:
             # From when it was due: else each would wait for the first frame after its time.
-            due_s = max(due_s, now_s - least_s) + least_s
+            due_s = min(max(due_s, now_s - least_s), now_s) + least_s
             show(moment)
 
     return shown

@@ -11,7 +11,7 @@ from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
 from dechirp.studio.views.listed import MOST_ROWS, Head, Listed, at_cursor
-from dechirp.studio.views.places import counted, found_on_map
+from dechirp.studio.views.places import counted, found_on_map, strongest_first
 
 _HEADS = {
     "range": Head("range, m", "0.000"),
@@ -65,7 +65,7 @@ class Detections(View):
     def _targets(self, moment: Moment) -> np.ndarray:
         """Name of the target of each detection, strongest first."""
         scenario, truth = self.session.scenario, moment.truth
-        order = _strongest_first(moment)
+        order = strongest_first(moment)
         if truth is None or scenario.radar is None:
             return np.full(order.size, NONE, dtype=object)
         columns = {str(name): column.values for name, column in moment.detections.items()}
@@ -76,7 +76,7 @@ class Detections(View):
 
 def columns_of(moment: Moment) -> dict[str, np.ndarray]:
     """Columns of the detections, strongest first: angles in degrees, the ratio in dB."""
-    found, order = moment.detections, _strongest_first(moment)
+    found, order = moment.detections, strongest_first(moment)
     columns = {key: found[key].values[order] for key in _HEADS if key in found}
     columns |= {key: np.degrees(columns[key]) for key in _ANGLES}
     return columns | {"snr": decibels(columns["snr"])}

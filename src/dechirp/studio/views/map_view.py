@@ -32,7 +32,7 @@ _SIZE = 12.0  # of a mark in pixels, half of that where there are more than a fe
 # Told apart from all colours of a map by lightness: light, on a dark rim.
 _LIGHT, _RIM = "#ffffff", "#101418"
 _STEP_DB = 5.0  # of the ends of the colour bar, which stand still while noise moves the peak
-_SOME = 13  # cells, of which one tells the noise: 2,500 of 32,768 do so to 0.2 dB
+_MANY = 4096  # cells, of which a twelfth tells the noise to 0.3 dB
 _LEAST_DB = 30.0  # between them: noise alone reaches over 15 dB, and shall not look like echoes
 
 
@@ -102,8 +102,9 @@ class MapView(View):
 
     def _ends_db(self, power: np.ndarray, units: str) -> tuple[float, float]:
         """Top and bottom of the colours: over the strongest cell, and about the noise."""
+        some = power if power.size < _MANY else power[::3, ::4]
         strongest_db, usual_db = (
-            float(power_db(of, units)) for of in (power.max(), np.median(power.ravel()[::_SOME]))
+            float(power_db(of, units)) for of in (power.max(), np.median(some))
         )
         top_db, bottom_db = self._of_powers.high, self._of_powers.low
         if not top_db - 3 * _STEP_DB <= strongest_db <= top_db:  # a body's echo varies so much
