@@ -213,7 +213,8 @@ def test_rows_change_with_the_frame_also_when_there_are_as_many_and_behind_anoth
     def is_told() -> bool:
         shown = looked.text("[data-part=detections]")
         ranges_m = looked.page.evaluate(_RANGES, "detections")
-        return len(ranges_m) > 0 and all(f"{one:.3f}" in shown for one in ranges_m)
+        in_sight = ranges_m[:4]  # others are drawn when they are scrolled to
+        return len(in_sight) > 0 and all(f"{one:.3f}" in shown for one in in_sight)
 
     seen = set()
     for _ in range(4):
