@@ -145,13 +145,13 @@ ARRAYS = {
 def test_beams_made_in_mirrored_pairs_are_those_made_one_by_one(shape):
     seen = Aperture(np.array(ARRAYS[shape]) / 2 + 3.0)
     rng = np.random.default_rng(8)
-    heard = rng.normal(size=(2, seen.n_elements, 300, 2)).astype(np.float32).view(np.complex64)
-    heard = heard[..., 0]
+    parts = rng.normal(size=(2, seen.n_elements, 2, 300)).astype(np.float32)
+    heard = parts[:, :, 0] + 1j * parts[:, :, 1]
     still = np.ones(heard.shape[:2], np.complex64)
 
     folded, weights = beams(seen)
     power = np.zeros((len(seen.grid.azimuth_rad), 300), np.float32)
-    keep_strongest(power, heard, still, folded, weights)
+    keep_strongest(power, parts, still, folded, weights)
 
     each = abs(seen.grid.steering.conj() @ heard / seen.n_elements) ** 2
     expected = each.reshape(2, *seen.grid.shape, 300).max(axis=(0, 1))

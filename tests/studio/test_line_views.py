@@ -11,8 +11,9 @@ from bokeh.models import Image
 from dechirp.core.units import SPEED_OF_LIGHT, decibels, from_decibels
 from dechirp.process.maps import threshold_map
 from dechirp.scene.folding import Place, folded, on_map
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
 from dechirp.studio.player import Player
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.settings import Limits, changed, parsed
 from dechirp.studio.theme import DARK, LIGHT

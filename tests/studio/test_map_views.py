@@ -14,8 +14,9 @@ from dechirp.scene.ego import Ego
 from dechirp.scene.scene import Scene as Targets
 from dechirp.scene.target import Target
 from dechirp.scene.waypoints import Waypoint
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
 from dechirp.studio.player import Player
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.settings import Limits, changed, parsed
 from dechirp.studio.theme import LIGHT
 from dechirp.studio.views.dragged import start_m, written

@@ -12,8 +12,8 @@ import dechirp as dc
 from dechirp.process.chain import Chain
 from dechirp.process.maps import power_map, threshold_map
 from dechirp.scene.folding import Place, on_map
-from dechirp.studio.moment import Cursor
 from dechirp.studio.player import Player
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.settings import Limits
 
 CHIRP = dc.Chirp(
@@ -118,8 +118,8 @@ def test_cuts_are_the_row_and_the_column_of_both_maps(scenario, change, at):
         "range": int(abs(whole.range.values - seen.cursor.range_m).argmin()),
     }
     for cut, along, across in (
-        (seen.cut_over_range, "range", "velocity"),
-        (seen.cut_over_velocity, "velocity", "range"),
+        (seen.cuts[0], "range", "velocity"),
+        (seen.cuts[1], "velocity", "range"),
     ):
         line = {across: cell[across]}
         np.testing.assert_array_equal(cut.at, whole[along].values)

@@ -7,7 +7,7 @@ import dechirp as dc
 from dechirp.process import butterflies, channel_power
 from dechirp.process.detect import detected_columns
 from dechirp.process.maps import level_of
-from dechirp.process.spectrum import Transform, mean_power
+from dechirp.process.spectrum import Transform, mean_power, split_spectrum
 
 LENGTHS = [*range(1, 17), 22, 26, 30, 49, 121, 128, 169, 182, 200, 243, 2200, 4096]
 
@@ -33,40 +33,58 @@ def test_lengths_with_other_factors_are_left_to_others():
     assert not channel_power.can(128, 2 * 17, 34)
 
 
-@pytest.mark.parametrize(
-    ("n_chirps", "n_samples", "n_velocity", "n_range"),
-    [
-        (128, 220, 128, 220),
-        (12, 16, 12, 16),
-        (9, 40, 9, 64),
-        (20, 33, 33, 33),
-        (11, 100, 26, 105),
-        (8, 17, 8, 34),  # a factor of 17: the other way
-        (4, 60, 4, 60),  # too few velocities: the other way
-    ],
-)
-@pytest.mark.parametrize("n_channels", [1, 3])
-@pytest.mark.parametrize("n_threads", [1, 2])
-def test_power_is_that_of_transforms_in_double_precision(
-    n_chirps, n_samples, n_velocity, n_range, n_channels, n_threads, monkeypatch
-):
-    monkeypatch.setattr("numba.get_num_threads", lambda: n_threads)
+SIZES = [
+    (128, 220, 128, 220),
+    (12, 16, 12, 16),
+    (9, 40, 9, 64),
+    (20, 33, 33, 33),
+    (11, 100, 26, 105),
+    (8, 17, 8, 34),  # a factor of 17: the other way
+    (4, 60, 4, 60),  # too few velocities: the other way
+]
+
+
+@pytest.fixture(params=[1, 2], ids=["one_thread", "two_threads"])
+def _threads(request, monkeypatch):
+    monkeypatch.setattr("numba.get_num_threads", lambda: request.param)
     # Cut wherever it may be, however small the map is.
     monkeypatch.setattr(channel_power, "_FEWEST_CELLS", 1)
+
+
+def exactly(n_chirps, n_samples, n_velocity, n_range, n_channels):
+    """Samples, both transforms, and the spectrum (velocity, channel, range)."""
     rng = np.random.default_rng(1)
     shape = (n_chirps, n_channels, n_samples)
     samples = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64)
     samples.setflags(write=False)
     over_range = Transform(window="hann", n_points=n_samples, n_bins=n_range)
     over_velocity = Transform(window="blackman", n_points=n_chirps, n_bins=n_velocity)
-    found = mean_power(samples, "complex", over_range, over_velocity)
     slow, fast = (one.weights / one.weights.sum() for one in (over_velocity, over_range))
     tapered = samples * slow[:, None, None] * fast
     spectrum = np.fft.fft(np.fft.fft(tapered, n_range, axis=2), n_velocity, axis=0)
-    exact = np.mean(abs(np.fft.fftshift(spectrum, axes=0)) ** 2, axis=1)
+    return samples, over_range, over_velocity, np.fft.fftshift(spectrum, axes=0)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+@pytest.mark.parametrize("n_channels", [1, 3])
+@pytest.mark.usefixtures("_threads")
+def test_power_is_that_of_transforms_in_double_precision(size, n_channels):
+    samples, over_range, over_velocity, spectrum = exactly(*size, n_channels)
+    found = mean_power(samples, "complex", over_range, over_velocity)
+    exact = np.mean(abs(spectrum) ** 2, axis=1)
     assert found.dtype == np.float32
     # Rounding leaves 1e-6 of the root mean square amplitude, and twice that of the power.
     assert abs(found - exact).max() < 1e-5 * np.sqrt(exact.max() * exact.mean())
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+@pytest.mark.usefixtures("_threads")
+def test_a_split_spectrum_is_that_of_transforms_in_double_precision(size):
+    samples, over_range, over_velocity, exact = exactly(*size, 3)
+    found = split_spectrum(samples, "complex", over_range, over_velocity)
+    assert found.dtype == np.float32 and found.flags.c_contiguous
+    error = found[:, :, 0] + 1j * found[:, :, 1] - exact
+    assert abs(error).max() < 5e-6 * np.sqrt(np.mean(abs(exact) ** 2))
 
 
 @pytest.fixture(scope="module")

@@ -334,26 +334,30 @@ The numbers lie in `numbers` from `at` on, the window in `window` from `first` o
 
 def _exchanger() -> Callable[..., None]:
     @intrinsic
-    def run(context, out, to, work, places, first):  # type: ignore[no-untyped-def] # noqa: ANN001
+    def run(context, out, to, stride, apart, work, places, first):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds = signature.args
             target = _pointer(context, builder, kinds[0], values[0], values[1])
-            points = _points(context, builder, kinds[2:4], values[2:])
+            points = _points(context, builder, kinds[4:6], values[4:])
             for part in (0, WIDTH):
                 rows = [_load(builder, builder.gep(point, [_whole(part)])) for point in points]
-                for i, row in enumerate(_transposed(builder, rows)):
-                    _store(builder, row, builder.gep(target, [_whole(i * POINT + part)]))
+                row_at = target if part == 0 else builder.gep(target, [values[3]])
+                for row in _transposed(builder, rows):
+                    _store(builder, row, row_at)
+                    row_at = builder.gep(row_at, [values[2]])
             return context.get_dummy_value()
 
-        return types.void(_FLOATS, _WHOLE, _FLOATS, places, _WHOLE), code
+        return types.void(_FLOATS, _WHOLE, _WHOLE, _WHOLE, _FLOATS, places, _WHOLE), code
 
     return run
 
 
 exchange = _exchanger()
-"""Set sixteen points in a row of `out` to sixteen of `work`, series for points.
+"""Set sixteen rows of `out`, one for each series, to sixteen points of `work`.
 
-Those of `work` lie at sixteen of the places, from `first` on."""
+Those of `work` lie at sixteen of the places, from `first` on. Rows of real parts lie `stride`
+floats from each other, those of imaginary parts `apart` behind them: rows at `POINT` and `WIDTH`
+are points again, of series that were points."""
 
 
 def _powers(*, adds: bool) -> Callable[..., None]:

@@ -1,4 +1,4 @@
-"""Power map of one channel: window, both transforms, order and power in two passes.
+"""Range-Doppler map of one channel: window, both transforms, order, power too, in two passes.
 
 Over chirps sixteen samples at a time, over samples sixteen velocities at a time: work that stays
 in L1, then in L2, and no pass for windows, shift or power alone. In single precision throughout,
@@ -80,23 +80,17 @@ def add_power(
     n_threads : int
         That share the work; the map does not depend on it.
     """
-    _, n_channels, n_samples = samples.shape
-    over_slow, over_fast = stages_of(slow.n_bins), stages_of(fast.n_bins)
-    assert over_slow is not None and over_fast is not None
-    numbers = samples.reshape(-1).view(np.float32)
+    n_samples = samples.shape[2]
+    over_fast = stages_of(fast.n_bins)
+    assert over_fast is not None
     n_blocks = -(-slow.n_bins // WIDTH)
     between = _floats("between", n_blocks * fast.n_bins * POINT)
-    first, row = 2 * channel * n_samples, 2 * n_channels * n_samples
-    velocities, ranges = _shifted(slow.n_bins), _places(fast.n_bins)
+    ranges = _places(fast.n_bins)
     flat = out.reshape(-1, copy=False)
     n_parts = min(n_threads, max(out.size // _FEWEST_CELLS, 1))
 
     def over_chirps(columns: slice) -> None:
-        work = _floats("chirps", slow.n_bins * POINT)
-        _over_chirps(
-            between, numbers, first, row, slow.weights, fast.weights, fast.n_bins, *over_slow,
-            velocities, columns.start, columns.stop, work,
-        )  # fmt: skip
+        _velocities(between, samples, channel, slow, fast, columns)
 
     def over_samples(blocks: slice) -> None:
         _over_samples(
@@ -106,6 +100,45 @@ def add_power(
 
     in_threads(n_parts, over_chirps, slices(-(-n_samples // WIDTH), n_parts))
     in_threads(n_parts, over_samples, slices(n_blocks, n_parts))
+
+
+def put_spectrum(
+    out: np.ndarray, samples: np.ndarray, channel: int, slow: Axis, fast: Axis
+) -> None:
+    """Put the spectrum of one channel in its place, arguments as of `add_power`.
+
+    `out` is (velocity, channel, 2, range) float32, contiguous: real parts, then imaginary ones.
+    """
+    n_samples = samples.shape[2]
+    over_fast = stages_of(fast.n_bins)
+    assert over_fast is not None
+    between = _floats("between", -(-slow.n_bins // WIDTH) * fast.n_bins * POINT)
+    _velocities(between, samples, channel, slow, fast, slice(0, -(-n_samples // WIDTH)))
+    first, row = 2 * channel * fast.n_bins, 2 * out.shape[1] * fast.n_bins
+    _ranges(
+        out.reshape(-1, copy=False), first, row, between, slow.n_bins, fast.n_bins, n_samples,
+        *over_fast, _places(fast.n_bins),
+    )  # fmt: skip
+
+
+def _velocities(
+    between: np.ndarray,
+    samples: np.ndarray,
+    channel: int,
+    slow: Axis,
+    fast: Axis,
+    columns: slice,
+) -> None:
+    """`_over_chirps` for some sixteens of samples of a channel."""
+    _, n_channels, n_samples = samples.shape
+    over_slow = stages_of(slow.n_bins)
+    assert over_slow is not None
+    _over_chirps(
+        between, samples.reshape(-1).view(np.float32), 2 * channel * n_samples,
+        2 * n_channels * n_samples, slow.weights, fast.weights, fast.n_bins, *over_slow,
+        _shifted(slow.n_bins), columns.start, columns.stop,
+        _floats("chirps", slow.n_bins * POINT),
+    )  # fmt: skip
 
 
 def _floats(name: str, size: int) -> np.ndarray:
@@ -160,7 +193,8 @@ def _over_chirps(
         work[n_chirps * POINT :] = 0
         transform(work, 0, n_velocity, radices, twiddles)
         for block in range(n_blocks):
-            exchange(between, (block * n_range + sample) * POINT, work, places, block * WIDTH)
+            to = (block * n_range + sample) * POINT
+            exchange(between, to, POINT, WIDTH, work, places, block * WIDTH)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -200,3 +234,36 @@ def _over_samples(
                 for j in range(n_columns):
                     before = np.float32(0) if is_first else out[here + i * n_range + j]
                     out[here + i * n_range + j] = before + tile[i * WIDTH + j]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _ranges(
+    out: np.ndarray,
+    first: int,
+    row: int,
+    between: np.ndarray,
+    n_velocity: int,
+    n_range: int,
+    n_samples: int,
+    radices: np.ndarray,
+    twiddles: np.ndarray,
+    places: np.ndarray,
+) -> None:
+    """From samples to ranges, into rows of `out` that begin so many floats from each other."""
+    tile = np.empty(WIDTH * POINT, np.float32)
+    for velocity in range(0, n_velocity, WIDTH):
+        work = between[velocity * n_range * 2 : (velocity + WIDTH) * n_range * 2]
+        work[n_samples * POINT :] = 0
+        transform(work, 0, n_range, radices, twiddles)
+        n_rows = min(WIDTH, n_velocity - velocity)
+        for at in range(0, n_range, WIDTH):
+            n_columns = min(WIDTH, n_range - at)
+            here = first + velocity * row + at
+            if n_rows == WIDTH and n_columns == WIDTH:
+                exchange(out, here, row, n_range, work, places, at)
+                continue
+            exchange(tile, 0, POINT, WIDTH, work, places, at)
+            for i in range(n_rows):
+                for j in range(n_columns):
+                    out[here + i * row + j] = tile[i * POINT + j]
+                    out[here + i * row + n_range + j] = tile[i * POINT + WIDTH + j]

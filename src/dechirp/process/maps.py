@@ -71,7 +71,7 @@ def threshold_through(
     row, column = cell
     noise, ring = chain.noise(radar), chain.cfar.ring
     rows = independent_rows(radar.frame.chirp, noise.over_range)
-    values = power.transpose("velocity", "range").values
+    values = power.variable.transpose("velocity", "range").values
     level = level_of(values, radar, chain)[:, rows]
     about = np.arange(row - ring.half_velocity, row + ring.half_velocity + 1) % len(level)
     over_range = np.full(values.shape[1], np.inf, np.float32)

@@ -78,7 +78,8 @@ def keep_strongest(
     Parameters
     ----------
     power : array (n_azimuths, n_ranges) float32
-    spectrum : array (n_velocities, n_channels, n_ranges) complex64
+    spectrum : array (n_velocities, n_channels, 2, n_ranges) float32
+        Real parts apart from imaginary.
     still : array (n_velocities, n_channels) complex64
         What each channel is turned by at each velocity.
     folding : array (n_channels, 2 n) complex64
@@ -93,7 +94,7 @@ def keep_strongest(
     products go through L1, 0.4 for squares and maxima of 2.9 million beams, 0.2 for the folding.
     Read once are 3 MiB of spectrum.
     """
-    n_velocities, _, n_ranges = spectrum.shape
+    n_velocities, _, _, n_ranges = spectrum.shape
     _, n_pairs, n = weights.shape
     last = len(power) - 1
     for first in range(0, n_ranges, _BLOCK):
@@ -102,7 +103,7 @@ def keep_strongest(
         heard = np.empty((2, n, 2 * size), np.float32)
         sums = np.empty((2, 2 * size), np.float32)
         for v in range(n_velocities):
-            _fold(heard.reshape(2 * n, 2, size), spectrum[v, :, block], still[v], folding)
+            _fold(heard.reshape(2 * n, 2, size), spectrum[v, :, :, block], still[v], folding)
             for pair in range(n_pairs):
                 for part in range(2):
                     _weigh(sums[part], heard[part], weights[part, pair])
@@ -120,10 +121,10 @@ def _fold(out: np.ndarray, spectrum: np.ndarray, still: np.ndarray, folding: np.
             if factor == 0:  # most are, where transmitters take turns
                 continue
             real, imag = out[k, 0], out[k, 1]
+            x, y = spectrum[c, 0], spectrum[c, 1]
             for i in range(len(real)):
-                z = spectrum[c, i]
-                real[i] += factor.real * z.real - factor.imag * z.imag
-                imag[i] += factor.real * z.imag + factor.imag * z.real
+                real[i] += factor.real * x[i] - factor.imag * y[i]
+                imag[i] += factor.real * y[i] + factor.imag * x[i]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})

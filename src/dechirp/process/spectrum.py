@@ -185,11 +185,10 @@ def mean_power(
     each = max(n_threads // len(parts), 1)
     shape = len(parts), over_velocity.n_bins, n_rows
     share = 1 / n_channels
-    is_plain = transform is range_doppler and sampling == "complex"
-    if is_plain and channel_power.can(over_velocity.n_bins, over_range.n_bins, samples.shape[2]):
+    axes = _channel_axes(samples, sampling, over_range, over_velocity, transform)
+    if axes is not None:
+        slow, fast = axes
         given = np.ascontiguousarray(samples, np.complex64)
-        slow = channel_power.Axis(_slow_weights(over_velocity), over_velocity.n_bins)
-        fast = channel_power.Axis(amplitude_weights(over_range, sampling), over_range.n_bins)
         sums = np.empty(shape, np.float32)
 
         def add(part: int) -> None:
@@ -211,6 +210,53 @@ def mean_power(
     for other in sums[1:]:
         sums[0] += other
     return np.asarray(sums[0])
+
+
+def split_spectrum(
+    samples: np.ndarray,
+    sampling: Sampling,
+    over_range: Transform,
+    over_velocity: Transform,
+    transform: FrameTransform = range_doppler,
+) -> np.ndarray:
+    """As `range_doppler`, real parts apart from imaginary: (velocity, channel, 2, range) float32.
+
+    So that compiled loops over ranges make vectors of them.
+    """
+    n_threads = numba.get_num_threads()
+    axes = _channel_axes(samples, sampling, over_range, over_velocity, transform)
+    if axes is None:
+        with scipy.fft.set_workers(n_threads):
+            spectrum = transform(samples, sampling, over_range, over_velocity)
+        return np.stack([spectrum.real, spectrum.imag], axis=2, dtype=np.float32)
+    slow, fast = axes
+    given = np.ascontiguousarray(samples, np.complex64)
+    n_channels = samples.shape[1]
+    out = np.empty((slow.n_bins, n_channels, 2, fast.n_bins), np.float32)
+
+    def put(channel: int) -> None:
+        channel_power.put_spectrum(out, given, channel, slow, fast)
+
+    in_threads(n_threads, put, range(n_channels))
+    return out
+
+
+def _channel_axes(
+    samples: np.ndarray,
+    sampling: Sampling,
+    over_range: Transform,
+    over_velocity: Transform,
+    transform: FrameTransform,
+) -> tuple[channel_power.Axis, channel_power.Axis] | None:
+    """Chirps and samples as `channel_power` transforms them; None where it cannot."""
+    is_plain = transform is range_doppler and sampling == "complex"
+    n_bins = over_velocity.n_bins, over_range.n_bins
+    if not is_plain or not channel_power.can(*n_bins, samples.shape[2]):
+        return None
+    return (
+        channel_power.Axis(_slow_weights(over_velocity), over_velocity.n_bins),
+        channel_power.Axis(amplitude_weights(over_range, sampling), over_range.n_bins),
+    )
 
 
 def noise_gain(over_range: Transform, over_velocity: Transform, chirp: Chirp) -> float:

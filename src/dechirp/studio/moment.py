@@ -1,47 +1,19 @@
-"""One frame as the page shows it: everything that follows from its samples. No page in here."""
+"""One frame as the page shows it: everything that follows from its samples. No page in here.
+
+What few frames are looked at for, while it plays, is worked out when it is asked for.
+"""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
-import numpy as np
 import xarray as xr
 
 from dechirp.core.findings import Finding
 from dechirp.process.chain import Chain
 from dechirp.radar.radar import Radar
+from dechirp.studio.past import Kept, micro_doppler
+from dechirp.studio.pointing import Beat, Cursor, Cut, beat, cell_of, cuts
 from dechirp.tracking.live import Track
-
-
-class Cursor(NamedTuple):
-    """Where all views look."""
-
-    range_m: float
-    velocity_m_per_s: float
-
-
-class Cut(NamedTuple):
-    """Cells of the map along one axis through the cursor, and what they have to exceed."""
-
-    at: np.ndarray
-    """m along range, m/s along velocity."""
-    power: np.ndarray
-    threshold: np.ndarray
-    """Infinite where nothing is searched for."""
-
-
-class Beat(NamedTuple):
-    """What the first receiver hears: samples, and what is in them over range."""
-
-    time_s: np.ndarray
-    """(sample,) since the start of the ramp."""
-    samples: np.ndarray
-    """(sample,) of the first chirp."""
-    range_m: np.ndarray
-    """(range,)"""
-    power: np.ndarray
-    """(range,) of the first chirp: the spectrum of its samples."""
-    profile: np.ndarray
-    """(range,) mean over chirps: the range profile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,18 +34,16 @@ class Moment:
     """Fitted to the radar."""
     cursor: Cursor
     """Where it looks: at the strongest detection, or the strongest cell, unless it was told."""
+    was_told: bool
+    """Where to look."""
     samples: xr.DataArray
     """(chirp, rx, sample)"""
-    beat: Beat
     power: xr.DataArray
     """Range-Doppler map, (velocity, range), as the detector sees it."""
-    cut_over_range: Cut
-    cut_over_velocity: Cut
     azimuth_power: xr.DataArray | None
     """Range-azimuth map, (azimuth, range); None where the array tells no azimuth."""
-    micro_doppler: xr.DataArray
-    """Power about the range of the cursor over (time, velocity): a column is a frame, from the
-    last rewind or jump on."""
+    past: tuple[Kept, ...]
+    """Of this frame and those before it, from the last rewind or jump on."""
     detections: xr.Dataset
     """With `cluster` and `motion` where those are asked for."""
     clusters: xr.Dataset | None
@@ -85,3 +55,20 @@ class Moment:
     """On the settings or the recording, and on this frame."""
     took_s: float
     """From the first sample to the last table."""
+
+    @cached_property
+    def beat(self) -> Beat:
+        """What the first receiver hears."""
+        return beat(self.samples, self.radar, self.chain)
+
+    @cached_property
+    def cuts(self) -> tuple[Cut, Cut]:
+        """The map over range, and over velocity, through the cursor."""
+        return cuts(self.power, self.radar, self.chain, cell_of(self.power, self.cursor))
+
+    @cached_property
+    def micro_doppler(self) -> xr.DataArray:
+        """Power about the range of the cursor over (time, velocity): a column is a frame."""
+        transform = self.chain.over_range(self.radar.frame.chirp)
+        range_m = self.cursor.range_m if self.was_told else None
+        return micro_doppler(self.past, self.power, transform, range_m)

@@ -21,9 +21,9 @@ from dechirp.process.maps import power_map
 from dechirp.process.mitigation.cleaned import Removed
 from dechirp.process.sources import aperture_of, tells_directions
 from dechirp.radar.radar import Radar
-from dechirp.studio.moment import Cursor, Moment
-from dechirp.studio.past import Kept, Past, micro_doppler
-from dechirp.studio.pointing import beat, cell_of, cuts, strongest
+from dechirp.studio.moment import Moment
+from dechirp.studio.past import Kept, Past
+from dechirp.studio.pointing import Cursor, strongest
 from dechirp.studio.settings import Limits
 from dechirp.studio.sources import Frames, frames_of
 from dechirp.tracking.live import Track
@@ -55,6 +55,7 @@ class Player:
         """
         started = perf_counter()
         whole("step", step, at_least=0)
+        is_first = self._made is None
         if self._made is None:
             self._made = _Made(self._scenario, self._limits)
         made = self._made
@@ -65,28 +66,19 @@ class Player:
             seen = made.see(step, goes_on=goes_on)
             # Two, so that a page that pauses may have had the next one made already.
             self._recent = [*before, seen]
-        at = seen.strongest if cursor is None else cursor
-        over_range, over_velocity = cuts(
-            seen.power, seen.radar, made.chain, cell_of(seen.power, at)
-        )
-        transform = made.chain.over_range(seen.radar.frame.chirp)
-        return Moment(
+        moment = Moment(
             step=step,
             number=seen.number,
             n_frames=made.frames.n_frames,
             time_s=seen.time_s,
             radar=seen.radar,
             chain=made.chain,
-            cursor=at,
+            cursor=cursor or seen.strongest,
+            was_told=cursor is not None,
             samples=seen.samples,
-            beat=beat(seen.samples, seen.radar, made.chain),
             power=seen.power,
-            cut_over_range=over_range,
-            cut_over_velocity=over_velocity,
             azimuth_power=seen.azimuth_power,
-            micro_doppler=micro_doppler(
-                seen.past, seen.power, transform, cursor and cursor.range_m
-            ),
+            past=seen.past,
             detections=seen.detections,
             clusters=seen.clusters,
             tracks=seen.tracks,
@@ -94,6 +86,9 @@ class Player:
             findings=(*made.findings, *seen.findings),
             took_s=perf_counter() - started,
         )
+        if is_first:  # what it compiles takes seconds: here, not where the page asks for it
+            _ = moment.beat, moment.cuts, moment.micro_doppler
+        return moment
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,7 @@
 """What lies under the cursor of a frame: its cell of the map, cuts through it, the beat signal."""
 
+from typing import NamedTuple
+
 import numpy as np
 import xarray as xr
 
@@ -8,9 +10,40 @@ from dechirp.process.maps import threshold_through
 from dechirp.process.spectrum import over_range
 from dechirp.radar.radar import Radar
 from dechirp.scene.folding import Place, on_map
-from dechirp.studio.moment import Beat, Cursor, Cut
 
 _MOST_CHIRPS = 64  # averaged for the range profile: the mean is smooth to 0.5 dB by then
+
+
+class Cursor(NamedTuple):
+    """Where all views look."""
+
+    range_m: float
+    velocity_m_per_s: float
+
+
+class Cut(NamedTuple):
+    """Cells of the map along one axis through the cursor, and what they have to exceed."""
+
+    at: np.ndarray
+    """m along range, m/s along velocity."""
+    power: np.ndarray
+    threshold: np.ndarray
+    """Infinite where nothing is searched for."""
+
+
+class Beat(NamedTuple):
+    """What the first receiver hears: samples, and what is in them over range."""
+
+    time_s: np.ndarray
+    """(sample,) since the start of the ramp."""
+    samples: np.ndarray
+    """(sample,) of the first chirp."""
+    range_m: np.ndarray
+    """(range,)"""
+    power: np.ndarray
+    """(range,) of the first chirp: the spectrum of its samples."""
+    profile: np.ndarray
+    """(range,) mean over chirps: the range profile."""
 
 
 def strongest(power: xr.DataArray, detections: xr.Dataset, radar: Radar) -> Cursor:
@@ -54,7 +87,7 @@ def cuts(power: xr.DataArray, radar: Radar, chain: Chain, cell: tuple[int, int])
 
 def beat(cube: xr.DataArray, radar: Radar, chain: Chain) -> Beat:
     """What the first receiver hears in one frame, (chirp, rx, sample)."""
-    heard = cube.transpose("rx", "chirp", "sample").values[0, :_MOST_CHIRPS]
+    heard = cube.variable.transpose("rx", "chirp", "sample").values[0, :_MOST_CHIRPS]
     chirp = radar.frame.chirp
     transform = chain.over_range(chirp)
     power = abs(over_range(heard, chirp.sampling, transform)) ** 2

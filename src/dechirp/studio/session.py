@@ -18,8 +18,9 @@ from bokeh.document import Document
 
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.experiment.scenario import Scenario
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
 from dechirp.studio.player import Player
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.settings import Limits, changed, parsed
 
 T = TypeVar("T")

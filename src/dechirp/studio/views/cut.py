@@ -8,8 +8,8 @@ from dechirp.core.units import decibels
 from dechirp.report.figures.cfar import Axis, cells_about, stretches
 from dechirp.report.figures.style import thinned
 from dechirp.report.words import fixed, number, power_db, power_unit
-from dechirp.studio.moment import Cut as Line
 from dechirp.studio.moment import Moment
+from dechirp.studio.pointing import Cut as Line
 from dechirp.studio.pointing import cell_of
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
@@ -112,9 +112,8 @@ def _drawing(label: str) -> Drawing:
 def _through(moment: Moment, along: Axis) -> tuple[Line, int]:
     """Cells along an axis, and which of them the cursor is in."""
     row, column = cell_of(moment.power, moment.cursor)
-    if along == "range":
-        return moment.cut_over_range, column
-    return moment.cut_over_velocity, row
+    over_range, over_velocity = moment.cuts
+    return (over_range, column) if along == "range" else (over_velocity, row)
 
 
 def _searched_db(line: Line, units: str) -> np.ndarray:

@@ -6,7 +6,8 @@ from bokeh.models import UIElement
 from dechirp.core.units import decibels
 from dechirp.evaluate.match import Matcher
 from dechirp.report.words import NONE
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View

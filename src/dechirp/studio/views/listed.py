@@ -19,7 +19,8 @@ from bokeh.models import (
 
 from dechirp.report.words import NONE
 from dechirp.scene.folding import Place
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.views.map_view import cell_of
 
 MOST_ROWS = 50
@@ -107,7 +108,7 @@ def at_cursor(places: Place, moment: Moment) -> int | None:
     off = [
         abs(place - at) / cell_of(cells)
         for cells, place, at in zip(
-            (moment.cut_over_range.at, moment.cut_over_velocity.at),
+            (moment.power.range.values, moment.power.velocity.values),
             places,
             moment.cursor,
             strict=True,

@@ -4,7 +4,8 @@ import numpy as np
 from bokeh.models import BasicTickFormatter
 
 from dechirp.report.words import number
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.views.map_view import MapView, edges
 from dechirp.studio.views.places import counted

@@ -3,7 +3,8 @@
 import numpy as np
 
 from dechirp.report.words import number
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.views.map_view import MapView, edges
 from dechirp.studio.views.places import found_on_map, true_on_map

@@ -1,7 +1,8 @@
 """The range-Doppler map: what was found and what is there, in cells of range and velocity."""
 
 from dechirp.report.words import TIMES, number
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.views.map_view import MapView, cell_of, edges
 from dechirp.studio.views.places import counted, found_on_map, true_on_map
@@ -19,7 +20,7 @@ class RangeDoppler(MapView):
 
     def show(self, moment: Moment) -> None:
         """Show a moment."""
-        range_m, velocity_m_per_s = moment.cut_over_range.at, moment.cut_over_velocity.at
+        range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
         self.put(edges(range_m), edges(velocity_m_per_s))
         self.draw(moment.power.values, units=str(moment.samples.attrs.get("units", "")))
         found, _ = found_on_map(moment)
@@ -30,7 +31,7 @@ class RangeDoppler(MapView):
 
     def tell(self, moment: Moment) -> None:
         """Put into words what is seen."""
-        range_m, velocity_m_per_s = moment.cut_over_range.at, moment.cut_over_velocity.at
+        range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
         n_found = moment.detections.sizes["detection"]
         self.figure.title.text = f"Range-Doppler map: {counted(n_found, 'detection')}"
         cell = f"{number(cell_of(range_m), 2)} m {TIMES} {number(cell_of(velocity_m_per_s), 2)} m/s"

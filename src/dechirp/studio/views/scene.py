@@ -12,7 +12,8 @@ from dechirp.report.figures.birds_eye import magnified, round_down
 from dechirp.report.words import TIMES, number
 from dechirp.scene.folding import Place, on_map
 from dechirp.scene.scene import Scene as Targets
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View

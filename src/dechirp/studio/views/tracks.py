@@ -6,7 +6,8 @@ import numpy as np
 from bokeh.models import UIElement
 
 from dechirp.scene.folding import Place, folded, on_map
-from dechirp.studio.moment import Cursor, Moment
+from dechirp.studio.moment import Moment
+from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
