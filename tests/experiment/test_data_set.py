@@ -36,9 +36,9 @@ from dechirp.radar.modulations.triangular import Triangular
 from dechirp.report.data_set import render
 from dechirp.store import shards
 from dechirp.store.data_set import n_bytes, read_data_set
+from nightly import NIGHTLY
 from trial_cases import small
 
-NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))
 ITEMS = [(0, 0), (1, 22), (2, 7)]
 
 

@@ -23,9 +23,9 @@ from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.experiment.study.environment import environment
 from dechirp.experiment.study.executors import chosen, dask, given, slurm
 from dechirp.experiment.study.record import Record
+from nightly import NIGHTLY, nightly
 from tiny_study import Tiny, fingerprint, run
 
-NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))
 pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")
 
 
@@ -131,7 +131,7 @@ def test_dask_gives_the_same_as_one_thread_and_loses_nothing_when_it_dies(tmp_pa
     assert fingerprint(tmp_path / "killed") == kept
 
 
-@pytest.mark.skipif(not NIGHTLY, reason="each takes 5 s")
+@nightly
 @pytest.mark.parametrize("seed", range(30))
 def test_a_cluster_killed_at_random_moments_loses_nothing(tmp_path, seed):
     chance = np.random.default_rng(seed)

@@ -1,6 +1,5 @@
 """Points of a study by their numbers: each has the scenario that its settings say."""
 
-import os
 import pickle
 from dataclasses import replace
 from itertools import product
@@ -23,6 +22,7 @@ from dechirp.process.angle.base import DirectionEstimator
 from dechirp.process.cfar.base import NoiseEstimator
 from dechirp.scene.bodies.base import Body
 from dechirp.theory.intervals import binomial
+from nightly import nightly
 
 RICH = """\
 radar:
@@ -109,7 +109,7 @@ def test_every_setting_is_changed_as_set_changes_it(rich, part, at_least):
     assert compared(whole) >= at_least
 
 
-@pytest.mark.skipif(not os.environ.get("DECHIRP_NIGHTLY"), reason="takes half a minute")
+@nightly
 def test_every_setting_of_a_scenario_is_changed_as_set_changes_it(rich):
     assert compared(rich) > 50
 

@@ -22,9 +22,9 @@ from dechirp.experiment.study.block import Block
 from dechirp.experiment.study.executors import Workers, chosen, given, local
 from dechirp.experiment.study.record import Record
 from dechirp.experiment.study.running import is_asked
+from nightly import NIGHTLY
 from tiny_study import Tiny, fingerprint, run
 
-NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))
 N_KILLS = 30 if NIGHTLY else 3
 
 

@@ -21,6 +21,7 @@ from dechirp.theory.cfar_detection import (
 )
 from dechirp.theory.intervals import binomial
 from dechirp.theory.trimmed_mean import trimmed_mean_detection_probability
+from nightly import nightly
 
 MEMBERS = NoiseEstimator.members()
 TRAINING, GUARD = dc.Cells(range=4, velocity=3), dc.Cells(range=2, velocity=2)
@@ -57,7 +58,12 @@ def cfar_of(kind, pfa, **cells):
 # 600 independent ones: 4.1 %, five of which the band is wide.
 @pytest.mark.parametrize(
     ("window", "padded", "n_channels"),
-    [("rectangular", 1, 1), ("hann", 1, 1), ("hann", 2, 1), ("rectangular", 2, 4)],
+    [
+        ("rectangular", 1, 1),
+        ("hann", 1, 1),
+        pytest.param("hann", 2, 1, marks=nightly),
+        pytest.param("rectangular", 2, 4, marks=nightly),
+    ],
 )
 def test_noise_alarms_as_often_as_designed(window, padded, n_channels):
     noise = noise_of(window, 1024, 128, padded=padded, n_channels=n_channels)
@@ -77,7 +83,10 @@ def test_noise_alarms_as_often_as_designed(window, padded, n_channels):
 
 # The cell under test is independent of its training cells, which are three bins off or more: given
 # its threshold it alarms with a known probability, whose mean over maps is the rate.
-@pytest.mark.parametrize(("window", "n_channels"), [("rectangular", 1), ("hann", 1), ("hann", 4)])
+@pytest.mark.parametrize(
+    ("window", "n_channels"),
+    [("rectangular", 1), ("hann", 1), pytest.param("hann", 4, marks=nightly)],
+)
 def test_noise_alarms_as_often_as_designed_in_every_row_of_the_range(window, n_channels):
     noise = noise_of(window, 24, 64, n_channels=n_channels)
     cfars, n_maps = {kind: cfar_of(kind, 1e-4) for kind in MEMBERS}, 500

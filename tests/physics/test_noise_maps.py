@@ -1,6 +1,5 @@
 """Maps of noise that are drawn directly are those that samples would give."""
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -16,11 +15,11 @@ from dechirp.process.noise_maps import draw_noise_map, draws_directly
 from dechirp.process.spectrum import noise_gain
 from dechirp.process.virtual import channels
 from dechirp.theory import intervals
+from nightly import NIGHTLY
 from noise import noise_cube
 
 # Two-sided, of each of the tests below.
 CONFIDENCE = 1 - 1e-7
-NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))
 WINDOWS = [
     ("rectangular", "rectangular"),
     ("hann", "hann"),

@@ -1,6 +1,5 @@
 """False alarms, per cell and per frame, and the ROC: what trials measure, theory gives."""
 
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -24,10 +23,10 @@ from dechirp.process.virtual import channels
 from dechirp.scene.truth import truth
 from dechirp.theory.cfar import cell_averaging_false_alarm_probability
 from dechirp.theory.correlated import correlated_factor
+from nightly import NIGHTLY
 from noise import noise_cube
 
 CONFIDENCE = 1 - 1e-6
-NIGHTLY = bool(os.environ.get("DECHIRP_NIGHTLY"))
 SMALL = {"n_training": dc.Cells(range=5, velocity=4), "n_guard": dc.Cells(range=2, velocity=2)}
 
 

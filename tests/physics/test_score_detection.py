@@ -1,6 +1,5 @@
 """Detection probability and resolution, measured beside what theory says of them."""
 
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +19,7 @@ from dechirp.process.maps import power_map, threshold_map
 from dechirp.process.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.scene.bodies.car import Car
 from dechirp.scene.folding import Place
+from nightly import nightly
 from trial_cases import case_of, cubes, looks, small, sums, target
 
 SURE = 1 - 1e-6
@@ -27,7 +27,6 @@ HANN = Chain(angle=None)
 RECTANGULAR = Chain(range_window="rectangular", doppler_window="rectangular", angle=None)
 PADDED = Chain(n_range_bins=128, n_velocity_bins=64, angle=None)
 ORDERED = Chain(angle=None, cfar=Cfar(estimator=OrderedStatistic(), false_alarm_probability=1e-4))
-NIGHTLY = pytest.mark.skipif(not os.environ.get("DECHIRP_NIGHTLY"), reason="a minute")
 
 
 def measured(case, n_trials: int):
@@ -46,7 +45,7 @@ def test_a_target_is_found_as_often_as_theory_says():
     assert found.low < theory < found.high
 
 
-@NIGHTLY
+@nightly
 @pytest.mark.parametrize(
     ("radar", "chain", "snr_db"),
     [

@@ -1,6 +1,5 @@
 """Detections that are drawn from theory, beside those of samples."""
 
-import os
 import warnings
 from dataclasses import replace
 
@@ -28,8 +27,8 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
+from nightly import nightly
 
-NIGHTLY = pytest.mark.skipif(not os.environ.get("DECHIRP_NIGHTLY"), reason="takes minutes")
 PLACES = [(18.0, -20.0), (18.5, 12.25), (50.25, -20.5), (50.0, 12.4), (83.3, -20.3), (83.75, 12.0)]
 ERRORS = ("range_error_m", "velocity_error_m_per_s", "azimuth_error_rad")
 STDS = ("range_std", "velocity_std", "azimuth_std")
@@ -140,7 +139,7 @@ def test_as_many_targets_are_found_as_in_samples_and_as_exactly(n_elements, fluc
     agree(scenario, 100, within=0.0, rms_within=0.0)
 
 
-@NIGHTLY
+@nightly
 @pytest.mark.parametrize("n_elements", [1, 8])
 @pytest.mark.parametrize("fluctuation", ["steady", "swerling-1"])
 @pytest.mark.parametrize("more_db", [-2, 0, 1.5, 5])
@@ -155,7 +154,7 @@ def test_probabilities_agree_within_002_and_errors_within_a_tenth(n_elements, fl
     assert np.all(abs(ratios[np.isfinite(ratios)] - 1) < 0.1)
 
 
-@NIGHTLY
+@nightly
 @pytest.mark.parametrize(
     "chain",
     [
