@@ -14,9 +14,9 @@ from dechirp.cli.main import main
 from dechirp.config import files
 from dechirp.config.fields import settings
 from dechirp.config.texts import dump
+from dechirp.core.columns import COLUMNS
 from dechirp.store import results
 from dechirp.store.results import FILES
-from dechirp.store.tables import COLUMNS
 
 HEAVY = ["numpy", "scipy", "xarray", "numba", "matplotlib", "pint", "pydantic", "zarr"]
 
@@ -467,6 +467,11 @@ def test_a_wrong_call_says_what_is_needed(refused, words, setting, got, fix):
     assert error["fix"].startswith(fix)
     assert error["file"] in (None, "--set")
     assert error["file"] is None or "--set" in words
+
+
+def test_a_command_without_options_offers_none(call):
+    need = "is not an option of this command, but must be left out. See dechirp schema --help."
+    assert call("schema", "--pdf") == (2, "", f"--pdf {need}\n")
 
 
 @pytest.mark.parametrize("words", [["run", "--seed", "x"], ["run", "--sed", "1"]])

@@ -223,8 +223,7 @@ def merged(old: dict, new: dict) -> dict:
 
 def snippets() -> list[str]:
     page = (EXAMPLES.parent / "docs" / "scenes.md").read_text()
-    found = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
-    return ["scene:\n  targets:\n" + text if text.startswith(" ") else text for text in found]
+    return re.findall(r"```\{settings\}\n(?::over:[^\n]*\n)?([^:].*?)```", page, re.DOTALL)
 
 
 @pytest.mark.parametrize("text", snippets())

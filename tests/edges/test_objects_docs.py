@@ -12,14 +12,6 @@ from dechirp.objects.can_layout import OBJECT, layout
 PAGE = (Path(dc.__file__).parents[2] / "docs" / "objects.md").read_text(encoding="utf-8")
 
 
-def test_the_python_that_is_shown_runs(monkeypatch, tmp_path):
-    monkeypatch.chdir(Path(dc.__file__).parents[2])
-    names = {"dc": dc, "out": tmp_path}
-    for code in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):
-        exec(code, names)
-    assert names["again"].sizes["object"] == names["objects"].sizes["object"] > 0
-
-
 def signals() -> dict[str, tuple[float, ...]]:
     rows = re.findall(r"^\| (\w+) \| (\d+) \| (\S+) \| (\S+) \| (\S+) \|", PAGE, re.MULTILINE)
     return {name: tuple(float(number) for number in numbers) for name, *numbers in rows}

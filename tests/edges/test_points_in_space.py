@@ -12,7 +12,7 @@ import xarray as xr
 import dechirp as dc
 from dechirp.config.texts import dump
 from dechirp.evaluate.match import match
-from dechirp.report.figures.birds_eye import Seen
+from dechirp.report.figures.ground import Seen
 from dechirp.report.page import render
 
 EXAMPLE = Path(dc.__file__).parents[2] / "examples" / "mimo.yaml"

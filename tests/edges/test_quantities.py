@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dechirp.config.quantities import KINDS, quantity, text_of
+from dechirp.config.quantities import quantity, text_of
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.kinds import KINDS
 
 
 @pytest.mark.parametrize(

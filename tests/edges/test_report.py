@@ -10,6 +10,7 @@ import xarray as xr
 
 from dechirp.core.conventions import axis
 from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.words import NONE, quantity, small
 from dechirp.echoes.echo import simulate
 from dechirp.echoes.engine import Engine
 from dechirp.evaluate.match import match
@@ -31,7 +32,6 @@ from dechirp.report.figures.range_doppler import reduced
 from dechirp.report.figures.style import thinned
 from dechirp.report.page import render
 from dechirp.report.view import view_of
-from dechirp.report.words import NONE, quantity, small
 from dechirp.scene.bodies.car import Car
 from dechirp.scene.bodies.cloud import Cloud
 from dechirp.scene.bodies.corner_reflector import CornerReflector
@@ -43,6 +43,7 @@ from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.scene.truth import truth
 from dechirp.scene.waypoints import Waypoint
+from printed import check_captions, check_pdf
 
 CHIRP = Chirp(
     start_frequency_hz=77e9,
@@ -209,7 +210,7 @@ def sections(page: str) -> set[str]:
 def test_the_page_asks_nothing_of_any_other_place(page):
     outside = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?\s*([^"')> ]+)""", page)
     assert all(place.startswith(("#", "data:")) for place in outside)
-    assert "<script" not in page and "@import" not in page and "<link" not in page
+    assert page.count("<script") == 1 and "@import" not in page and "<link" not in page
     assert "http:" not in page and "https:" not in page
 
 
@@ -229,12 +230,12 @@ def test_a_recording_has_no_scene_no_budget_no_truth_and_no_watts():
 
 
 def test_the_table_gives_the_numbers_of_the_dataset_and_their_errors(page):
-    assert "50.0012 ± 0.0039" in page
-    assert "10.0034 ± 0.0081" in page
+    assert "50.0012 ±\N{NO-BREAK SPACE}0.0039" in page
+    assert "10.0034 ±\N{NO-BREAK SPACE}0.0081" in page
     known = truth(Scene(targets=(CAR,)), RADAR).isel(target=0, frame=0)
     error_m = 50.0012 - float(known.range)
     assert f"{error_m:+.4f}".replace("-", "\N{MINUS SIGN}") in page
-    assert f"{abs(error_m) / 0.0039:.1f} \N{GREEK SMALL LETTER SIGMA}" in page
+    assert f"{abs(error_m) / 0.0039:.1f}\N{NO-BREAK SPACE}\N{GREEK SMALL LETTER SIGMA}" in page
     assert f"{10 * np.log10(12_500):.1f}" in page
 
 
@@ -248,8 +249,16 @@ def test_names_from_files_stay_text():
         yaml=f"name: {hostile}",
     )
 
-    assert "<script" not in page
+    assert page.count("<script") == 1  # our own
     assert page.count("&lt;script&gt;alert(1)") >= 4  # table, scene, finding, settings
+
+
+def test_of_bodies_alone_the_table_has_no_columns_of_errors():
+    page = page_of(result(scene=Scene(targets=(WALKER,))))
+
+    assert "A body has no one place to be off from." in page
+    assert "range error, m" not in page and "Errors are against" not in page
+    assert "range error, m" in page_of(result())
 
 
 def test_a_page_without_detections_says_so():
@@ -270,7 +279,7 @@ def test_of_thousands_of_detections_the_strongest_fifty_are_listed():
     page = page_of(result(detections=detections(3000)))
 
     assert "2950 more are in" in page
-    assert page.count(" ± ") < 2 * 50 + 10
+    assert page.count(" ±\N{NO-BREAK SPACE}") < 2 * 50 + 10
     assert len(page) < 1_500_000
 
 
@@ -295,6 +304,11 @@ def test_several_frames_show_detections_over_time():
 
     assert "frames" in sections(page)
     assert '<th class="num">frame</th>' in page
+
+
+def test_every_figure_says_what_to_see_and_the_pdf_says_all_of_the_page(page):
+    check_captions(page)
+    check_pdf(page)
 
 
 def test_the_same_result_gives_the_same_page(page):

@@ -67,7 +67,10 @@ def test_the_table_has_each_track_where_it_ends_with_its_target(result):
     for number, frames, *amounts, name in rows:
         assert frames == "2 to 5"
         (x, x_std), (y, y_std), (vx, _), _ = (
-            [float(part.replace("\N{MINUS SIGN}", "-")) for part in cell.split(" ± ")]
+            [
+                float(part.replace("\N{MINUS SIGN}", "-"))
+                for part in cell.split(" ±\N{NO-BREAK SPACE}")
+            ]
             for cell in amounts
         )
         which = ("left", "right").index(name)

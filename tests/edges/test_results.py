@@ -14,12 +14,13 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.config import files
+from dechirp.core.columns import COLUMNS, records
 from dechirp.core.conventions import CUBE_AXES, axis
 from dechirp.core.errors import DechirpError
 from dechirp.store import cube as cube_on_disk
 from dechirp.store import results
 from dechirp.store.results import FILES, check_out, write_results
-from dechirp.store.tables import COLUMNS, csv_text, json_text, records
+from dechirp.store.tables import csv_text, json_text
 from dechirp.store.whole import write_whole
 
 TEXTS = {"report.html": "<p>new</p>", "scenario.yaml": "name: new\n", "run.json": "{}\n"}

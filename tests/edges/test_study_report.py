@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from dechirp.cli import studied
+from dechirp.core.words import MINUS, NONE, TIMES
 from dechirp.experiment.study.require import judge
 from dechirp.experiment.study.running import Progress
 from dechirp.experiment.study.study import Listed, Requirement
@@ -19,8 +20,8 @@ from dechirp.report.figures import study as figures
 from dechirp.report.settings_words import score_words, setting_words, told, value_words
 from dechirp.report.study import Made, headline, percent, render, replay, table
 from dechirp.report.study_plates import plates
-from dechirp.report.words import MINUS, NONE, TIMES
 from dechirp.store.tables import json_text
+from printed import check_captions, check_pdf
 from study_made import DISTANCE, OFFSET, RCS, SCORES, WINDOW, Share, layout, result
 
 MADE = Made(
@@ -41,7 +42,7 @@ def page(found, kept=(), yaml="trials: {at_most: 200}\n"):
 
 def words(html):
     """What a reader sees, without the figures."""
-    plain = re.sub(r"<(svg|style)\b.*?</\1>", " ", html, flags=re.DOTALL)
+    plain = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", html, flags=re.DOTALL)
     plain = re.sub(r"<[^>]+>", " ", plain)
     return re.sub(r"\s+", " ", html_module.unescape(plain))
 
@@ -71,6 +72,9 @@ def test_every_kind_of_study_has_its_figures_and_one_page(axes, settings, n_figu
     assert "@import" not in html
     assert "mathdefault" not in html
     assert "nan" not in re.findall(r"[a-z]+", words(html).lower())
+    check_pdf(html)
+    if n_figures:
+        check_captions(html)
 
 
 def test_the_same_result_gives_the_same_page():
@@ -230,8 +234,8 @@ def test_more_values_than_a_figure_tells_apart_are_thinned_and_said_so():
     (first, *_), *_ = (one.figures for one in plates(found))
     (words_, *_), *_ = (one.figures for one in plates(turned))
 
-    assert first.words == "over position y of car, by range window."
-    assert words_.words == "over position y of car, by RCS of car, 8 of 20 values."
+    assert first.words.startswith("over position y of car, by range window. ")
+    assert words_.words.startswith("over position y of car, by RCS of car, 8 of 20 values. ")
 
 
 def test_the_terminal_shows_as_many_scores_as_there_is_room_for():

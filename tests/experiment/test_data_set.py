@@ -2,6 +2,7 @@
 
 import errno
 import html
+import json
 import os
 import re
 import subprocess
@@ -37,6 +38,7 @@ from dechirp.report.data_set import render
 from dechirp.store import shards
 from dechirp.store.data_set import n_bytes, read_data_set
 from nightly import NIGHTLY
+from printed import check_captions, check_pdf
 from trial_cases import small
 
 ITEMS = [(0, 0), (1, 22), (2, 7)]
@@ -440,6 +442,8 @@ def test_the_datasheet_says_what_is_there_and_asks_for_no_other_file(undisturbed
     # Each point, and so each value, has as many items.
     assert page.count('<td class="num">23</td>') == 3
     assert page == render(study(), data, n_bytes=n_bytes(undisturbed / "data.zarr"))
+    check_captions(page)
+    check_pdf(page)
 
 
 def test_the_python_of_the_datasheet_reads_an_item(undisturbed, data, monkeypatch):
@@ -459,10 +463,14 @@ def test_the_command_makes_the_data_set_and_its_datasheet(tmp_path, capsys):
     file.write_text(study_text(study(trials=Trials(at_most=4, block=2), vary=())))
     for _ in range(2):  # the second time nothing is left to do
         with pytest.raises(SystemExit) as ended:
-            main(["study", str(file), "--workers", "1", "--out", str(out)])
+            main(["study", str(file), "--workers", "1", "--out", str(out), "--pdf"])
         assert ended.value.code == 0
         said = " ".join(capsys.readouterr().out.split())
         assert "Data set: at most 4 items, 81.9 kB of samples and maps" in said
         assert "datasheet.html" in said
     assert read_data_set(out / "data.zarr")[""].made.all()
     assert "<title>4 items" in (out / "datasheet.html").read_text()
+    files = json.loads((out / "study.json").read_text())["files"]
+    for name in ("report", "datasheet"):
+        page = (out / f"{name}.html").read_text()
+        assert Path(files[f"{name}.pdf"]).read_bytes() == check_pdf(page)

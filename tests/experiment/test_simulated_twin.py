@@ -13,6 +13,7 @@ from dechirp.core.units import decibels
 from dechirp.exchange.in_memory import recording_of
 from dechirp.formats.base import Contents
 from dechirp.formats.recording import Recording
+from printed import check_captions, check_pdf
 
 NEAR = dc.Target(position_m=(12.3, 1.0, 0), velocity_m_per_s=(-4.7, 0, 0), rcs_m2=0.3)
 FAR = dc.Target(position_m=(31.7, -6.0, 0), velocity_m_per_s=(2.2, 0, 0), rcs_m2=30.0)
@@ -273,7 +274,9 @@ def saved(small, tmp_path, monkeypatch):
 
 
 def test_the_command_writes_a_page_and_a_scenario_and_says_the_differences(saved, capsys):
-    status, out, err = call(capsys, "twin", "walk.npy", "--axes", "frame,chirp,rx,sample", "--json")
+    status, out, err = call(
+        capsys, "twin", "walk.npy", "--axes", "frame,chirp,rx,sample", "--pdf", "--json"
+    )
 
     assert (status, err) == (0, "")
     document = json.loads(out)
@@ -282,6 +285,8 @@ def test_the_command_writes_a_page_and_a_scenario_and_says_the_differences(saved
     assert dc.load(document["scenario"]).scene is not None
     page = (saved / "dechirp-twin" / "report.html").read_text()
     assert "2 of 2 judged peaks within 1 dB and 0.2 bins" in page
+    check_captions(page)
+    assert (saved / document["files"]["report.pdf"]).read_bytes() == check_pdf(page)
     assert json.loads((saved / "dechirp-twin" / "twin.json").read_text()) == document
 
 

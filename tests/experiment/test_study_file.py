@@ -526,6 +526,13 @@ def test_values_of_a_requirement_are_quantities(load):
         assert study.require[0].at == (("scene.targets.car.rcs", "10 dBsm"),)
 
 
+def test_a_limit_holds_however_its_score_is_spelt(load):
+    hyphens = STUDY.replace("score: false_alarm_probability", "score: false-alarm-probability")
+    assert hyphens != STUDY
+
+    assert load(hyphens).require == load(STUDY).require
+
+
 def test_a_study_made_in_python_is_checked_as_well(load):
     study = load(STUDY)
     made = {"scenario": study.scenario, "scores": study.scores}

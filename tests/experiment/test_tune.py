@@ -18,6 +18,7 @@ from dechirp.experiment.tune.document import document
 from dechirp.experiment.tune.read import load_tune
 from dechirp.experiment.tune.run import Tuned, run
 from dechirp.report.tuned import headline, render, verdict
+from printed import check_captions, check_pdf
 
 RADAR = """\
   frame:
@@ -164,6 +165,8 @@ def test_the_page_shows_the_gain_and_asks_for_nothing_else(tuned):
     assert "certain" in verdict(found) and verdict(found) in page
     assert page.count("<svg") == 1 and "chain.cfar.n_training.range=" in page
     assert not any(word in page for word in ("http://", "https://", "src=", "@import"))
+    check_captions(page)
+    check_pdf(page)
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from test_angle_of_moving_targets import HALF_M, at, mimo
 
 import dechirp as dc
 from dechirp.cli.detected import detected
+from dechirp.core.columns import COLUMNS, columns, records
 from dechirp.evaluate.match import match
 from dechirp.process.angle.bartlett import Bartlett
 from dechirp.process.angle.esprit import Esprit
@@ -23,7 +24,7 @@ from dechirp.process.sources import from_origin, middle_m, range_from_m
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.report.page import render
-from dechirp.store.tables import COLUMNS, columns, json_text, records
+from dechirp.store.tables import json_text
 from dechirp.theory.direction_bounds import towards
 
 TDM = dc.Tdm(order=(0, 1, 2))
@@ -328,7 +329,7 @@ def test_the_page_shows_angles_beside_the_truth_in_degrees(radar):
     assert '<th class="num">azimuth error, °</th>' in page
     assert "elevation error" not in page
     (one,) = (float(np.degrees(value)) for value in result.detections.azimuth.values)
-    assert re.search(f"\N{MINUS SIGN}{int(100 * abs(one)) / 100}[0-9]* ± ", page)
+    assert re.search(f"\N{MINUS SIGN}{int(100 * abs(one)) / 100}[0-9]* ±\N{NO-BREAK SPACE}", page)
 
 
 @pytest.mark.parametrize(("range_m", "is_told"), [(4.0, True), (20.0, False)])

@@ -10,7 +10,6 @@ from dechirp.cli.options import Json, Quiet
 if TYPE_CHECKING:
     from dechirp.cli.assumed import Assumed
     from dechirp.core.errors import InvalidFile, Mistake
-    from dechirp.radar.derived import Derived
     from dechirp.radar.design import Design
     from dechirp.radar.requirements import Requirements
 
@@ -173,19 +172,9 @@ def _show(made: "Design", out: Path | None) -> None:
     numbers = table("Design" if made.met else "Nearest design", left=["", "value", "formula"])
     for one in made.derived:
         formula = f"{one.formula}  ({one.uses})" if one.uses else one.formula
-        numbers.add_row(one.name.replace("_", " "), _with_unit(one), formula)
+        numbers.add_row(one.name.replace("_", " "), one.text, formula)
     screen.print(numbers)
     for paragraph in findings(made.findings):
         screen.print(paragraph)
     if out is not None:
         screen.print(f"Radar: {out}", soft_wrap=True)
-
-
-def _with_unit(one: "Derived") -> str:
-    from dechirp.report.words import number, quantity
-
-    if one.unit == "1":
-        return number(one.value, 6)
-    if one.unit == "Hz/s":
-        return f"{number(one.value / 1e12, 6)} MHz/µs"
-    return f"{number(one.value, 6)} m/s" if one.unit == "m/s" else quantity(one.value, one.unit, 6)

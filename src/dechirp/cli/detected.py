@@ -8,10 +8,10 @@ from rich.cells import cell_len
 from rich.table import Table
 
 from dechirp.cli.show import table
+from dechirp.core.words import NONE, decimals_of, fixed, ratio_db
 from dechirp.evaluate.match import match
 from dechirp.experiment.run import Result
 from dechirp.report import tracked
-from dechirp.report.words import NONE, decimals_of, fixed, ratio_db
 
 # What is left out first where the terminal is narrow: the truth before what was measured.
 _LEAST = (

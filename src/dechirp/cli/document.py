@@ -6,9 +6,9 @@ from typing import Any
 import dechirp
 from dechirp.cli.sources import spelled
 from dechirp.config.texts import plain
+from dechirp.core.columns import records
 from dechirp.experiment.run import Result
 from dechirp.radar.radar import Radar
-from dechirp.store.tables import records
 
 
 def document(

@@ -8,12 +8,12 @@ from types import FrameType
 
 from dechirp.config.quantities import quantity
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.words import fixed, ratio_db
 from dechirp.experiment.run import Result
 from dechirp.experiment.scenario import Scenario
 from dechirp.experiment.watch import Seen, stream_of, watch
 from dechirp.live.stream import Stream
 from dechirp.live.udp import is_address
-from dechirp.report.words import fixed, ratio_db
 
 _IDLE = "10 s"
 

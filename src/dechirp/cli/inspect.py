@@ -54,19 +54,26 @@ def inspect(
 
 def _picture(seen: "Inspection") -> bytes | None:
     from dechirp.report.figures.recorded import first_map, points_from_above
+    from dechirp.report.figures.style import TALL_IN, png
 
     recording = seen.recording
     if recording is None:
         return None
     name = recording.path.name
-    if seen.power is not None:
-        number = recording.frame_numbers.start
-        units = recording.contents.units
-        return first_map(seen.power, units=units, title=f"{name}, frame {number}")
-    if recording.points is None or not recording.points.sizes["detection"]:
+    power, points, units = seen.power, recording.points, recording.contents.units
+    if power is not None:
+        return png(
+            lambda figure: first_map(figure.subplots(), power, units=units),
+            title=f"{name}, frame {recording.frame_numbers.start}",
+            height_in=TALL_IN,
+        )
+    if points is None or not points.sizes["detection"]:
         return None
-    title = f"{name}, {recording.n_frames} frames, seen from above"
-    return points_from_above(recording.points, title=title)
+    return png(
+        lambda figure: points_from_above(figure.subplots(), points),
+        title=f"{name}, {recording.n_frames} frames, seen from above",
+        height_in=4.2,
+    )
 
 
 def _document(seen: "Inspection", files: dict[str, Path]) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """`dechirp list`: the families that settings choose from by `kind`, and their members."""
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 from dechirp.cli.options import Json
@@ -25,26 +26,29 @@ def list_members(
     from dechirp.core.errors import InvalidFile, Mistake
     from dechirp.store.tables import json_text
 
-    families = _families()
-    if family is not None and family not in families:
+    known = families()
+    if family is not None and family not in known:
         raise InvalidFile(
             Mistake(
                 setting="the family",
                 got=family,
-                need=f"one of {', '.join(families)}",
-                fix=did_you_mean(family, families),
+                need=f"one of {', '.join(known)}",
+                fix=did_you_mean(family, known),
             )
         )
-    wanted = {name: families[name] for name in families if family in (None, name)}
-    found = {name: _members(base) for name, base in wanted.items()}
+    wanted = {name: known[name] for name in known if family in (None, name)}
+    found = {name: members(base) for name, base in wanted.items()}
     if as_json:
         print(json_text({"families": found}), end="")
     else:
         _show(found)
+    for name, base in wanted.items():
+        for kind, why in base.missing_guests().items():
+            print(f"{name}: {kind} of another package cannot be loaded: {why}", file=sys.stderr)
     return 0
 
 
-def _families() -> dict[str, "type[Family]"]:
+def families() -> dict[str, "type[Family]"]:
     """Base classes by name, from every `base.py` of the package."""
     import importlib
     import pkgutil
@@ -61,7 +65,7 @@ def _families() -> dict[str, "type[Family]"]:
     }
 
 
-def _members(base: "type[Family]") -> dict[str, Any]:
+def members(base: "type[Family]") -> dict[str, Any]:
     """Settings of each member by its kind, as a settings file writes them."""
     from dechirp.config.fields import settings, words
     from dechirp.config.help import field_help
@@ -98,9 +102,9 @@ def _show(found: dict[str, Any]) -> None:
     from dechirp.cli.show import console
 
     screen = console()
-    for family, members in found.items():
+    for family, of_family in found.items():
         screen.print(Text(family, "bold underline"))
-        for kind, member in members.items():
+        for kind, member in of_family.items():
             screen.print(Padding(Text.assemble((kind, "bold"), f"  {member['help']}"), (0, 2)))
             for name, setting in member["settings"].items():
                 default = "null" if setting["default"] is None else setting["default"]

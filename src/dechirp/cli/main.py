@@ -93,7 +93,7 @@ def _unwritable(error: OSError) -> Mistake:
 def _status(words: list[str]) -> int:
     as_json = any(word.startswith("--json") for word in words)  # --json=true is one, too
     try:
-        return int(_app()(words, exit_on_error=False, print_error=False) or 0)
+        return int(app()(words, exit_on_error=False, print_error=False) or 0)
     except CycloptsError as error:
         tell(wrong_call(error), as_json=as_json)
     except DechirpError as error:
@@ -101,8 +101,9 @@ def _status(words: list[str]) -> int:
     return 2
 
 
-def _app() -> App:
-    app = App(
+def app() -> App:
+    """Every command by its name; none is loaded yet."""
+    made = App(
         name="dechirp",
         help="Design, simulate, process and prove FMCW radars. Without anything else,"
         " `dechirp run` shows a car at 50 m.",
@@ -112,72 +113,82 @@ def _app() -> App:
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
-    app.command(
+    made.command(
         "dechirp.cli.run:run",
         name="run",
         help="Simulate a scenario or read a recording, detect, and write a report.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.design:design",
         name="design",
         help="Find the waveform that meets requirements, with every formula.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.studio:studio",
         name="studio",
         help="Serve a web page on which a radar can be seen at work, and its knobs turned.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.verify:verify",
         name="verify",
         help="Measure every claim of the reference report against theory, and write the paper.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.study:study",
         name="study",
         help="Try a scenario many times over varied settings, with intervals, beside theory.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.tune:tune",
         name="tune",
         help="Search detector, cluster and tracker settings for a stated aim.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.inspect:inspect",
         name="inspect",
         help="Say what a recording is, what its radar can see, and what is wrong with it.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.convert:convert",
         name="convert",
         help="Write a recording, a run or a simulated scene in the format of another tool.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.calibrate:calibrate",
         name="calibrate",
         help="Measure gains and places of an array's elements with a reflector at known angles.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.twin:twin",
         name="twin",
         help="Simulate a recording from what is found in it, and show both side by side.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.fixed_point:fixed_point",
         name="fixed-point",
         help="Take one frame through the chain in words of given lengths; write test vectors.",
     )
-    app.command(
+    made.command(
         "dechirp.cli.list:list_members",
         name="list",
         help="List what settings choose by kind: detectors, impairments, formats.",
     )
-    app.command(
+    made.command(
+        "dechirp.cli.schema:schema",
+        name="schema",
+        help="Print the JSON Schema of a settings file, for editors.",
+    )
+    made.command(
+        "dechirp.cli.completion:completion",
+        name="completion",
+        help="Print the script by which a shell completes commands and options.",
+    )
+    made.command(
         "dechirp.cli.doctor:doctor",
         name="doctor",
         help="Check versions, extras, memory and compiled kernels.",
     )
-    return app
+    return made
 
 
 def _end(signal_number: int, _frame: FrameType | None) -> NoReturn:

@@ -20,6 +20,15 @@ Quiet: TypeAlias = Annotated[
     bool, Parameter(name="--quiet", show_default=False, help="Print nothing but mistakes.")
 ]
 
+Pdf: TypeAlias = Annotated[
+    bool,
+    Parameter(
+        name="--pdf",
+        show_default=False,
+        help="Write each page as PDF as well; needs the extra pdf.",
+    ),
+]
+
 
 @Parameter(name="*")
 @dataclass(kw_only=True, frozen=True)

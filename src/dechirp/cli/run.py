@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import NOTHING_TOLD, Json, Quiet, Told
+from dechirp.cli.options import NOTHING_TOLD, Json, Pdf, Quiet, Told
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result
@@ -22,6 +22,7 @@ def run(
     objects: list[Path] | None = None,
     follow: Annotated[bool, Parameter(show_default=False)] = False,
     idle: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    pdf: Pdf = False,
     as_json: Json = False,
     quiet: Quiet = False,
     seed: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
@@ -55,9 +56,12 @@ def run(
     from dechirp.cli.sources import scenario_of
     from dechirp.core.errors import DechirpError
     from dechirp.experiment.run import run as run_scenario
+    from dechirp.report.pdf import check_pdf
     from dechirp.store.results import check_out
 
     check_out(out)
+    if pdf:
+        check_pdf()
     _check_objects(objects or ())
     scenario = scenario_of(
         source,
@@ -76,9 +80,9 @@ def run(
         try:
             result = _tell_others(result, objects)
         except DechirpError:  # a disk that is full: the run is not lost
-            write(result, source=source, out=out, objects=())
+            write(result, source=source, out=out, objects=(), with_pdf=pdf)
             raise
-    document = write(result, source=source, out=out, objects=objects or ())
+    document = write(result, source=source, out=out, objects=objects or (), with_pdf=pdf)
     if as_json:
         print(document, end="")
     elif not quiet:
@@ -112,12 +116,20 @@ def _tell_others(result: "Result", files: Sequence[Path]) -> "Result":
     return replace(result, findings=(*result.findings, *said))
 
 
-def write(result: "Result", *, source: Path | None, out: Path, objects: Sequence[Path]) -> str:
+def write(
+    result: "Result",
+    *,
+    source: Path | None,
+    out: Path,
+    objects: Sequence[Path],
+    with_pdf: bool = False,
+) -> str:
     """Write the results, and give the JSON document that is one of them."""
     from dechirp.cli.document import document
     from dechirp.config.texts import dump
     from dechirp.formats.recording import Recording
     from dechirp.report.page import render
+    from dechirp.report.pdf import pdf_of
     from dechirp.store.results import files_in, write_results
     from dechirp.store.tables import json_text
 
@@ -125,10 +137,11 @@ def write(result: "Result", *, source: Path | None, out: Path, objects: Sequence
     simulated = result.scenario.scene is not None
     yaml = dump(result.scenario, without=() if simulated else ("n_frames", "impairments"))
     page = render(result, yaml=yaml)
+    printed = pdf_of(page) if with_pdf else None
     timing_s = {**result.timing_s, "report": perf_counter() - started}
     others = {"ego": result.ego, "clusters": result.clusters, "tracks": result.tracks}
     there = {name: table for name, table in others.items() if table is not None}
-    files = files_in(out, there) | {file.name: file for file in objects}
+    files = files_in(out, there, has_pdf=with_pdf) | {file.name: file for file in objects}
     made = document(result, source=source, files=files, timing_s=timing_s)
     texts = {"report.html": page, "scenario.yaml": yaml, "run.json": json_text(made)}
     made_by = result.source.contents if isinstance(result.source, Recording) else None
@@ -141,6 +154,7 @@ def write(result: "Result", *, source: Path | None, out: Path, objects: Sequence
         detections=result.detections,
         truth=result.truth,
         others=there,
+        pdf=printed,
         device=made_by.device if made_by else None,
         iq=made_by.iq if made_by else None,
     )

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from dechirp.cli.options import Json, Whole, whole_number
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import FrameType
 
     from dechirp.experiment.scenario import Scenario
@@ -48,8 +49,7 @@ def studio(
     start = checked(_start(scenario, changes or []), limits)
     made = partial(pages, scenario=start, limits=limits)
     started = Studio(made, host=host, port=number)
-    _tell(started, as_json=as_json)
-    _serve(started)
+    _serve(started, partial(_tell, started, as_json=as_json))
     return 0
 
 
@@ -94,7 +94,7 @@ def _tell(started: "Studio", *, as_json: bool) -> None:
         )
 
 
-def _serve(started: "Studio") -> None:
+def _serve(started: "Studio", tell: "Callable[[], None]") -> None:
     import asyncio
     import logging
     import signal
@@ -110,6 +110,7 @@ def _serve(started: "Studio") -> None:
         logging.getLogger("bokeh.server.views.ws").setLevel(logging.ERROR)
         for one in (signal.SIGINT, signal.SIGTERM):
             signal.signal(one, stop)
+        tell()  # not before: who reads the address may end it at once
         await started.serve(stopped)
 
     asyncio.run(until_signal())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import Json, Quiet, Whole, whole_number
+from dechirp.cli.options import Json, Pdf, Quiet, Whole, whole_number
 
 if TYPE_CHECKING:
     from dechirp.experiment.study.ledger import Ledger
@@ -25,6 +25,7 @@ def study(
     cluster: str | None = None,
     trial: Whole = None,
     out: Path = Path("dechirp-study"),
+    pdf: Pdf = False,
     as_json: Json = False,
     quiet: Quiet = False,
     seed: Whole = None,
@@ -61,14 +62,17 @@ def study(
     from dechirp.experiment.study.read import load_study
     from dechirp.experiment.study.run import finished, open_ledger, run_trials
     from dechirp.experiment.study.trial import layout_of
+    from dechirp.report.pdf import check_pdf
 
     n_workers = None if workers is None else whole_number("--workers", workers, 1, 10_000)
     start = None if seed is None else whole_number("--seed", seed, 0, 2**63 - 1)
     number = None if trial is None else whole_number("--trial", trial, 0, 2**53)
+    if pdf:
+        check_pdf()
     asked = load_study(file, changes or [], seed=start)
     if number is not None:
         folder = Path("dechirp-trial") if out == Path("dechirp-study") else out
-        return _replay(asked, number, folder, as_json=as_json, quiet=quiet)
+        return _replay(asked, number, folder, with_pdf=pdf, as_json=as_json, quiet=quiet)
     _check_out(out)
     plan = Plan.of(asked)
     with ExitStack() as kept_open:
@@ -79,7 +83,7 @@ def study(
             with live(plan, layout_of(plan), ledger, quiet=quiet) as tell:
                 run_trials(plan, ledger, pool, tell)
         made = finished(plan, ledger)
-        text = _write(made, ledger, file, out)
+        text = _write(made, ledger, file, out, with_pdf=pdf)
     if as_json:
         print(text, end="")
     elif not quiet:
@@ -95,11 +99,12 @@ def _check_out(out: Path) -> None:
     from dechirp.experiment.study.record import NAME
     from dechirp.store.whole import must_be_replaceable
 
-    must_be_replaceable(out, mark=NAME, ours={*_FILES, *FILES, *_OF_DATA_SETS})
+    must_be_replaceable(out, mark=NAME, ours={*_FILES, *FILES, *_OF_DATA_SETS, *_PDFS})
 
 
 _FILES = ("report.html", "study.yaml", "study.json", "points.parquet", "trials.parquet")
 _OF_DATA_SETS = ("data.zarr", "datasheet.html")
+_PDFS = ("report.pdf", "datasheet.pdf")
 
 
 def _tell_size(plan: "Plan") -> None:
@@ -114,7 +119,7 @@ def _tell_size(plan: "Plan") -> None:
     )
 
 
-def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
+def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path, *, with_pdf: bool) -> str:
     """Write the results beside the record, and give the JSON document that is one of them."""
     import datetime
 
@@ -123,12 +128,14 @@ def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
     from dechirp.experiment.study.record import NAME
     from dechirp.experiment.study.results import numbered, write_points, write_trials
     from dechirp.experiment.study.text import study_text
+    from dechirp.report.pdf import write_pdf
     from dechirp.report.study import Made, render
     from dechirp.store.tables import json_text
     from dechirp.store.whole import write_whole
 
     asked = made.result.study
     data_set = _OF_DATA_SETS if asked.keep else ()
+    pdfs = _PDFS[: 2 if asked.keep else 1] if with_pdf else ()
     yaml = study_text(asked)
     about = {"dechirp": dechirp.__version__, "study": yaml}
     write_points(made.result, out / "points.parquet", about=about)
@@ -141,7 +148,7 @@ def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
             version=dechirp.__version__,
             done=done,
             total=done,
-            files={name: out / name for name in (*_FILES, NAME, *data_set)},
+            files={name: out / name for name in (*_FILES, NAME, *data_set, *pdfs)},
         )
     )
     page = render(
@@ -161,6 +168,9 @@ def _write(made: "Finished", ledger: "Ledger", source: Path, out: Path) -> str:
         texts["datasheet.html"] = _datasheet(asked, out)
     for name, content in texts.items():
         write_whole(out / name, content)
+    for name in _PDFS:
+        html = texts.get(name.replace(".pdf", ".html"))
+        write_pdf(out / name, html if with_pdf else None)
     return text
 
 
@@ -206,7 +216,9 @@ def _show(made: "Finished", said: Sequence[Any], out: Path) -> None:
         screen.print(f"Data set: {out / 'data.zarr'}, {out / 'datasheet.html'}", soft_wrap=True)
 
 
-def _replay(asked: "Study", trial: int, out: Path, *, as_json: bool, quiet: bool) -> int:
+def _replay(
+    asked: "Study", trial: int, out: Path, *, with_pdf: bool, as_json: bool, quiet: bool
+) -> int:
     """Run one trial alone, and show it as `dechirp run` does."""
     from dechirp.cli.run import show, write
     from dechirp.core.errors import InvalidSetting
@@ -226,7 +238,7 @@ def _replay(asked: "Study", trial: int, out: Path, *, as_json: bool, quiet: bool
         )
     check_out(out)
     made = replay(asked, trial)
-    text = write(made.result, source=None, out=out, objects=())
+    text = write(made.result, source=None, out=out, objects=(), with_pdf=with_pdf)
     if as_json:
         print(json_text(_replayed(made, plan, text)), end="")
     elif not quiet:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import Json, Quiet, Whole, whole_number
+from dechirp.cli.options import Json, Pdf, Quiet, Whole, whole_number
 
 if TYPE_CHECKING:
     from dechirp.experiment.tune.run import Tuned
@@ -20,6 +20,7 @@ def tune(
     scheduler: str | None = None,
     cluster: str | None = None,
     out: Path = Path("dechirp-tune"),
+    pdf: Pdf = False,
     as_json: Json = False,
     quiet: Quiet = False,
     seed: Whole = None,
@@ -51,10 +52,13 @@ def tune(
     from dechirp.experiment.study.executors import chosen
     from dechirp.experiment.tune.read import load_tune
     from dechirp.experiment.tune.run import run
+    from dechirp.report.pdf import check_pdf
     from dechirp.store.tables import json_text
 
     n_workers = None if workers is None else whole_number("--workers", workers, 1, 10_000)
     start = None if seed is None else whole_number("--seed", seed, 0, 2**63 - 1)
+    if pdf:
+        check_pdf()
     asked = load_tune(file, changes or [], seed=start)
     _check_out(out)
     with (
@@ -62,7 +66,7 @@ def tune(
         progress("blocks of trials", quiet=quiet) as report,
     ):
         tuned = run(asked, out, workers=pool, progress=report)
-    found = _write(tuned, out)
+    found = _write(tuned, out, with_pdf=pdf)
     if as_json:
         print(json_text(found), end="")
     elif not quiet:
@@ -96,35 +100,39 @@ def _check_out(out: Path) -> None:
     from dechirp.store.whole import must_be_replaceable
 
     best = {_best(at) for at in range(_MOST_SOURCES)}
-    must_be_replaceable(out, mark=NAME, ours={*_FILES, *best, *FILES})
+    must_be_replaceable(out, mark=NAME, ours={*_FILES, _PDF, *best, *FILES})
 
 
-def _write(tuned: "Tuned", out: Path) -> dict[str, Any]:
+def _write(tuned: "Tuned", out: Path, *, with_pdf: bool) -> dict[str, Any]:
     """Write the results beside the record, and give the document that is one of them."""
     import dechirp
     from dechirp.config.texts import dump
     from dechirp.experiment.tune.document import document
+    from dechirp.report.pdf import write_pdf
     from dechirp.report.tuned import render
     from dechirp.store.tables import json_text
     from dechirp.store.whole import write_whole
 
     yamls = [] if tuned.best is None else [dump(one) for one in tuned.scenarios]
     names = [*_FILES, *(_best(at) for at in range(len(yamls)))]
+    pages = [_PDF] if with_pdf else []
     found = {
         "version": dechirp.__version__,
         **document(tuned),
-        "files": {name: str(out / name) for name in names},
+        "files": {name: str(out / name) for name in [*names, *pages]},
     }
     page = render(found, yaml=yamls[0] if yamls else "")
     texts = (json_text(found), page, *yamls)
     for name, text in zip(names, texts, strict=True):
         write_whole(out / name, text)
+    write_pdf(out / _PDF, page if with_pdf else None)
     for at in range(len(yamls), _MOST_SOURCES):
         (out / _best(at)).unlink(missing_ok=True)
     return found
 
 
 _FILES = ("tune.json", "report.html")
+_PDF = "report.pdf"
 _MOST_SOURCES = 100
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dechirp.cli.options import NOTHING_TOLD, Json, Quiet, Told, Whole, whole_number
+from dechirp.cli.options import NOTHING_TOLD, Json, Pdf, Quiet, Told, Whole, whole_number
 
 if TYPE_CHECKING:
     from dechirp.experiment.twin.twin import TwinBar
@@ -19,6 +19,7 @@ def twin(
     within: str = "1 dB",
     bins: str = "0.2",
     out: Path = Path("dechirp-twin"),
+    pdf: Pdf = False,
     as_json: Json = False,
     quiet: Quiet = False,
     seed: Whole = None,
@@ -49,13 +50,17 @@ def twin(
     from dechirp.experiment.twin.document import document
     from dechirp.experiment.twin.twin import twin as twin_of
     from dechirp.formats.recording import open as open_recording
+    from dechirp.report.pdf import check_pdf, pdf_of
     from dechirp.report.twin import render
     from dechirp.store.tables import json_text
-    from dechirp.store.texts import check_out, write_texts
+    from dechirp.store.texts import check_out, write_files
 
     bar = _bar(within, bins)
     number = 0 if seed is None else whole_number("--seed", seed, 0, 2**63 - 1)
-    check_out(out, _FILES)
+    check_out(out, (*_FILES, "report.pdf"))
+    if pdf:
+        check_pdf()
+    names = (*_FILES, "report.pdf") if pdf else _FILES
     recording = open_recording(source, **told.given())
     with progress("rounds", quiet=quiet) as report:
         made = twin_of(recording, seed=number, progress=report)
@@ -65,10 +70,11 @@ def twin(
         "source": str(source),
         **document(made, bar),
         "scenario": str(out / "twin.yaml"),
-        "files": {name: str(out / name) for name in _FILES},
+        "files": {name: str(out / name) for name in names},
     }
     texts = (json_text(found), yaml, render(made, found, yaml=yaml))
-    write_texts(out, dict(zip(_FILES, texts, strict=True)))
+    contents = [text.encode() for text in texts] + ([pdf_of(texts[-1])] if pdf else [])
+    write_files(out, dict(zip(names, contents, strict=True)))
     if as_json:
         print(texts[0], end="")
     elif not quiet:
@@ -103,8 +109,8 @@ def _bar(within: str, bins: str) -> "TwinBar":
 def _show(found: Mapping[str, Any], out: Path) -> None:
     from dechirp.cli.show import console, findings, table
     from dechirp.core.findings import Finding
+    from dechirp.core.words import fixed
     from dechirp.report.twin import headline, verdict
-    from dechirp.report.words import fixed
 
     screen = console()
     right = [

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from dechirp.cli.options import Json, Quiet, Whole, whole_number
+from dechirp.cli.options import Json, Pdf, Quiet, Whole, whole_number
 
 
 def verify(
@@ -13,6 +13,7 @@ def verify(
     trials: Whole = None,
     full: Annotated[bool, Parameter(show_default=False)] = False,
     out: Path = Path("dechirp-verify"),
+    pdf: Pdf = False,
     as_json: Json = False,
     quiet: Quiet = False,
     seed: Whole = None,
@@ -38,21 +39,27 @@ def verify(
     from dechirp.experiment.verify.certificate import verify as certify
     from dechirp.experiment.verify.document import document
     from dechirp.report.paper import render
+    from dechirp.report.pdf import check_pdf, pdf_of
     from dechirp.store.tables import json_text
-    from dechirp.store.texts import check_out, write_texts
+    from dechirp.store.texts import check_out, write_files
 
     n_trials = None if trials is None else whole_number("--trials", trials, 1, 100_000_000)
     start = 1 if seed is None else whole_number("--seed", seed, 0, 2**63 - 1)
-    check_out(out, _FILES)
+    check_out(out, (*_FILES, "report.pdf"))
+    if pdf:
+        check_pdf()
+    names = (*_FILES, "report.pdf") if pdf else _FILES
     with progress("trials", quiet=quiet) as report:
         certificate = certify(trials=n_trials, full=full, seed=start, progress=report)
     found = {
         "version": dechirp.__version__,
         **document(certificate),
-        "files": {name: str(out / name) for name in _FILES},
+        "files": {name: str(out / name) for name in names},
     }
     text = json_text(found)
-    write_texts(out, dict(zip(_FILES, (text, render(found)), strict=True)))
+    page = render(found)
+    contents = [text.encode(), page.encode(), *([pdf_of(page)] if pdf else [])]
+    write_files(out, dict(zip(names, contents, strict=True)))
     if as_json:
         print(text, end="")
     elif not quiet:

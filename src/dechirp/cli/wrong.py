@@ -76,8 +76,8 @@ def wrong_call(error: CycloptsError) -> list[Mistake]:
             mistake = Mistake(
                 setting=shown(given),
                 got="not an option of this command",
-                need=f"one of {', '.join(options)}",
-                fix=did_you_mean(given, options),
+                need=f"one of {', '.join(options)}" if options else "left out",
+                fix=did_you_mean(given, options) if options else help_fix,
             )
         case UnusedCliTokensError(unused_tokens=list() as tokens):
             mistake = Mistake(

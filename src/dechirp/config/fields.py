@@ -7,16 +7,15 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from dechirp.config.quantities import KINDS
 from dechirp.config.tree import Node
 from dechirp.core.families import Family
+from dechirp.core.kinds import KINDS, split
 
 _SIMPLE: dict[Any, str] = {
     int: "a whole number",
     str: "a text",
     bool: "true or false",
 }
-_SUFFIXES = sorted((f"_{unit}" for unit in KINDS if unit), key=len, reverse=True)
 
 
 @dataclass(frozen=True)
@@ -138,14 +137,7 @@ def _words(hint: Any, unit: str | None, read_from_path: Collection[type]) -> str
 
 
 def _split(field: str, hint: Any) -> tuple[str, str | None]:
-    if not _holds(float, hint):
-        return field, None
-    for suffix in _SUFFIXES:
-        if field.endswith(("probability", "probabilities", "confidence")):
-            return field, "probability"
-        if field.endswith(suffix):
-            return field.removesuffix(suffix), suffix[1:]
-    return field, None
+    return split(field) if _holds(float, hint) else (field, None)
 
 
 def _holds(kind: type, hint: Any) -> bool:

@@ -155,9 +155,18 @@ def _missing(key: str, about: Spot, read_from_path: Collection[type]) -> Iterato
 
 
 def _wrong_kind(at: Spot) -> Mistake:
-    kinds = [kind for family in at.slot.choices if is_family(family) for kind in family.members()]
+    families = [choice for choice in at.slot.choices if is_family(choice)]
+    kinds = [kind for family in families for kind in family.members()]
     kind = at.step("kind")
     place, got = (kind.place, kind.node.shown) if kind else (at.place, "missing")
+    missing = {name: why for one in families for name, why in one.missing_guests().items()}
+    if kind and kind.node.text in missing:
+        return place.mistake(
+            dotted(at.path, "kind"),
+            got=f"{got}, which cannot be loaded ({missing[kind.node.text]})",
+            need=f"one of {', '.join(kinds)}, or a package that can be loaded",
+            fix="Mend or remove the package that has it.",
+        )
     return place.mistake(
         dotted(at.path, "kind"),
         got=got,

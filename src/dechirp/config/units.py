@@ -5,6 +5,7 @@ Its default registry would read 12 dBi as deci-biots and MS/s as mega-siemens.
 
 from decimal import Decimal
 from functools import cache
+from typing import Any
 
 import pint
 
@@ -80,6 +81,24 @@ def convert(number: Decimal, unit: str, base: str) -> Decimal | None:
         return Decimal(_registry().convert(number, unit, base))
     except pint.DimensionalityError:
         return None
+
+
+def alike(base: str) -> list[tuple[tuple[str, ...], ...]]:
+    """Units of the kind of a base unit: names that may stand at each place of A or A/B."""
+    registry, wanted = _registry(), _registry().get_dimensionality(base)
+    of_kind: dict[Any, list[str]] = {}
+    for name in DEFINITIONS:
+        of_kind.setdefault(registry.get_dimensionality(name), []).append(name)
+    alone: list[tuple[tuple[str, ...], ...]] = [
+        (tuple(names),) for kind, names in of_kind.items() if kind == wanted
+    ]
+    over: list[tuple[tuple[str, ...], ...]] = [
+        (tuple(above), tuple(below))
+        for kind, above in of_kind.items()
+        for other, below in of_kind.items()
+        if other and kind / other == wanted
+    ]
+    return alone + over
 
 
 @cache

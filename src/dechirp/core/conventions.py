@@ -16,6 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+import dechirp.core.accessor  # noqa: F401  # who has labelled arrays has `.dechirp`
+
 AXES = {
     "frame": ("s", "start of the frame"),
     "chirp": ("s", "slow time: start of the chirp, since the start of its frame"),

@@ -10,7 +10,8 @@ import inspect
 import pkgutil
 from abc import ABC
 from collections.abc import Iterator
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoints, entry_points
 from typing import ClassVar
 
 
@@ -31,9 +32,33 @@ class Family(ABC):
         folder = importlib.import_module(cls.__module__.rpartition(".")[0])
         for module in pkgutil.iter_modules(folder.__path__, folder.__name__ + "."):
             importlib.import_module(module.name)
-        for guest in entry_points(group=cls.group):
-            guest.load()
+        cls.missing_guests()  # loads the others
         return {member.kind(): member for member in sorted(_final(cls), key=lambda m: m.kind())}
+
+    @classmethod
+    def missing_guests(cls) -> dict[str, str]:
+        """Why entry points give no member, by their names; those that do are loaded.
+
+        A guest that is broken takes nothing from what does without it.
+        """
+        reasons = {}
+        for guest in _guests(cls.group):
+            try:
+                loaded = guest.load()
+            except Exception as error:  # of another package, at import: it may be any
+                reasons[guest.name] = f"{guest.value} raises {type(error).__name__}: {error}"
+            else:
+                if not (inspect.isclass(loaded) and issubclass(loaded, cls)):
+                    reasons[guest.name] = f"{guest.value} is no {cls.__name__}"
+                elif inspect.isabstract(loaded):
+                    lacks = ", ".join(sorted(loaded.__abstractmethods__))
+                    reasons[guest.name] = f"{guest.value} does not give {lacks}"
+        return reasons
+
+
+@cache
+def _guests(group: str) -> EntryPoints:
+    return entry_points(group=group)  # 10 ms, and a file of settings asks several times
 
 
 def _final(cls: type[Family]) -> Iterator[type[Family]]:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar, dataclass_transform
 
+from dechirp.core.displayed import Displayed
+
 T = TypeVar("T")
 
 
@@ -13,6 +15,7 @@ def value(cls: type[T]) -> type[T]:
     Field names carry their SI unit (`slope_hz_per_s`); settings files use the name
     without it. `dataclasses.replace` makes a variant and checks it again. What functions of
     one number return, an array without axes, is kept as that number: arrays have no hash.
+    One that is `Displayed` says its own line.
     """
     check = getattr(cls, "__post_init__", None)
 
@@ -26,4 +29,4 @@ def value(cls: type[T]) -> type[T]:
 
     made: Any = cls
     made.__post_init__ = keep
-    return dataclass(frozen=True, kw_only=True)(cls)
+    return dataclass(frozen=True, kw_only=True, repr=not issubclass(cls, Displayed))(cls)

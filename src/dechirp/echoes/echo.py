@@ -75,7 +75,7 @@ def simulate(
     Returns
     -------
     DataArray (frame, chirp, rx, sample), sqrt(W)
-        Complex sampling: |.|^2 of an echo is its power. Real sampling: its mean square is.
+        Complex sampling: `|.|^2` of an echo is its power. Real sampling: its mean square is.
         The attribute `kernels` names those that summed it.
 
     Raises

@@ -1,13 +1,15 @@
 """One experiment from start to end: the page on which simulation and processing meet."""
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 import xarray as xr
 
+from dechirp.core.accessor import rows
+from dechirp.core.displayed import Displayed, Table, findings, several
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning, heard
 from dechirp.core.values import value
@@ -33,7 +35,7 @@ from dechirp.tracking.live import LiveTracker
 
 
 @value
-class Result:
+class Result(Displayed):
     """What came out of one experiment."""
 
     scenario: Scenario
@@ -83,6 +85,19 @@ class Result:
     def n_kept(self) -> int:
         """Number of frames whose samples are kept: of a stream the first alone."""
         return self.source.sizes["frame"]
+
+    def _line(self) -> str:
+        parts = [several(self.n_frames, "frame")]
+        found = {"detection": self.detections, "cluster": self.clusters, "track": self.tracks}
+        parts += [several(of.sizes[one], one) for one, of in found.items() if of is not None]
+        parts += [several(len(self.findings), "finding")] if self.findings else []
+        return f"{self.scenario.name}: {', '.join(parts)}"
+
+    def _tables(self) -> Iterable[Table]:
+        yield findings(self.findings)
+        yield rows(self.detections, "Detections")
+        if self.tracks is not None:
+            yield rows(self.tracks, "Tracks")
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Cubes of one frame each that are kept, those of a recording decoded when asked for."""

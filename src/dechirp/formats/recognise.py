@@ -29,8 +29,7 @@ def recognised(
         If none does, or takes what is given, or there is nothing to be read.
     """
     path = Path(path)
-    members: dict[str, Format] = {kind: made() for kind, made in Format.members().items()}
-    must_be_one_of(path, "format", format, tuple(members))
+    members = _formats(path, format)
     try:
         file, inside = inside_of(path)
         asked = [*given, "inside"] if inside is not None else given
@@ -41,8 +40,7 @@ def recognised(
 
 def contents_of(path: Path, wanted: str | None, told: Told) -> tuple[str, Contents]:
     """Kind of the format of a path, and what it holds: the wanted one, else the best fit."""
-    formats: dict[str, Format] = {kind: made() for kind, made in Format.members().items()}
-    must_be_one_of(path, "format", wanted, tuple(formats))
+    formats = _formats(path, wanted)
     said = {name: getattr(told, name) for name in ("axes", "encoding", "iq", "inside")}
     given = [name for name, value in said.items() if value is not None]
     kinds = _fitting(path, wanted, formats, given)
@@ -69,6 +67,21 @@ def contents_of(path: Path, wanted: str | None, told: Told) -> tuple[str, Conten
     )
     best = contents[place]
     return names[place], replace(best, findings=best.findings + chosen)
+
+
+def _formats(path: Path, wanted: str | None) -> dict[str, Format]:
+    """Every format by its kind; an error if the wanted one is none, or cannot be loaded."""
+    why = Format.missing_guests().get(wanted) if wanted else None
+    if why:
+        raise RecordingError(
+            path,
+            got=f"given with format {wanted!r}, which cannot be loaded ({why})",
+            need="given with a format that can be loaded",
+            fix="Mend or remove the package that has it.",
+        )
+    formats: dict[str, Format] = {kind: made() for kind, made in Format.members().items()}
+    must_be_one_of(path, "format", wanted, tuple(formats))
+    return formats
 
 
 def _fitting(

@@ -1,7 +1,7 @@
 """A recording: the samples in a file or folder, as the cube a simulation would give."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.displayed import Displayed, Table, findings, several
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.memory import must_fit
@@ -28,7 +29,7 @@ from dechirp.radar.radar import Radar
 
 
 @value
-class Recording:
+class Recording(Displayed):
     """Samples on disk with the radar that made them; decoded only when asked for.
 
     Samples are complex64, or float32 where sampling is real, and full scale is 1 unless the
@@ -110,6 +111,20 @@ class Recording:
             return table
         (over,), numbers = table["frame"].dims, table["frame"].values
         return table.isel({over: np.flatnonzero((numbers >= own.start) & (numbers < own.stop))})
+
+    def _line(self) -> str:
+        parts = [f"{Path(self.path).name}: {self.format}", several(self.n_frames, "frame")]
+        if self.contents.decode is None:
+            parts.append("detections without samples")
+        if self.contents.radar is not None:
+            parts.append(self.contents.radar._line())
+        return ", ".join(parts)
+
+    def _tables(self) -> Iterable[Table]:
+        if self.findings:
+            yield findings(self.findings)
+        if self.contents.radar is not None:
+            yield from self.contents.radar._tables()
 
     def must_hold_samples(self) -> None:
         """Raise `RecordingError` if it holds detections alone."""

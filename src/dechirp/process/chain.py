@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import get_args
 
 from dechirp.core.checks import count, instances
+from dechirp.core.displayed import Displayed, told
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.process.angle.aperture import FieldOfView
@@ -27,7 +28,7 @@ from dechirp.theory.windows import Window
 
 
 @value
-class Chain:
+class Chain(Displayed):
     """Settings of the chain, in the order in which they act."""
 
     mitigation: tuple[Mitigation, ...] = ()
@@ -125,6 +126,16 @@ class Chain:
             over_velocity=self.over_velocity(radar.frame),
             n_channels=radar.n_summed,
         )
+
+    def _line(self) -> str:
+        windows = dict.fromkeys((self.range_window, self.doppler_window))
+        parts = [f"{told(self.mitigation)} taken out"] if self.mitigation else []
+        parts += [f"{' and '.join(windows)} windows", self.cfar.estimator.kind()]
+        rate = self.cfar.false_alarm_probability
+        parts[-1] += "" if rate is None else f" at {told(rate, 'probability')}"
+        parts.append("no directions" if self.angle is None else f"directions by {told(self.angle)}")
+        parts += ["clusters"] if self.cluster is not None else []
+        return ", ".join(parts)
 
 
 @lru_cache(maxsize=64)

@@ -97,21 +97,23 @@ def cluster(
         The same with `cluster`: a row of the clusters, -1 for noise.
     Dataset over `cluster`
         frame, time : 1, s
-        range : m, velocity : m/s, azimuth, elevation : rad
+            Of its detections.
+        range, velocity, azimuth, elevation : m, m/s, rad, rad
             Centroid: means over its detections, weighted by their ratios; an angle of those
             that tell it, NaN where none does. Velocities, and the ranges that go with them, are
             brought to one fold before: that of the strongest detection whose fold is known,
             else the one about zero.
-        range_std : m, velocity_std : m/s, azimuth_std, elevation_std : rad
+        range_std, velocity_std, azimuth_std, elevation_std : m, m/s, rad, rad
             Standard errors of these means, from those of the detections. That another look sees
             other parts of a large object they do not say: the extents do.
         snr : ratio
             Sum over its detections.
-        range_extent : m, velocity_extent : m/s, azimuth_extent : rad
+        range_extent, velocity_extent, azimuth_extent : m, m/s, rad
             Largest less smallest.
         fold
             NaN where no detection tells it.
         n_detections
+            How many they are.
 
     Raises
     ------

@@ -1,18 +1,20 @@
 """Where the antennas are: x forward, y left, z up."""
 
+from collections.abc import Iterable
 from math import dist
 from typing import Literal
 
 import numpy as np
 
 from dechirp.core.checks import Vector, vectors
+from dechirp.core.displayed import Displayed, Table, cut, several, told
 from dechirp.core.values import value
 
 _APART_M = 1e-6  # 0.1 degree of phase at 77 GHz
 
 
 @value
-class Array:
+class Array(Displayed):
     """Positions of the transmitters and receivers; one of each at the origin by default."""
 
     tx_m: tuple[Vector, ...] = ((0.0, 0.0, 0.0),)
@@ -55,3 +57,15 @@ class Array:
             for first in range(second)
             if dist(at_m[first], at_m[second]) < _APART_M
         )
+
+    def _line(self) -> str:
+        n_tx = len(self.tx_m)
+        return f"{several(n_tx, 'transmitter')}, {several(self.n_rx, 'receiver')}"
+
+    def _tables(self) -> Iterable[Table]:
+        rows = [
+            (f"{kind} {number}", *(told(one, "m") for one in at_m))
+            for kind, all_m in (("tx", self.tx_m), ("rx", self.rx_m))
+            for number, at_m in enumerate(all_m)
+        ]
+        return (cut("Positions", rows, len(rows), ("", "x", "y", "z")),)

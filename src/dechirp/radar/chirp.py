@@ -1,19 +1,22 @@
 """One chirp: the ramp that is sent, and the samples taken of its echoes."""
 
+from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
 
 from dechirp.core.checks import count, not_negative, positive
+from dechirp.core.displayed import Displayed, Table, follows, settings
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
+from dechirp.core.words import in_unit
 
 Sampling = Literal["complex", "real"]
 
 
 @value
-class Chirp:
+class Chirp(Displayed):
     """A linear up-ramp, and when and how its dechirped echoes are sampled.
 
     Everything derived says which bandwidth and which frequency it uses: the bandwidth
@@ -150,3 +153,24 @@ class Chirp:
         10 m/s in the reference scenario (Griffiths 1990).
         """
         return velocity_m_per_s * self.mid_window_frequency_hz / self.slope_hz_per_s
+
+    def _line(self) -> str:
+        return (
+            f"{in_unit(self.start_frequency_hz, 'hz')},"
+            f" {in_unit(self.sampled_bandwidth_hz, 'hz')} in"
+            f" {in_unit(self.sampled_duration_s, 's')}, {self.n_samples:,} {self.sampling} samples:"
+            f" {in_unit(self.range_resolution_m, 'm', 3)} to {in_unit(self.max_range_m, 'm', 3)}"
+        )
+
+    def _tables(self) -> Iterable[Table]:
+        return (settings(self), Table("What follows", self._follows()))
+
+    def _follows(self) -> list[tuple[str, str, str]]:
+        return follows(
+            self,
+            "sampled_bandwidth_hz",
+            "ramp_bandwidth_hz",
+            "wavelength_m",
+            "range_resolution_m",
+            "max_range_m",
+        )

@@ -2,6 +2,7 @@
 
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
+from dechirp.core.words import in_unit, number, quantity
 from dechirp.radar.radar import Radar
 from dechirp.radar.requirements import Requirements
 
@@ -19,6 +20,17 @@ class Derived:
     formula: str
     uses: str = ""
     """What the formula takes its symbols from, where it does not say so itself."""
+
+    @property
+    def text(self) -> str:
+        """The number with its unit: 150 MHz."""
+        if self.unit == "1":
+            return number(self.value, 6)
+        if self.unit == "Hz/s":
+            return in_unit(self.value, "hz_per_s", 6)
+        if self.unit == "m/s":
+            return in_unit(self.value, "m_per_s", 6)
+        return quantity(self.value, self.unit, 6)
 
 
 def cube_bytes(radar: Radar) -> int:

@@ -1,8 +1,10 @@
 """From requirements to the radar that meets them, or comes nearest."""
 
+from collections.abc import Iterable
 from functools import partial
 from typing import Any, Literal
 
+from dechirp.core.displayed import Displayed, Table, findings
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -24,7 +26,7 @@ TYPICAL_LIMITS = Limits()
 
 
 @value
-class Design:
+class Design(Displayed):
     """A radar, every number it follows from, and what it cannot do."""
 
     radar: Radar
@@ -35,6 +37,14 @@ class Design:
     def met(self) -> bool:
         """Whether every requirement is met and every limit is kept."""
         return not any(finding.level == "error" for finding in self.findings)
+
+    def _line(self) -> str:
+        return f"{'' if self.met else 'nearest, not all is met: '}{self.radar._line()}"
+
+    def _tables(self) -> Iterable[Table]:
+        yield findings(self.findings)
+        rows = [(one.name.replace("_", " "), one.text, one.formula) for one in self.derived]
+        yield Table("What follows", rows)
 
 
 def design(

@@ -1,14 +1,17 @@
 """A frame: chirps in equal rounds at equal intervals, processed together."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from dechirp.core.checks import count, listed, number, positive, series
+from dechirp.core.displayed import Displayed, Table, follows, settings, several
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
+from dechirp.core.words import in_unit
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.modulations.base import Modulation, Ramp
 from dechirp.radar.multiplexing.base import Multiplexing
@@ -18,7 +21,7 @@ _ALIKE = 0.02  # of a cycle: 7 degrees, which noise turns at 20 dB
 
 
 @value
-class Frame:
+class Frame(Displayed):
     """The chirps of one coherent interval, and how often it comes.
 
     Velocities use the wavelength at the middle of the sampling window.
@@ -286,3 +289,27 @@ class Frame:
         turns, left = divmod(index, self.n_intervals)
         lasts_s = [self.at(place).duration_s for place in range(self.n_intervals)]
         return turns * sum(lasts_s) + sum(lasts_s[:left])
+
+    def _line(self) -> str:
+        sent = several(self.n_sent, "chirp")
+        if self.n_slots > 1:
+            sent += f" in {several(self.n_chirps, 'round')}"
+        return f"{sent} of {several(self.chirp.n_samples, 'sample')}{self._seen()}"
+
+    def _seen(self) -> str:
+        """Velocities, of the first frame where intervals differ; empty where there are none."""
+        if self.n_chirps == 1:
+            return ""
+        first = self.at(0)
+        width = in_unit(first.velocity_resolution_m_per_s, "m_per_s", 3)
+        return f", {width} to ±{in_unit(first.max_velocity_m_per_s, 'm_per_s', 3)}"
+
+    def _tables(self) -> Iterable[Table]:
+        return (settings(self), Table("What follows", self._follows()))
+
+    def _follows(self) -> list[tuple[str, str, str]]:
+        """What follows, in the first frame where intervals differ."""
+        names = ["n_sent", "duration_s"]
+        if self.n_chirps > 1:
+            names += ["repetition_s", "velocity_resolution_m_per_s", "max_velocity_m_per_s"]
+        return follows(self.at(0), *names)

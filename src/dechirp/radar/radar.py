@@ -1,11 +1,14 @@
 """The radar: what it sends, where its antennas are, what its electronics do."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
+from dechirp.core.displayed import Displayed, Table, follows, settings
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
+from dechirp.core.words import in_unit
 from dechirp.radar.array import Array
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.frame import Frame
@@ -13,7 +16,7 @@ from dechirp.radar.hardware import Hardware
 
 
 @value
-class Radar:
+class Radar(Displayed):
     """Everything that simulation and processing know of a radar."""
 
     frame: Frame
@@ -108,3 +111,26 @@ class Radar:
                 fix="Give transmit_power, antenna_gain and noise_factor.",
             )
         return self.hardware
+
+    def _line(self) -> str:
+        chirp, frame = self.frame.chirp, self.frame
+        return (
+            f"{in_unit(chirp.start_frequency_hz, 'hz')},"
+            f" {in_unit(chirp.sampled_bandwidth_hz, 'hz')},"
+            f" {frame.n_chirps:,} chirps of {chirp.n_samples:,} samples,"
+            f" {len(self.array.tx_m)} x {self.array.n_rx} elements:"
+            f" {in_unit(chirp.range_resolution_m, 'm', 3)} to"
+            f" {in_unit(chirp.max_range_m, 'm', 3)}{frame._seen()}"
+        )
+
+    def _tables(self) -> Iterable[Table]:
+        yield settings(self.frame.chirp, "Chirp")
+        frame = settings(self.frame, "Frame")
+        yield frame._replace(rows=[row for row in frame.rows if row[0] != "chirp"])
+        yield from self.array._tables()
+        if self.hardware is not None:
+            yield settings(self.hardware, "Hardware")
+        own = follows(self, "n_channels", "integration_gain")
+        if self.hardware is not None:
+            own += follows(self.hardware, "eirp_w")
+        yield Table("What follows", [*self.frame.chirp._follows(), *self.frame._follows(), *own])

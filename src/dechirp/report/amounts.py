@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dechirp.core.values import value
-from dechirp.report.words import MINUS, NONE, TIMES, number, power_of_ten, quantity
+from dechirp.core.words import MINUS, NONE, TIMES, number, power_of_ten, quantity
 
 _AT_LEAST, _AT_MOST = "≥ ", "≤ "
 

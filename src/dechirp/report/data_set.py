@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.values import value
+from dechirp.core.words import number
 from dechirp.experiment.study.data_set import data_bytes, in_gigabytes
 from dechirp.experiment.study.plan import Plan
 from dechirp.experiment.study.study import Study
@@ -13,8 +14,7 @@ from dechirp.report.amounts import counted
 from dechirp.report.data_set_plates import Shown
 from dechirp.report.settings_words import setting_words, value_words
 from dechirp.report.study import varied
-from dechirp.report.template import template, versions
-from dechirp.report.words import number
+from dechirp.report.template import template
 
 _MOST_VALUES = 12
 
@@ -40,16 +40,6 @@ class Row:
     kind: str
     units: str
     words: str
-
-
-@value
-class Counted:
-    """Items of one value of a setting."""
-
-    words: str
-    number: str
-    share: float
-    """Of the most that any value has, in percent."""
 
 
 def render(study: Study, data: Mapping[str, xr.Dataset], *, n_bytes: int) -> str:
@@ -86,7 +76,6 @@ def render(study: Study, data: Mapping[str, xr.Dataset], *, n_bytes: int) -> str
         targets=_targets(data),
         yaml=data[""].attrs["study"],
         version=data[""].attrs["dechirp"],
-        versions=versions(),
     )
 
 
@@ -114,7 +103,7 @@ def _cards(
         "name": "items",
         "number": counted(len(made)),
         "unit": "",
-        "words": "all that were planned"
+        "small_print": "all that were planned"
         if len(made) == n_planned
         else f"of {counted(n_planned)} planned; made says which",
     }
@@ -122,14 +111,14 @@ def _cards(
         "name": "an item",
         "number": counted(sizes["frame"]),
         "unit": "frame" if sizes["frame"] == 1 else "frames",
-        "words": f"of {sizes['target']} targets" if sizes["target"] != 1 else "of one target",
+        "small_print": f"of {sizes['target']} targets" if sizes["target"] != 1 else "of one target",
     }
     if "detections" in data:
         yield {
             "name": "detections",
             "number": counted(data["detections"].sizes["detection"]),
             "unit": "",
-            "words": f"{number(data['detections'].sizes['detection'] / max(len(made), 1), 3)}"
+            "small_print": f"{number(data['detections'].sizes['detection'] / max(len(made), 1), 3)}"
             " an item",
         }
     raw = data_bytes(Plan.of(study))
@@ -137,7 +126,7 @@ def _cards(
         "name": "on disk",
         "number": size,
         "unit": unit,
-        "words": f"samples and maps of {in_gigabytes(raw)}, packed" if raw else "",
+        "small_print": f"samples and maps of {in_gigabytes(raw)}, packed" if raw else "",
     }
 
 
@@ -166,8 +155,10 @@ def _rows(data: xr.Dataset, group: str) -> Iterator[Row]:
         )
 
 
-def _n_items(study: Study, made: np.ndarray) -> Iterator[tuple[str, list[Counted], int]]:
-    """Of each listed setting its values with the items that they have, and how many more."""
+def _n_items(
+    study: Study, made: np.ndarray
+) -> Iterator[tuple[str, list[tuple[str, str, float]], int]]:
+    """Of each listed setting its values, their items, percent of the most, and how many more."""
     plan = Plan.of(study)
     of_point = np.bincount(made[:, 0], minlength=plan.n_points)
     for along, axis in enumerate(plan.axes):
@@ -178,7 +169,7 @@ def _n_items(study: Study, made: np.ndarray) -> Iterator[tuple[str, list[Counted
         counts = of_value.sum(axis=others)
         most = max(int(counts.max()), 1)
         rows = [
-            Counted(words=value_words(label), number=counted(int(n)), share=100 * n / most)
+            (value_words(label), counted(int(n)), 100 * n / most)
             for label, n in zip(axis.labels, counts, strict=True)
         ]
         yield setting_words(axis.path), rows[:_MOST_VALUES], max(len(rows) - _MOST_VALUES, 0)

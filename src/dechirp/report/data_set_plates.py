@@ -13,6 +13,7 @@ from dechirp.experiment.study.study import Listed, Study
 from dechirp.report.amounts import counted
 from dechirp.report.figures import data_set as figures
 from dechirp.report.figures import range_doppler
+from dechirp.report.figures.style import TALL_IN, svg
 from dechirp.report.settings_words import setting_words, value_words, with_unit
 from dechirp.scene.folding import Place, on_map
 
@@ -58,9 +59,13 @@ class Shown:
             yield Plate(
                 title="Where targets are.",
                 words="Velocity over range, true, of each target in each frame"
-                + (", every so many." if step > 1 else "."),
-                figure=figures.places(
-                    {name: (range_m[name][::step], velocity[name][::step]) for name in range_m}
+                + (", every so many." if step > 1 else ".")
+                + " Where no mark is, nothing can be learned.",
+                figure=svg(
+                    lambda figure: figures.places(
+                        figure.subplots(),
+                        {name: (range_m[name][::step], velocity[name][::step]) for name in range_m},
+                    )
                 ),
             )
             with np.errstate(divide="ignore"):
@@ -68,16 +73,17 @@ class Shown:
             yield Plate(
                 title="How strong they are.",
                 words="Mean ratio to the noise after integration over samples, chirps and"
-                " channels.",
-                figure=figures.spread(levels, words="ratio of target to noise, dB", of="targets"),
+                " channels. What is weaker than a detector needs is labelled all the same.",
+                figure=_spread(levels, words="ratio of target to noise, dB", of="targets"),
             )
         if "detections" in self.data:
             rows = self.data["detections"]
             counts = (rows.stop - rows.start).isel(self.at).values
             yield Plate(
                 title="How many detections items have.",
-                words="Of targets and of noise together, all frames.",
-                figure=figures.spread(
+                words="Of targets and of noise together, all frames. Far to the right are items of"
+                " many false alarms, or of bodies with many peaks.",
+                figure=_spread(
                     {"": counts.astype(float)},
                     words="detections of an item",
                     of="items",
@@ -99,8 +105,9 @@ class Shown:
             )
             yield Plate(
                 title=f"Point {point}, trial {trial}.",
-                words=f"{settings}. First frame." if settings else "First frame.",
-                figure=range_doppler.whole(self._marked(plan, point, trial)),
+                words=(f"{settings}. " if settings else "")
+                + "First frame. Truth without a spot is a target below the noise.",
+                figure=_map(self._marked(plan, point, trial)),
             )
 
     def _marked(self, plan: Plan, point: int, trial: int) -> range_doppler.MarkedMap:
@@ -115,7 +122,7 @@ class Shown:
             },
         )
         known = truth.isel(point=point, trial=trial, frame=0)
-        found = Place(np.empty(0), np.empty(0))
+        found = None
         radar = plan.scenario(point, plan.drawn(trial)).radar
         if "detections" in self.data and radar is not None:
             rows = self.data["detections"]
@@ -145,10 +152,22 @@ class Shown:
             words = setting_words(axis.path)
             yield Plate(
                 title=f"{words[:1].upper()}{words[1:]}.",
-                words=f"Drawn for each {along}.",
-                figure=figures.spread(
+                words=f"Drawn for each {along}: what is asked for should be filled without gaps.",
+                figure=_spread(
                     {"": values.values[tried].astype(float)},
                     words=with_unit(words, axis.unit),
                     of=f"{along}s",
                 ),
             )
+
+
+def _spread(
+    classes: Mapping[str, np.ndarray], *, words: str, of: str, whole: bool = False
+) -> Markup:
+    return svg(
+        lambda figure: figures.spread(figure.subplots(), classes, words=words, of=of, whole=whole)
+    )
+
+
+def _map(marked: range_doppler.MarkedMap) -> Markup:
+    return svg(lambda figure: range_doppler.whole(figure.subplots(), marked), height_in=TALL_IN)

@@ -5,12 +5,13 @@ import xarray as xr
 from markupsafe import Markup
 
 from dechirp.core.values import value
+from dechirp.core.words import decimals_of, fixed
 from dechirp.process.angle.base import SpectralEstimator
 from dechirp.process.angle_maps import angle_spectrum, range_azimuth_map
-from dechirp.report.figures import birds_eye, directions
+from dechirp.report.figures import birds_eye, directions, ground
 from dechirp.report.figures.directions import Towards
+from dechirp.report.figures.style import TALL_IN, svg
 from dechirp.report.view import View
-from dechirp.report.words import decimals_of, fixed
 
 
 @value
@@ -22,7 +23,7 @@ class Panel:
     words: str
 
 
-def seen(view: View) -> birds_eye.Seen | None:
+def seen(view: View) -> ground.Seen | None:
     """Detections of the first frame on the ground; None where no azimuth was told."""
     found = view.in_first_frame
     found = found.isel(detection=np.flatnonzero(np.isfinite(found.azimuth.values)))
@@ -30,7 +31,7 @@ def seen(view: View) -> birds_eye.Seen | None:
         return None
     radar = view.result.radar.at(view.result.first_frame)
     sure = np.isfinite(found.fold.values)
-    return birds_eye.Seen(
+    return ground.Seen(
         range_m=found.range.values,
         azimuth_rad=found.azimuth.values,
         elevation_rad=np.nan_to_num(found.elevation.values),
@@ -47,9 +48,13 @@ def panels(view: View) -> list[Panel]:
     if view.result.scenario.scene is None and on_ground is not None:
         made.append(
             Panel(
-                figure=birds_eye.from_above(on_ground),
+                figure=svg(
+                    lambda figure: birds_eye.from_above(figure.subplots(), on_ground),
+                    height_in=TALL_IN,
+                ),
                 title="From above:",
-                words="the detections of the first frame, with ellipses of their errors.",
+                words="the detections of the first frame, with ellipses of their errors: long"
+                " across the line of sight where angles are known less well than ranges.",
             )
         )
     if on_ground is not None:
@@ -85,7 +90,9 @@ def _range_azimuth(view: View) -> Markup:
         found=(found.azimuth.values[told], view.found.range_m[told]),
         truth=truth,
     )
-    return directions.range_azimuth(marked)
+    return svg(
+        lambda figure: directions.range_azimuth(figure.subplots(), marked), height_in=TALL_IN
+    )
 
 
 def _spectrum(view: View) -> Panel:
@@ -100,8 +107,14 @@ def _spectrum(view: View) -> Panel:
     at = f"{fixed(float(one.range), min(decimals_of(float(one.range_std)), 2))} m"
     by = f"kind: {of.estimator}" if isinstance(chain.angle, SpectralEstimator) else "beams"
     return Panel(
-        figure=directions.spectrum(
-            of, found=_towards(found, np.flatnonzero(same)), truth=_truth(view, same)
+        figure=svg(
+            lambda figure: directions.spectrum(
+                figure.subplots(),
+                of,
+                found=_towards(found, np.flatnonzero(same)),
+                truth=_truth(view, same),
+            ),
+            height_in=TALL_IN,
         ),
         title="Where the strongest comes from:",
         words=f"spectrum over directions of the detection at {at} ({by}). Where it has other"

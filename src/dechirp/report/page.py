@@ -5,16 +5,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from dechirp.core.words import quantity
 from dechirp.evaluate.match import scatterers
 from dechirp.process.spectrogram import spectrogram
 from dechirp.report import directions, tables, tracked
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
 from dechirp.report.figures import spectrogram as over
+from dechirp.report.figures.parts import Axis
+from dechirp.report.figures.style import TALL_IN, svg
 from dechirp.report.summary import settings
-from dechirp.report.template import template, versions
+from dechirp.report.template import template
 from dechirp.report.view import View, view_of
-from dechirp.report.words import quantity
 from dechirp.scene.folding import Place, folded, on_map
+from dechirp.scene.scene import Scene
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result
@@ -45,13 +48,15 @@ def render(result: "Result", *, yaml: str) -> str:
         A page that asks for no other file.
     """
     shown = view_of(result)
+    rows = tables.detections(shown, _MOST_ROWS)
     return template("page.html").render(
         scenario=result.scenario,
         headline=tables.headline(shown),
         lead=tables.lead(shown),
         cards=tables.cards(shown),
-        rows=tables.detections(shown, _MOST_ROWS),
+        rows=rows,
         angles=tables.angles(shown),
+        errors=tables.errors(rows),
         n_more=max(shown.strongest.sizes["detection"] - _MOST_ROWS, 0),
         n_frames=result.n_frames,
         has_truth=result.truth is not None,
@@ -72,7 +77,6 @@ def render(result: "Result", *, yaml: str) -> str:
         findings=result.findings,
         timing=bars.timing(result.timing_s),
         total=quantity(sum(result.timing_s.values()), "s", 3),
-        versions=versions(),
         yaml=yaml,
     )
 
@@ -92,24 +96,30 @@ def _figures(shown: View) -> dict[str, Markup]:
         scatterers=shown.scatterers,
     )
     drawn = {
-        "signal": beat.signal(shown.first, doppler_frequency_hz=doppler_hz),
-        "spectrum": beat.spectrum(
-            shown.first, radar.frame.chirp, chain, truth_m=np.concatenate([[], *truth_m])
+        "signal": svg(
+            lambda figure: beat.whole_signal(figure, shown.first, doppler_frequency_hz=doppler_hz)
         ),
-        "map": range_doppler.whole(marked),
-        "close_up": range_doppler.close_up(marked, cell=shown.cell),
+        "spectrum": svg(
+            lambda figure: beat.spectrum(
+                figure.subplots(),
+                shown.first,
+                radar.frame.chirp,
+                chain,
+                truth_m=np.concatenate([[], *truth_m]),
+            )
+        ),
+        "map": svg(
+            lambda figure: range_doppler.whole(figure.subplots(), marked), height_in=TALL_IN
+        ),
+        "close_up": svg(
+            lambda figure: range_doppler.close_up(figure.subplots(), marked, cell=shown.cell),
+            height_in=TALL_IN,
+        ),
         "cut_range": _cut(shown, "range"),
         "cut_velocity": _cut(shown, "velocity"),
     }
     if result.scenario.scene is not None:
-        found = shown.in_first_frame
-        without = np.isnan(found.azimuth.values)
-        drawn["scene"] = scene.from_above(
-            result.scenario.scene,
-            time_s=radar.frame.mid_frame_s,
-            detected_m=found.range.values[without].tolist(),
-            seen=directions.seen(shown),
-        )
+        drawn["scene"] = _scene(shown, result.scenario.scene)
     ways = tracked.from_above(shown)
     if ways is not None:
         drawn["tracks"] = ways
@@ -120,6 +130,21 @@ def _figures(shown: View) -> dict[str, Markup]:
         drawn["range_over_time"] = _over_time(shown, "range")
         drawn["velocity_over_time"] = _over_time(shown, "velocity")
     return drawn
+
+
+def _scene(shown: View, there: Scene) -> Markup:
+    found = shown.in_first_frame
+    without = np.isnan(found.azimuth.values)
+    return svg(
+        lambda figure: scene.from_above(
+            figure.subplots(),
+            there,
+            time_s=shown.result.radar.at(shown.result.first_frame).frame.mid_frame_s,
+            detected_m=found.range.values[without].tolist(),
+            seen=directions.seen(shown),
+        ),
+        height_in=scene.height_in(there),
+    )
 
 
 def _ranges_of_moving_bodies_m(shown: View) -> tuple[float, float] | None:
@@ -154,24 +179,31 @@ def _spectrogram(result: "Result", range_m: tuple[float, float]) -> Markup:
         hop=hop,
         n_velocity_bins=2 * n_window,
     )
-    return over.over_time(power)
+    return svg(lambda figure: over.over_time(figure.subplots(), power))
 
 
-def _cut(shown: View, along: cfar.Axis) -> Markup:
+def _cut(shown: View, along: Axis) -> Markup:
     result = shown.result
-    return cfar.cut(
-        result.power,
-        result.threshold,
-        result.scenario.chain.cfar,
-        along=along,
-        cell=shown.cell,
-        units=shown.units,
+    return svg(
+        lambda figure: cfar.cut(
+            figure.subplots(),
+            result.power,
+            result.threshold,
+            result.scenario.chain.cfar,
+            along=along,
+            cell=shown.cell,
+            units=shown.units,
+        )
     )
 
 
-def _over_time(shown: View, variable: frames.Variable) -> Markup:
+def _over_time(shown: View, variable: Axis) -> Markup:
     lines = None
     if shown.result.truth is not None and shown.seen is not None:
         seen = shown.seen.range_m if variable == "range" else shown.seen.velocity_m_per_s
         lines = (shown.result.truth.time.values, seen)
-    return frames.over_time(shown.strongest, variable=variable, truth=lines)
+    return svg(
+        lambda figure: frames.over_time(
+            figure.subplots(), shown.strongest, variable=variable, truth=lines
+        )
+    )

@@ -8,16 +8,17 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Template
 from markupsafe import Markup, escape
 
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
+from dechirp.core.words import fixed, power_of_ten, small
 from dechirp.report.amounts import amount, compared, counted, shown, typographic
 from dechirp.report.equations import typeset
 from dechirp.report.numbering import numbered
 from dechirp.report.plates import half_way_db, plates
 from dechirp.report.references import REFERENCES
-from dechirp.report.words import fixed, power_of_ten, small
+from dechirp.report.template import environment
 
 _LOWERED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "\N{MINUS SIGN}0123456789")
 
@@ -54,22 +55,19 @@ def render(document: Mapping[str, Any]) -> str:
 
 @cache
 def _template() -> Template:
+    paper = environment().overlay()
+    paper.filters = paper.filters | {
+        "amount": lambda number, unit, digits=4: _unbroken(amount(number, unit, digits)),
+        "counted": counted,
+        "fixed": _fixed,
+        "db": lambda level_db, decimals=2: _unbroken(f"{_fixed(level_db, decimals)} dB"),
+        "power_of_ten": lambda exponent: _raised(power_of_ten(exponent)),
+        "shown": shown,
+        "small": lambda probability: _unbroken(small(probability)),
+        "typographic": lambda text: _raised(typographic(text)),
+    }
     text = files("dechirp.report").joinpath("paper.html").read_text(encoding="utf-8")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters.update(
-        amount=lambda number, unit, digits=4: _unbroken(amount(number, unit, digits)),
-        counted=counted,
-        fixed=_fixed,
-        db=lambda level_db, decimals=2: _unbroken(f"{_fixed(level_db, decimals)} dB"),
-        power_of_ten=lambda exponent: _raised(power_of_ten(exponent)),
-        shown=shown,
-        small=lambda probability: _unbroken(small(probability)),
-        typographic=lambda text: _raised(typographic(text)),
-    )
-    environment.globals.update(compared=compared)
-    return environment.from_string(numbered(typeset(text), REFERENCES))
+    return paper.from_string(numbered(typeset(text), REFERENCES), globals={"compared": compared})
 
 
 def _fixed(number: float | None, decimals: int) -> str:

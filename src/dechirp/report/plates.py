@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from markupsafe import Markup
+from matplotlib.axes import Axes
 
 from dechirp.core.units import decibels
+from dechirp.core.words import number
 from dechirp.experiment.run import Result, run
 from dechirp.experiment.scenario import reference
 from dechirp.experiment.verify import published
@@ -24,8 +26,8 @@ from dechirp.report.figures import (
     waveform,
 )
 from dechirp.report.figures import window as cfar_window
+from dechirp.report.figures.style import TALL_IN, svg
 from dechirp.report.view import view_of
-from dechirp.report.words import number
 from dechirp.scene.folding import Place
 
 OURS = "the chain"
@@ -51,52 +53,79 @@ def plates(document: Mapping[str, Any]) -> dict[str, Markup]:
     ]
     resolved = {claim["id"]: claim for claim in document["claims"]}["two_targets_resolved"]
     return {
-        "data_flow": diagrams.data_flow(),
-        "demodulator": diagrams.demodulator(),
-        "frequencies": waveform.frequencies(
-            start_frequency_hz=n["start_frequency_hz"],
-            bandwidth_hz=n["bandwidth_hz"],
-            chirp_duration_s=n["chirp_duration_s"],
-            delay_s=n["delay_s"],
-            beat_frequency_hz=n["beat_frequency_hz"],
-        ),
-        "spectrogram": waveform.spectrogram(
-            ramp,
-            quiet.cube.values[0, 0, 0],
-            chirp.sample_rate_hz,
-            slope_hz_per_s=chirp.slope_hz_per_s,
-            highest_beat_hz=chirp.beat_frequency_hz(asked_m),
-        ),
-        "window": cfar_window.cells(
-            Ring(
-                n_training=Cells(range=n["training_range"], velocity=n["training_velocity"]),
-                n_guard=Cells(range=n["guard_range"], velocity=n["guard_velocity"]),
+        "data_flow": svg(lambda figure: diagrams.data_flow(figure.subplots()), height_in=2.85),
+        "demodulator": svg(lambda figure: diagrams.demodulator(figure.subplots()), height_in=2.4),
+        "frequencies": svg(
+            lambda figure: waveform.frequencies(
+                figure,
+                start_frequency_hz=n["start_frequency_hz"],
+                bandwidth_hz=n["bandwidth_hz"],
+                chirp_duration_s=n["chirp_duration_s"],
+                delay_s=n["delay_s"],
+                beat_frequency_hz=n["beat_frequency_hz"],
             ),
-            n_training=n["n_training"],
+            height_in=2.9,
         ),
-        "detectors": detectors.beside_each_other(),
-        "spectrum": beat.spectrum(quiet.cube, chirp, quiet.scenario.chain),
+        "spectrogram": svg(
+            lambda figure: waveform.spectrogram(
+                figure,
+                ramp,
+                quiet.cube.values[0, 0, 0],
+                chirp.sample_rate_hz,
+                slope_hz_per_s=chirp.slope_hz_per_s,
+                highest_beat_hz=chirp.beat_frequency_hz(asked_m),
+            ),
+            height_in=2.8,
+        ),
+        "window": svg(lambda figure: _window(figure.subplots(), n), height_in=2.9),
+        "detectors": svg(detectors.beside_each_other, height_in=detectors.height_in()),
+        "spectrum": svg(
+            lambda figure: beat.spectrum(figure.subplots(), quiet.cube, chirp, quiet.scenario.chain)
+        ),
         **_maps({"map": quiet, "noisy_map": noisy}, reach_m),
-        "detections": detections.maps(
-            [[decided for decided, _ in of_frame] for of_frame in rules],
-            target=Place(
-                np.array(n["mid_frame_range_m"] + n["coupling_m"]),
-                np.array(n["target_velocity_m_per_s"]),
+        "detections": svg(
+            lambda figure: detections.maps(
+                figure,
+                [[decided for decided, _ in of_frame] for of_frame in rules],
+                target=Place(
+                    np.array(n["mid_frame_range_m"] + n["coupling_m"]),
+                    np.array(n["target_velocity_m_per_s"]),
+                ),
+                reach=(0.5 * n["target_range_m"], 0.15 * n["max_velocity_m_per_s"]),
             ),
-            reach=(0.5 * n["target_range_m"], 0.15 * n["max_velocity_m_per_s"]),
+            height_in=1.9 * len(rules) + 0.4,
         ),
-        "thresholds": detections.thresholds(
-            [line for _, line in rules[0]],
-            around_m=n["target_range_m"],
-            reach_m=0.9 * n["target_range_m"],
+        "thresholds": svg(
+            lambda figure: detections.thresholds(
+                figure,
+                [line for _, line in rules[0]],
+                around_m=n["target_range_m"],
+                reach_m=0.9 * n["target_range_m"],
+            ),
+            height_in=2.7,
         ),
-        "curves": curves.detection(found, confidence=document["confidence"], gap=_gap(document)),
-        "resolution": curves.resolution(
-            pairs,
-            confidence=document["confidence"],
-            required=(resolved["required"] or {}).get("at_least"),
+        "curves": svg(
+            lambda figure: curves.detection(
+                figure.subplots(), found, confidence=document["confidence"], gap=_gap(document)
+            )
+        ),
+        "resolution": svg(
+            lambda figure: curves.resolution(
+                figure.subplots(),
+                pairs,
+                confidence=document["confidence"],
+                required=(resolved["required"] or {}).get("at_least"),
+            )
         ),
     }
+
+
+def _window(axes: Axes, n: Mapping[str, Any]) -> Axes:
+    ring = Ring(
+        n_training=Cells(range=n["training_range"], velocity=n["training_velocity"]),
+        n_guard=Cells(range=n["guard_range"], velocity=n["guard_velocity"]),
+    )
+    return cfar_window.cells(axes, ring, n_training=n["n_training"])
 
 
 def _frame(seed: int, snr_db: float) -> Result:
@@ -116,10 +145,16 @@ def _maps(results: Mapping[str, Result], reach_m: float) -> dict[str, Markup]:
     highest_db = max(
         float(decibels(power.max() / range_doppler.noise_power(power))) for power in powers
     )
-    return {
-        name: range_doppler.whole_over_noise(one, highest_db=highest_db)
-        for name, one in marked.items()
-    }
+
+    def over_noise(one: range_doppler.MarkedMap) -> Markup:
+        return svg(
+            lambda figure: range_doppler.whole_over_noise(
+                figure.subplots(), one, highest_db=highest_db
+            ),
+            height_in=TALL_IN,
+        )
+
+    return {name: over_noise(one) for name, one in marked.items()}
 
 
 def _marked(result: Result, reach_m: float) -> range_doppler.MarkedMap:

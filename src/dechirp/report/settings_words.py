@@ -6,7 +6,7 @@ import re
 import numpy as np
 
 from dechirp.core.values import value
-from dechirp.report.words import MINUS, NONE, TIMES, number, power_of_ten
+from dechirp.core.words import MINUS, NONE, TIMES, number, power_of_ten
 
 _CONTAINERS = {"scene", "targets", "radar", "frame", "chain", "impairments", "scenario", "hardware"}
 _SHORT = {

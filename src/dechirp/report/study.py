@@ -9,6 +9,7 @@ import numpy as np
 
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
+from dechirp.core.words import NONE, TIMES, fixed, number, quantity
 from dechirp.experiment.study.require import Judged
 from dechirp.experiment.study.results import StudyResult, shown
 from dechirp.experiment.study.study import Drawn, Listed, Study
@@ -24,7 +25,6 @@ from dechirp.report.settings_words import (
 )
 from dechirp.report.study_plates import plates
 from dechirp.report.template import template, versions
-from dechirp.report.words import NONE, TIMES, fixed, number, quantity
 
 _MOST_ROWS = 200
 _MOST_MESSAGES = 20
@@ -93,7 +93,6 @@ def render(result: StudyResult, judged: Sequence[Judged], *, yaml: str, made: Ma
         n_more_findings=max(len(said) - _MOST_FINDINGS, 0),
         replay=replay(made.source, 0, result.settings[0] if result.settings else ()),
         yaml=yaml,
-        versions=versions(),
     )
 
 

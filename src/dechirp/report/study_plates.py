@@ -15,6 +15,7 @@ from dechirp.experiment.study.results import ENDS, StudyResult
 from dechirp.experiment.study.study import Drawn, Listed
 from dechirp.report.figures import study as figures
 from dechirp.report.figures.study import Axis, Line, Operating
+from dechirp.report.figures.style import svg
 from dechirp.report.settings_words import (
     Scale,
     scale_of,
@@ -180,23 +181,30 @@ class _Over(_Wanted):
         shown, along, by = self.shown, self.along, self.by
         lines = list(self._lines())
         x = _axis(along)
+        legend = "" if by is None else _words(by)
         if along.numbers is None:
-            figure = figures.columns(
-                lines,
-                [value_words(label) for label in along.labels],
-                x=x,
-                y=shown.axis,
-                is_ratio=shown.is_ratio,
-                legend="" if by is None else _words(by),
+            figure = svg(
+                lambda figure: figures.columns(
+                    figure.subplots(),
+                    lines,
+                    [value_words(label) for label in along.labels],
+                    x=x,
+                    y=shown.axis,
+                    is_ratio=shown.is_ratio,
+                    legend=legend,
+                )
             )
         else:
-            figure = figures.over(
-                lines,
-                x=x,
-                y=shown.axis,
-                is_ratio=shown.is_ratio,
-                legend="" if by is None else _words(by),
-                limits=shown.limits(self.owner),
+            figure = svg(
+                lambda figure: figures.over(
+                    figure.subplots(),
+                    lines,
+                    x=x,
+                    y=shown.axis,
+                    is_ratio=shown.is_ratio,
+                    legend=legend,
+                    limits=shown.limits(self.owner),
+                )
             )
         words = [f"over {setting_words(along.path)}"]
         if by is not None:
@@ -205,7 +213,13 @@ class _Over(_Wanted):
             words.append(f"by {setting_words(by.path)}{some}")
         elif shown.subjects:
             words.append("of each target")
-        return _captioned(shown, self.owner, self.place, ", ".join(words), figure)
+        has_theory = any(np.isfinite(line.theory).any() for line in lines)
+        sees = (
+            "Measured values should lie on the theory, within their intervals."
+            if has_theory
+            else "Values whose intervals lie apart differ."
+        )
+        return _captioned(shown, self.owner, self.place, ", ".join(words), figure, sees=sees)
 
     def _lines(self) -> Iterator[Line]:
         shown, along, by = self.shown, self.along, self.by
@@ -230,16 +244,20 @@ class _Heat(_Wanted):
         shown = self.shown
         measured = shown.parts(self.owner, self.place)[0].transpose(self.y.path, self.x.path)
         ordered = measured.sortby([self.y.path, self.x.path])
-        figure = figures.heat(
-            ordered[self.x.path].values,
-            ordered[self.y.path].values,
-            ordered.values,
-            axes_words=(_axis(self.x), _axis(self.y)),
-            words=shown.axis.words,
-            is_ratio=shown.is_ratio,
+        figure = svg(
+            lambda figure: figures.heat(
+                figure.subplots(),
+                ordered[self.x.path].values,
+                ordered[self.y.path].values,
+                ordered.values,
+                axes_words=(_axis(self.x), _axis(self.y)),
+                words=shown.axis.words,
+                is_ratio=shown.is_ratio,
+            )
         )
         words = f"over {setting_words(self.x.path)} and {setting_words(self.y.path)}"
-        return _captioned(shown, self.owner, self.place, words, figure)
+        sees = "Along one colour a change of one setting makes up for that of the other."
+        return _captioned(shown, self.owner, self.place, words, figure, sees=sees)
 
 
 class _Scatter(_Wanted):
@@ -253,11 +271,18 @@ class _Scatter(_Wanted):
         names = shown.subjects[: figures.MOST_LINES] or (None,)
         lines = [self._line(name) for name in names]
         words = with_unit(setting_words(self.along.path), self.along.unit)
-        figure = figures.scattered(
-            lines, x=Axis(words=words), y=shown.axis, is_ratio=shown.is_ratio
+        figure = svg(
+            lambda figure: figures.scattered(
+                figure.subplots(),
+                lines,
+                x=Axis(words=words),
+                y=shown.axis,
+                is_ratio=shown.is_ratio,
+            )
         )
         over = f"over {setting_words(self.along.path)}, which was drawn"
-        return _captioned(shown, None, {}, over, figure)
+        sees = "A slope says that the setting matters, a level cloud that it does not."
+        return _captioned(shown, None, {}, over, figure, sees=sees)
 
     def _line(self, name: str | None) -> Line:
         parts = self.shown.parts(name, {})
@@ -308,16 +333,22 @@ class _Roc(_Wanted):
         chosen = [self.place] if by is None else [{**self.place, by: at} for at in _some(by)]
         names = ["" if by is None else value_words(by.labels[at[by]]) for at in chosen]
         curve = self._varied if self.along is not None else self._measured
-        figure = figures.operating(
-            [curve(name, at) for name, at in zip(names, chosen, strict=True)],
-            x=score_words(ALARMS),
-            y=score_words(DETECTIONS),
-            legend="" if by is None else _words(by),
+        figure = svg(
+            lambda figure: figures.operating(
+                figure.subplots(),
+                [curve(name, at) for name, at in zip(names, chosen, strict=True)],
+                x=score_words(ALARMS),
+                y=score_words(DETECTIONS),
+                legend="" if by is None else _words(by),
+            )
         )
         words = "detections over false alarms as the threshold moves, both measured"
         words += "" if by is None else f", by {setting_words(by.path)}"
         heading = "receiver operating characteristic"
-        return _captioned(self.shown, self.owner, self.place, words, figure, heading=heading)
+        sees = "The nearer to the upper left corner, the better the detector."
+        return _captioned(
+            self.shown, self.owner, self.place, words, figure, sees=sees, heading=heading
+        )
 
     def _varied(self, name: str, at: dict[Listed, int]) -> Operating:
         """Of points whose detectors are made for several probabilities."""
@@ -397,10 +428,11 @@ def _captioned(
     words: str,
     figure: Markup,
     *,
+    sees: str,
     heading: str = "",
 ) -> Plate:
     heading = heading or score_words(shown.label)
     title = heading[:1].upper() + heading[1:] + (f" of {owner}" if owner else "")
     at = [f"{setting_words(one.path)} {value_words(one.labels[i])}" for one, i in place.items()]
     where = f", where {' and '.join(at)}" if at else ""
-    return Plate(title=title, words=f"{words}{where}.", figure=figure)
+    return Plate(title=title, words=f"{words}{where}. {sees}", figure=figure)

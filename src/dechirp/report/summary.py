@@ -2,11 +2,11 @@
 
 from typing import TYPE_CHECKING
 
+from dechirp.core.words import TIMES, fixed, number, quantity, ratio_db, small
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.patterns.base import Pattern
 from dechirp.radar.radar import Radar
-from dechirp.report.words import TIMES, fixed, number, quantity, ratio_db, small
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result

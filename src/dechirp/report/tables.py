@@ -1,14 +1,15 @@
 """What was found, in words and numbers: the headline, the cards below it, the tables."""
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from dechirp.core.values import value
+from dechirp.core.words import NONE, decimals_of, fixed, ratio_db, small
 from dechirp.report.view import View
-from dechirp.report.words import NONE, decimals_of, fixed, ratio_db, small
 from dechirp.scene.rcs import target_cross_sections_m2
 
 _SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
@@ -103,6 +104,12 @@ def angles(view: View) -> list[str]:
     ]
 
 
+def errors(rows: Sequence[Mapping[str, str]]) -> list[str]:
+    """Name what any of these detections has an error of; those of bodies have none."""
+    names = ("range", "velocity", "azimuth", "elevation")
+    return [name for name in names if any(row.get(f"{name}_error", NONE) != NONE for row in rows)]
+
+
 def targets(view: View) -> list[dict[str, str]]:
     """List the truth in the first frame, and whether it was detected there."""
     truth, matched, scene = view.result.truth, view.matched, view.result.scenario.scene
@@ -161,7 +168,9 @@ def _estimate(view: View, name: str, unit: str) -> Card:
         error = float(of[name][0]) * scale
     std = first[f"{name}_std"] * scale
     number, _, spread = _with_std(first[name] * scale, std).partition(" ")
-    small_print = f"error {_error(error, std, f' {unit}')}" if math.isfinite(error) else ""
+    unit_after = f"\N{NO-BREAK SPACE}{unit}"
+    unit_after = f"\N{NO-BREAK SPACE}{unit}"
+    small_print = f"error {_error(error, std, unit_after)}" if math.isfinite(error) else ""
     return Card(name=name, number=number, std=spread, unit=unit, small_print=small_print)
 
 
@@ -179,7 +188,7 @@ def _over_threshold(view: View) -> list[Card]:
 
 def _with_std(estimate: xr.DataArray, std: xr.DataArray) -> str:
     decimals = decimals_of(float(std))
-    return f"{fixed(float(estimate), decimals)} ± {fixed(float(std), decimals)}"
+    return f"{fixed(float(estimate), decimals)} ±\N{NO-BREAK SPACE}{fixed(float(std), decimals)}"
 
 
 def _degrees(estimate: xr.DataArray, std: xr.DataArray) -> str:
@@ -193,7 +202,9 @@ def _error(error: float, std: xr.DataArray, unit: str = "") -> str:
     if not math.isfinite(error):
         return NONE
     text = fixed(error, decimals_of(float(std)), sign=True) + unit
-    return f"{text} ({fixed(abs(error) / float(std), 1)} {_SIGMA})" if float(std) > 0 else text
+    if not float(std) > 0:
+        return text
+    return f"{text} ({fixed(abs(error) / float(std), 1)}\N{NO-BREAK SPACE}{_SIGMA})"
 
 
 def _several(n: int, thing: str) -> str:

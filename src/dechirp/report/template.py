@@ -1,24 +1,31 @@
-"""What pages share: how templates are read, how they look, and what they are made with."""
+"""What pages share: how templates are read, and what they are made with."""
 
 import importlib.metadata
 import platform
 from functools import cache
-from importlib.resources import files
 
-from jinja2 import Environment, StrictUndefined, Template
-from markupsafe import Markup
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
 @cache
-def template(name: str) -> Template:
-    """Read the template of a page of results; `css` is in it how all of them look."""
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+def environment() -> Environment:
+    """Templates of this folder; all of them extend `base.html`, of parts in `parts.html`."""
+    made = Environment(
+        loader=PackageLoader("dechirp.report", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    environment.globals["css"] = Markup(_text("page.css"))
-    return environment.from_string(_text(name))
+    made.globals["versions"] = versions
+    return made
+
+
+def template(name: str) -> Template:
+    """Read the template of a page of results."""
+    return environment().get_template(name)
 
 
 def versions() -> list[tuple[str, str]]:
@@ -30,7 +37,3 @@ def versions() -> list[tuple[str, str]]:
         except importlib.metadata.PackageNotFoundError:  # imported from a folder, not installed
             continue
     return known
-
-
-def _text(name: str) -> str:
-    return files("dechirp.report").joinpath(name).read_text(encoding="utf-8")

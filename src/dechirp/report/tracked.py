@@ -7,10 +7,11 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from dechirp.core.words import NONE, decimals_of, fixed
 from dechirp.evaluate.match import visible
 from dechirp.report.figures import tracks as figure
+from dechirp.report.figures.style import svg
 from dechirp.report.view import View
-from dechirp.report.words import NONE, decimals_of, fixed
 
 if TYPE_CHECKING:
     from dechirp.experiment.run import Result
@@ -152,7 +153,11 @@ def from_above(view: View) -> Markup | None:
     longest = np.argsort(-n_confirmed, kind="stable")[:MOST_DRAWN]
     tracks = tracks.isel(track=np.sort(longest))
     step = max(tracks.sizes["track"] * tracks.sizes["frame"] // _MOST_POINTS, 1)
-    return figure.from_above(tuple(_line(track, step) for track in _tracks(tracks)), _ground(view))
+    lines, around = [_line(track, step) for track in _tracks(tracks)], _ground(view)
+    return svg(
+        lambda page: figure.from_above(page.subplots(), lines, around),
+        height_in=figure.height_in(lines),
+    )
 
 
 def _line(track: xr.Dataset, step: int) -> figure.Line:
@@ -192,4 +197,4 @@ def _tracks(tracks: xr.Dataset) -> Iterator[xr.Dataset]:
 def _with_std(amount: float, std: float) -> str:
     """With one digit of the error, for many columns side by side."""
     many = min(max(decimals_of(std) - 1, 1), 2)
-    return f"{fixed(amount, many)} ± {fixed(std, many)}"
+    return f"{fixed(amount, many)} ±\N{NO-BREAK SPACE}{fixed(std, many)}"

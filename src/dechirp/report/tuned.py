@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from dechirp.core.words import number, small
 from dechirp.report.figures import tuned as figures
+from dechirp.report.figures.style import TALL_IN, svg
 from dechirp.report.settings_words import (
     scale_of,
     score_words,
@@ -15,7 +17,6 @@ from dechirp.report.settings_words import (
     value_words,
 )
 from dechirp.report.template import template
-from dechirp.report.words import number, small
 
 _MOST_ROWS = 40
 
@@ -39,8 +40,10 @@ def render(found: Mapping[str, Any], *, yaml: str) -> str:
     return template("tuned.html").render(
         d=found,
         headline=headline(found),
+        lead=_lead(found),
+        cards=(),
         verdict=verdict(found),
-        figure=figures.traded(found),
+        figure=svg(lambda figure: figures.traded(figure.subplots(), found), height_in=TALL_IN),
         compared=list(compared(found)),
         settings=list(changed.items()),
         shares=list(_shares(found)),
@@ -50,7 +53,6 @@ def render(found: Mapping[str, Any], *, yaml: str) -> str:
         n_more=max(len(found["trials"]) - _MOST_ROWS, 0),
         n_failed=sum(one["failure"] is not None for one in found["trials"]),
         n_admitted=sum(one["admitted"] for one in found["trials"]),
-        aim=_aim(found),
         own=score_words(found["aim"]["score"]),
         percent=number(100 * found["confidence"]),
         yaml=yaml,
@@ -68,6 +70,14 @@ def headline(found: Mapping[str, Any]) -> str:
     words = score_words(own)
     unit = found["aim"]["unit"]
     return f"{words[:1].upper()}{words[1:]} {_value(before, unit)} to {_value(after, unit)}"
+
+
+def _lead(found: Mapping[str, Any]) -> str:
+    looks = found["looks"]
+    return (
+        f"Searched: {_aim(found)}. {len(found['trials']) - 1} candidates, {looks['search']} trials"
+        f" each, {looks['fresh']} fresh ones to confirm; seed {found['seed']}."
+    )
 
 
 def verdict(found: Mapping[str, Any]) -> str:

@@ -5,17 +5,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from markupsafe import Markup
 
+from dechirp.core.words import fixed, number
 from dechirp.report.figures import range_doppler
 from dechirp.report.figures import twin as figures
+from dechirp.report.figures.parts import Axis
+from dechirp.report.figures.style import TALL_IN, svg
 from dechirp.report.template import template
-from dechirp.report.words import fixed, number
-from dechirp.scene.folding import Place
 
 if TYPE_CHECKING:
     from dechirp.experiment.twin.twin import Twin
 
 _MOST_ROWS = 100
+_LOW_IN = 2.8
 
 
 def render(made: "Twin", found: Mapping[str, Any], *, yaml: str) -> str:
@@ -36,35 +39,61 @@ def render(made: "Twin", found: Mapping[str, Any], *, yaml: str) -> str:
         A page that asks for no other file.
     """
     recorded, simulated = in_recorded_units(made)
-    units, none = made.recording_units, Place(np.empty(0), np.empty(0))
-    marked = [
-        range_doppler.MarkedMap(power=one, units=units, found=none, truth=None)
-        for one in (recorded, simulated)
-    ]
-    strongest = _strongest(made)
-    drawn = {
-        "recorded": range_doppler.whole(marked[0]),
-        "simulated": range_doppler.whole(marked[1], in_colours_of=marked[0]),
-        "noise": figures.noise(found["floor"]["over_range"], unit=found["unit"]),
-        "cut_range": figures.cut(recorded, simulated, along="range", cell=strongest, units=units),
-    }
+    drawn = _maps(recorded, simulated, made.recording_units)
+    drawn["noise"] = svg(
+        lambda figure: figures.noise(
+            figure.subplots(), found["floor"]["over_range"], unit=found["unit"]
+        ),
+        height_in=_LOW_IN,
+    )
+    cell = _strongest(made)
+    drawn["cut_range"] = _cut(recorded, simulated, "range", cell, made.recording_units)
     if recorded.sizes["velocity"] > 1:
-        drawn["cut_velocity"] = figures.cut(
-            recorded, simulated, along="velocity", cell=strongest, units=units
-        )
+        drawn["cut_velocity"] = _cut(recorded, simulated, "velocity", cell, made.recording_units)
     if found["differences"]:
-        within_db = found["within"]["power_db"]
-        drawn["apart"] = figures.apart(found["differences"], within_db=within_db)
+        drawn["apart"] = svg(
+            lambda figure: figures.apart(
+                figure.subplots(), found["differences"], within_db=found["within"]["power_db"]
+            ),
+            height_in=_LOW_IN,
+        )
     return template("twin.html").render(
         d=found,
         headline=headline(found),
+        lead=_lead(found),
+        cards=(),
         verdict=verdict(found),
         figures=drawn,
         rows=[_row(one) for one in found["differences"][:_MOST_ROWS]],
         n_more=max(len(found["differences"]) - _MOST_ROWS, 0),
         has_azimuth=any(one["azimuth_deg"] is not None for one in found["differences"]),
-        full_scale=None if found["full_scale_dbm"] is None else number(found["full_scale_dbm"]),
         yaml=yaml,
+    )
+
+
+def _maps(recorded: xr.DataArray, simulated: xr.DataArray, units: str) -> dict[str, Markup]:
+    """Both in the colours of the recording."""
+    first = range_doppler.MarkedMap(power=recorded, units=units)
+    second = range_doppler.MarkedMap(power=simulated, units=units)
+    return {
+        "recorded": svg(
+            lambda figure: range_doppler.whole(figure.subplots(), first), height_in=TALL_IN
+        ),
+        "simulated": svg(
+            lambda figure: range_doppler.whole(figure.subplots(), second, in_colours_of=first),
+            height_in=TALL_IN,
+        ),
+    }
+
+
+def _cut(
+    recorded: xr.DataArray, simulated: xr.DataArray, along: Axis, cell: tuple[int, int], units: str
+) -> Markup:
+    return svg(
+        lambda figure: figures.cut(
+            figure.subplots(), recorded, simulated, along=along, cell=cell, units=units
+        ),
+        height_in=_LOW_IN,
     )
 
 
@@ -93,6 +122,14 @@ def headline(found: Mapping[str, Any]) -> str:
         return f"{noise}, no peak to judge"
     n_within = sum(one["within"] for one in judged)
     return f"{noise}, {n_within} of {len(judged)} judged peaks within {_bar(found)}"
+
+
+def _lead(found: Mapping[str, Any]) -> str:
+    said = f"Frame {found['frame']} of the recording beside its simulation, seed {found['seed']}."
+    full_scale_dbm = found["full_scale_dbm"]
+    if full_scale_dbm is not None:
+        said += f" Full scale is taken as {number(full_scale_dbm)} dBm."
+    return said
 
 
 def verdict(found: Mapping[str, Any]) -> str:

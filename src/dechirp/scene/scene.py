@@ -1,6 +1,7 @@
 """The scene: what there is, and where its scatterers are, seen from the radar."""
 
 from collections import Counter
+from collections.abc import Iterable
 from functools import cached_property
 from typing import NamedTuple, get_args
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import instances
+from dechirp.core.displayed import Displayed, Table, cut, settings, several
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.scene.bodies.base import AspectBody, Body
@@ -35,7 +37,7 @@ class _Motions(NamedTuple):
 
 
 @value
-class Scene:
+class Scene(Displayed):
     """Targets, and the radar's own motion.
 
     Scatterers are counted through: those of the first target, a point or a body of many,
@@ -221,6 +223,19 @@ class Scene:
             # Its velocity and acceleration are zero.
             at_m[:, place] += self.targets[chosen[place]].ways_m(times_s)
         return at_m - self.ego.ways_m(times_s)[:, None]
+
+    def _line(self) -> str:
+        few = self.names if len(self.names) <= 4 else (*self.names[:3], "...")
+        named = f": {', '.join(few)}" if few else ""
+        moving = ", a radar that moves" if any(self.ego.velocity_m_per_s) else ""
+        return f"{several(len(self.targets), 'target')}{named}{moving}"
+
+    def _tables(self) -> Iterable[Table]:
+        rows = ((name, *one._cells()) for name, one in zip(self.names, self.targets, strict=True))
+        head = ("name", "position", "velocity", "reflects")
+        yield cut("Targets", rows, len(self.targets), head)
+        if self.ego != Ego():
+            yield settings(self.ego, "The radar's own motion")
 
     def _body(self, target: int) -> Body:
         body = self.targets[target].body

@@ -7,6 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from dechirp.core.checks import Vector, instances, number, positive, vector
+from dechirp.core.displayed import Displayed, told
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import value
 from dechirp.scene.bodies.base import Body
@@ -21,7 +22,7 @@ _USUAL_RCS_M2 = 1.0
 
 
 @value
-class Target:
+class Target(Displayed):
     """One scatterer, or a body of many, on a straight line, a parabola or through waypoints.
 
     Its cross section is `rcs_m2`, or a table over aspect, or that of its body's scatterers:
@@ -148,6 +149,23 @@ class Target:
             return np.full(len(times_s), self._facing_rad)
         x, y, _ = self.velocities_at_m_per_s(times_s).T
         return np.arctan2(y, x)
+
+    def _line(self) -> str:
+        position, velocity, reflects = self._cells()
+        return f"{self.name or 'no name'} at {position}, {velocity}, {reflects}"
+
+    def _cells(self) -> tuple[str, str, str]:
+        """Position, velocity and what it reflects, in words."""
+        velocity = "at rest"
+        if self.waypoints:
+            velocity = f"through {len(self.waypoints)} waypoints"
+        elif any(self.velocity_m_per_s) or any(self.acceleration_m_per_s2):
+            velocity = told(self.velocity_m_per_s, "m_per_s")
+        reflects = "a table over aspect" if self.rcs_table else told(self.rcs_m2, "m2")
+        if self.body is not None:
+            reflects = self.body.kind()
+        reflects += f", {self.fluctuation}" if self.fluctuation != "steady" else ""
+        return told(self.position_m, "m"), velocity, reflects
 
     @cached_property
     def _course(self) -> Course:

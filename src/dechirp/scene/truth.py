@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+import dechirp.core.accessor  # noqa: F401  # for `truth(...).dechirp`
 from dechirp.core.checks import whole
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.budget import noise_power_w as thermal_noise_w

@@ -6,15 +6,16 @@ from types import MappingProxyType
 
 import xarray as xr
 
+from dechirp.core.columns import records
 from dechirp.radar.radar import Radar
 from dechirp.store.cube import write_cube
-from dechirp.store.tables import csv_text, json_text, records
+from dechirp.store.tables import csv_text, json_text
 from dechirp.store.whole import must_be_replaceable, whole_folder
 
 _TEXTS = ("report.html", "scenario.yaml", "run.json")
 _MARK = "run.json"
 FILES = (*_TEXTS, "detections.csv", "detections.json", "cube.zarr")
-_IF_ASKED = ("ego.csv", "clusters.csv", "tracks.csv")
+_IF_ASKED = ("ego.csv", "clusters.csv", "tracks.csv", "report.pdf")
 
 
 def check_out(out: Path) -> None:
@@ -35,6 +36,7 @@ def write_results(
     detections: xr.Dataset,
     truth: xr.Dataset | None,
     others: Mapping[str, xr.Dataset] = MappingProxyType({}),
+    pdf: bytes | None = None,
     device: str | None = None,
     iq: str | None = None,
 ) -> dict[str, Path]:
@@ -52,6 +54,8 @@ def write_results(
         Kept with the cube; the detections also as CSV and JSON.
     others : mapping
         What else there is of `ego`, `clusters` and `tracks`: kept with the cube, and as CSV.
+    pdf : bytes, optional
+        Content of `report.pdf`, where there is to be one.
     device, iq : str, optional
         Of a recording, see `write_cube`.
 
@@ -69,6 +73,8 @@ def write_results(
     with whole_folder(out) as made:
         for name in _TEXTS:
             (made / name).write_text(texts[name], encoding="utf-8")
+        if pdf is not None:
+            (made / "report.pdf").write_bytes(pdf)
         (made / "detections.csv").write_text(csv_text(detections), encoding="utf-8")
         (made / "detections.json").write_text(json_text(records(detections)), encoding="utf-8")
         write_cube(
@@ -82,9 +88,11 @@ def write_results(
         )
         for name, table in others.items():
             (made / f"{name}.csv").write_text(csv_text(table), encoding="utf-8")
-    return files_in(out, others)
+    return files_in(out, others, has_pdf=pdf is not None)
 
 
-def files_in(out: Path, others: Iterable[str] = ()) -> dict[str, Path]:
+def files_in(out: Path, others: Iterable[str] = (), *, has_pdf: bool = False) -> dict[str, Path]:
     """Path of each file of the results in a folder, by its name; see `write_results`."""
-    return {name: out / name for name in (*FILES, *(f"{other}.csv" for other in others))}
+    pages = ("report.pdf",) if has_pdf else ()
+    names = (*FILES, *(f"{other}.csv" for other in others), *pages)
+    return {name: out / name for name in names}

@@ -217,7 +217,7 @@ class Interference(Propagation):
     victim's middle; no loss of `Hardware.loss`, which is of both ways together, nor of weather.
 
     The filter is an ideal one, without delay, taken at the instantaneous beat frequency:
-    |H|^2 = 1 / (1 + x^(2 n)), x the distance from the middle of the band that samples can tell (0
+    `|H|^2 = 1 / (1 + x^(2 n))`, x the distance from the middle of the band that samples can tell (0
     to the sample rate, or plus and minus half of it for real samples), over its corner. What is
     beyond the band aliases, as after any converter. A real filter rings at the edges of a burst:
     its root mean square differs by 2 % from this one for a burst of 100 samples, by 10 % for 20.

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.values import value
+from dechirp.core.words import power_db, power_unit
 from dechirp.exchange.writers.of_maps import OfMaps
 from dechirp.formats.base import Units
-from dechirp.report.words import power_db, power_unit
 
 
 @value

@@ -19,5 +19,10 @@ class Png(OfMaps):
     def content(self, power: xr.DataArray, units: Units, title: str) -> bytes:
         """PNG of the figure that `inspect` shows."""
         from dechirp.report.figures.recorded import first_map  # takes 0.5 s, for pictures alone
+        from dechirp.report.figures.style import TALL_IN, png
 
-        return first_map(power, units=units, title=title)
+        return png(
+            lambda figure: first_map(figure.subplots(), power, units=units),
+            title=title,
+            height_in=TALL_IN,
+        )

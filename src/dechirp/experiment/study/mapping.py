@@ -7,10 +7,11 @@ from decimal import Decimal
 from dechirp.config.fields import Slot, words
 from dechirp.config.mistakes import Spot
 from dechirp.config.nearest import did_you_mean
-from dechirp.config.quantities import KINDS, difference_in, number_in, written
+from dechirp.config.quantities import difference_in, number_in, written
 from dechirp.config.shown import shown
 from dechirp.config.tree import Node
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
+from dechirp.core.kinds import KINDS
 
 LEVELS = {name for kind in KINDS.values() for name, _ in kind.levels}
 """Units of levels, whose equal steps are equal ratios."""

@@ -397,6 +397,7 @@ class _File:
     ) -> dict[str, Node]:
         """Limits of a score in its unit, to SI; what cannot be read is told, and another holds."""
         score = content.get("score")
+        label = "" if score is None else score.text.replace("-", "_")
         units = self._units
         made = dict(content)
         for name in names:
@@ -404,15 +405,13 @@ class _File:
             if node is None or node.content is None:
                 continue
             number = beside
-            if score is not None and score.text in units:
-                spot = Spot(f"{where}.{name}", node, Slot(float, units[score.text]))
+            if label in units:
+                spot = Spot(f"{where}.{name}", node, Slot(float, units[label]))
                 with self.collected():
                     number = value_of(spot, self.context)
             made[name] = replace(node, content=number)
-        if score is not None and isinstance(score.content, str):
-            label = score.text.replace("-", "_")
-            if label in units:
-                made["score"] = replace(score, content=label)
+        if score is not None and isinstance(score.content, str) and label in units:
+            made["score"] = replace(score, content=label)
         return made
 
     def _points(self, at: Node, where: str) -> Node | None:

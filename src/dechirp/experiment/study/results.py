@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 import xarray as xr
 
+from dechirp.core.displayed import Displayed, Table, cut, findings, several
 from dechirp.core.findings import Finding
+from dechirp.core.words import NONE, in_unit
 from dechirp.evaluate.score.base import NOTHING, Estimate, Score
 from dechirp.evaluate.score.roc import Curve, Roc
 from dechirp.experiment.study.block import Failure
@@ -30,7 +32,7 @@ UNITS: Mapping[str | None, str] = MappingProxyType(
 )
 """Units attribute of a score's values by `Score.unit`."""
 
-_NONE = np.empty((0, 0))
+_EMPTY = np.empty((0, 0))
 T = TypeVar("T")
 # Numbers that the writer of a table is given at once: 8 MB.
 _PIECE = 1_000_000
@@ -51,8 +53,8 @@ class Measured(NamedTuple):
     findings: tuple[Finding, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class StudyResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyResult(Displayed):
     """Estimates of all points, in the order of their numbers."""
 
     study: Study
@@ -115,6 +117,34 @@ class StudyResult:
         whole, *each = (dict(zip(_PARTS, one, strict=True)) for one in numbers)
         names = self.subjects(label)
         return {**whole, "targets": dict(zip(names, each, strict=True))} if each[1:] else whole
+
+    def _line(self) -> str:
+        parts = [several(self.n_points, "point"), several(int(self.trials.sum()), "trial")]
+        parts += [f"{several(len(self.failures), 'trial')} failed"] if self.failures else []
+        return f"{self.study.name}: {', '.join(parts)}"
+
+    def _tables(self) -> Iterable[Table]:
+        paths = [path for path, _ in self.settings[0]] if self.settings else []
+        rows = (
+            [
+                *(shown(self.study, path, dict(settings)[path]) for path in paths),
+                f"{int(self.trials[point]):,}",
+                *(self._estimate(label, point) for label in self.estimates),
+            ]
+            for point, settings in enumerate(self.settings)
+        )
+        head = [*paths, "trials", *self.estimates]
+        yield cut("Points: value, interval, theory", rows, self.n_points, head)
+        yield findings(dict.fromkeys(finding for _, finding in self.findings))
+
+    def _estimate(self, label: str, point: int) -> str:
+        """Value of all targets together, its interval, and theory where there is a law."""
+        unit = self.score(label).unit or "probability"
+        value, low, high, theory = self.estimates[label][point, 0].tolist()
+        if np.isnan(value):
+            return NONE
+        text = f"{in_unit(value, unit, 3)} ({in_unit(low, unit, 3)} to {in_unit(high, unit, 3)})"
+        return text if np.isnan(theory) else f"{text}, {in_unit(theory, unit, 3)}"
 
     @cached_property
     def dataset(self) -> xr.Dataset:
@@ -191,7 +221,7 @@ def measured(plan: "Plan", layout: Layout, record: "Record") -> Iterator[Measure
     """All that a record keeps, point by point; of points not tried yet, no trials."""
     failures, findings = _by_point(record.failures()), _by_point(record.findings())
     kept = record.all_sums()
-    at, sums = next(kept, (plan.n_points, _NONE))
+    at, sums = next(kept, (plan.n_points, _EMPTY))
     untold = np.full(sum(max(len(names), 1) for names in layout.subjects), np.nan)
     for point in range(plan.n_points):
         theory = record.theory(point)
@@ -204,7 +234,7 @@ def measured(plan: "Plan", layout: Layout, record: "Record") -> Iterator[Measure
             findings=findings.get(point, ()),
         )
         if at == point:
-            at, sums = next(kept, (plan.n_points, _NONE))
+            at, sums = next(kept, (plan.n_points, _EMPTY))
 
 
 def numbered(record: "Record") -> Iterator[tuple[int, np.ndarray, np.ndarray]]:

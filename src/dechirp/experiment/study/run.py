@@ -1,6 +1,6 @@
 """A study from its file to its estimates: the page that calls the rest of this folder."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, wait
 from dataclasses import dataclass
 from functools import partial
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dechirp.core.checks import whole
+from dechirp.core.displayed import Displayed, Table, findings
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.findings import Finding
 from dechirp.core.threads import alone
@@ -30,8 +31,8 @@ from dechirp.experiment.study.study import Study
 from dechirp.experiment.study.trial import check_study, generator, layout_of, prepared, run_block
 
 
-@dataclass(frozen=True)
-class Finished:
+@dataclass(frozen=True, repr=False)
+class Finished(Displayed):
     """What a study gave."""
 
     result: StudyResult
@@ -39,6 +40,19 @@ class Finished:
     """Its requirements, decided."""
     doubts: tuple[Finding, ...] = ()
     """That it ran on other libraries or another processor before."""
+
+    def _line(self) -> str:
+        met = sum(one.met for one in self.judged)
+        judged = f"; {met} of {len(self.judged)} requirements met" if self.judged else ""
+        return f"{self.result._line()}{judged}"
+
+    def _tables(self) -> Iterable[Table]:
+        study = self.result.study
+        asked = (text for one in study.require for text in study._asked(one))
+        decided = zip(asked, self.judged, strict=True)
+        yield Table("Requirements", [(text, one.decision) for text, one in decided])
+        yield findings(self.doubts)
+        yield from self.result._tables()
 
 
 def run_study(

@@ -2,13 +2,15 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Literal, get_args
 
 from dechirp.config.nearest import did_you_mean
 from dechirp.core.checks import count, instances, not_negative, positive, probability
+from dechirp.core.displayed import Displayed, Table, several
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.values import value
+from dechirp.core.words import in_unit
 from dechirp.evaluate.score.base import Score
 from dechirp.experiment.scenario import Scenario
 
@@ -167,7 +169,7 @@ class Requirement:
 
 
 @value
-class Study:
+class Study(Displayed):
     """Trials of a scenario over varied settings."""
 
     name: str = "study"
@@ -210,6 +212,30 @@ class Study:
         """Points of the grid of all lists, and of what is drawn with `draw`."""
         sizes = (len(one.texts) for one in self.vary if isinstance(one, Listed))
         return math.prod(sizes) * (self.draw.n if self.draw is not None else 1)
+
+    def _line(self) -> str:
+        points = several(self.n_points, "point")
+        parts = [f"{self.name}: {points} of at most {several(self.trials.at_most, 'trial')}"]
+        parts.append(several(len(self.scores), "score"))
+        parts += [several(len(self.require), "requirement")] if self.require else []
+        return ", ".join(parts)
+
+    def _tables(self) -> Iterable[Table]:
+        yield Table("Varied", [(one.path, _values(one)) for one in self.vary])
+        yield Table("Scores", [(score.label(),) for score in self.scores])
+        yield Table("Requirements", [(text,) for one in self.require for text in self._asked(one)])
+
+    def _asked(self, one: Requirement) -> Iterator[str]:
+        """Each limit of a requirement, in the unit of its score."""
+        units = {score.label(): score.unit for score in self.scores}
+        owner = f" of {one.target}" if one.target else ""
+        listed = [axis for axis in self.vary if isinstance(axis, Listed)]
+        labels = {axis.path: dict(zip(axis.texts, axis.labels, strict=True)) for axis in listed}
+        where = ", ".join(f"{path} {labels[path][text]}" for path, text in one.at)
+        for sign, limit in (("≥", one.at_least), ("≤", one.at_most)):
+            if limit is not None:
+                said = in_unit(limit, units[one.score] or "probability")
+                yield f"{one.score}{owner} {sign} {said}" + (f" at {where}" if where else "")
 
     def _wrong(self) -> Iterator[InvalidSetting]:
         checks: tuple[Callable[[], None], ...] = (
@@ -312,6 +338,15 @@ class Study:
                 need="detections alone: there are no samples that they could be of",
                 fix="Set sensor: signal, or write keep: [detections].",
             )
+
+
+def _values(axis: Listed | Drawn) -> str:
+    if isinstance(axis, Drawn):
+        return f"{axis.distribution}, {axis.first:g} and {axis.second:g} {axis.unit}".strip()
+    labels = axis.labels
+    if len(labels) <= 4:
+        return ", ".join(labels)
+    return f"{labels[0]} to {labels[-1]}, {len(labels)} values"
 
 
 def _wrong_limits(where: str, one: Requirement | Until) -> Iterator[InvalidSetting]:

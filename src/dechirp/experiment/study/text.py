@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 from textwrap import indent
 
-from dechirp.config.quantities import KINDS, text_of
+from dechirp.config.quantities import text_of
 from dechirp.config.texts import dump, line, quoted
 from dechirp.config.tree import read_tree
+from dechirp.core.kinds import KINDS
 from dechirp.evaluate.score.base import Score
 from dechirp.experiment.study.study import Listed, Requirement, Study
 from dechirp.experiment.study.vary import written_axis

@@ -19,12 +19,13 @@ from dechirp.config.files import value_of
 from dechirp.config.mistakes import Spot
 from dechirp.config.models import Context
 from dechirp.config.nearest import did_you_mean, nearest
-from dechirp.config.quantities import KINDS, digits_of, number_in, written
+from dechirp.config.quantities import digits_of, number_in, written
 from dechirp.config.shown import shown
 from dechirp.config.texts import line, quoted
 from dechirp.config.tree import Node, Place, read_tree, resolved
 from dechirp.config.within import anchored
 from dechirp.core.errors import InvalidFile, Mistake
+from dechirp.core.kinds import KINDS
 from dechirp.experiment.study.mapping import (
     LEVELS,
     Told,

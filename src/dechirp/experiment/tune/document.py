@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from dechirp.config.quantities import KINDS, text_of
+from dechirp.config.quantities import text_of
+from dechirp.core.kinds import KINDS
 from dechirp.evaluate.score.base import Estimate
 from dechirp.experiment.study.text import unit_of
 from dechirp.experiment.tune.run import Candidate, Confirmed, Tuned

@@ -50,12 +50,12 @@ T = TypeVar("T")
 
 _MOST_VALUES = 10_000
 _AT_ONCE = 10  # values of one setting that cannot be
-_SEARCHED = ("chain", "ego_motion", "tracker")
+SEARCHED = ("chain", "ego_motion", "tracker")
 _NAMES = ("scenarios", "recordings", "search", "aim")
 
 
 @value
-class _Plain:
+class PlainSettings:
     """What is one number or word of the file."""
 
     name: str = "tune"
@@ -122,9 +122,9 @@ class _Reader:
         except InvalidSetting as error:
             raise InvalidFile(*self._placed(error, tree)) from None
 
-    def _of_file(self, given: dict[str, Node], tree: Node) -> _Plain | None:
-        known = (*_Plain.__dataclass_fields__, *_NAMES)
-        for name in [name for name in given if name not in _Plain.__dataclass_fields__]:
+    def _of_file(self, given: dict[str, Node], tree: Node) -> PlainSettings | None:
+        known = (*PlainSettings.__dataclass_fields__, *_NAMES)
+        for name in [name for name in given if name not in PlainSettings.__dataclass_fields__]:
             self.wrong.append(
                 given.pop(name).named_at.mistake(
                     name,
@@ -133,7 +133,7 @@ class _Reader:
                     fix=did_you_mean(name, known),
                 )
             )
-        spot = Spot("", replace(tree, content=given, repeated=()), Slot(_Plain))
+        spot = Spot("", replace(tree, content=given, repeated=()), Slot(PlainSettings))
         return self._heard(lambda: value_of(spot, self.context))
 
     def _members(
@@ -229,12 +229,12 @@ class _Reader:
             leaf = every[0].way(path).leaf
         except InvalidSetting as error:
             raise InvalidFile(*(_at(one, node.named_at, name) for one in error.mistakes)) from None
-        if path.partition(".")[0] not in _SEARCHED:
+        if path.partition(".")[0] not in SEARCHED:
             raise InvalidFile(
                 node.named_at.mistake(
                     name,
                     got="no setting of what is made of samples",
-                    need=f"a setting in one of {', '.join(_SEARCHED)}",
+                    need=f"a setting in one of {', '.join(SEARCHED)}",
                     fix="Vary it in a study: it changes what there is to find.",
                 )
             )

@@ -63,7 +63,7 @@ class Twin:
     recording_units: str
     """Of its samples, as they are on disk."""
     watts_per_unit: float
-    """What |sample|^2 of the recording was multiplied by; 1 where it is calibrated."""
+    """What `|sample|^2` of the recording was multiplied by; 1 where it is calibrated."""
     frame_number: int
     findings: tuple[Finding, ...]
 
@@ -139,7 +139,7 @@ def twin(
     Notes
     -----
     A recording does not say what its full scale is in watts. Its noise tells, once a noise factor
-    is assumed: |sample|^2 times the stated factor is such that the mean of the noise over all
+    is assumed: `|sample|^2` times the stated factor is such that the mean of the noise over all
     ranges is k T0 F fs; without noise, such that the strongest cell is 60 dB below what is sent.
     Cross sections hold under the assumed hardware, differences do not depend on it.
 

@@ -11,7 +11,7 @@ from dechirp.process.angle.base import Angles, SpectralEstimator
 
 @value
 class Bartlett(SpectralEstimator):
-    r"""Power in a beam towards each direction, |a^H x|^2 / N^2, mean over the looks.
+    r"""Power in a beam towards each direction, `|a^H x|^2 / N^2`, mean over the looks.
 
     One source far enough from others it finds as well as can be: the top of the beam is the
     maximum-likelihood estimate. Sources within a beamwidth of each other are one to it. The

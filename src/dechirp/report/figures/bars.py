@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from dechirp.core.values import value
+from dechirp.core.words import fixed, quantity
 from dechirp.radar.budget import BudgetLine
-from dechirp.report.words import fixed, quantity
 
 
 @value

@@ -1,66 +1,133 @@
 """The beat signal of the first chirp, and its spectrum."""
 
 import math
+from typing import Literal
 
 import numpy as np
 import xarray as xr
-from markupsafe import Markup
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
 
+from dechirp.core.words import power_db, power_of_ten, power_unit
 from dechirp.process.chain import Chain
 from dechirp.process.spectrum import range_profiles
 from dechirp.radar.chirp import Chirp
-from dechirp.report.figures.style import BLUE, INK, draw, thinned
-from dechirp.report.words import power_db, power_of_ten, power_unit
+from dechirp.report.figures.parts import legend, panels
+from dechirp.report.figures.style import BLUE, INK, thinned
 
+Part = Literal["real", "imaginary"]
+
+_COLORS: dict[Part, str] = {"real": "#8fbbdb", "imaginary": "#e5b08c"}
+_ALONE = "#4d94c6"
 _MOST_CHIRPS = 256  # averaged for the spectrum: the mean is smooth to 0.3 dB by then
 
 
-def signal(cube: xr.DataArray, *, doppler_frequency_hz: float | None = None) -> Markup:
+def signal(
+    axes: Axes,
+    cube: xr.DataArray,
+    *,
+    part: Part = "real",
+    doppler_frequency_hz: float | None = None,
+) -> Axes:
     """Draw the samples of the first chirp at the first receiver over fast time.
 
-    With the Doppler frequency of a detection, also the echo within them: the mean over the
-    chirps, each turned back by its Doppler phase. Complex samples only.
+    Parameters
+    ----------
+    axes : Axes
+        To draw on.
+    cube : DataArray (frame, chirp, rx, sample)
+        Complex or real samples, sqrt(W) or full scale.
+    part : real or imaginary
+        Of complex samples.
+    doppler_frequency_hz : float, optional
+        Of a detection: draws also the echo within the samples, the mean over the chirps, each
+        turned back by its Doppler phase. Complex samples only.
+
+    Returns
+    -------
+    Axes
+        Those given.
     """
     first = cube.isel(frame=0, chirp=0, rx=0)
     samples, time_us = first.values, first["sample"].values * 1e6
-    echo = None
-    if doppler_frequency_hz is not None and np.iscomplexobj(samples):
+    is_complex = np.iscomplexobj(samples)
+    of_part = np.real if part == "real" else np.imag
+    exponent = engineering_exponent(float(abs(samples).max()))
+    scaled = samples / 10.0**exponent
+    axes.plot(
+        *thinned(time_us, of_part(scaled)),
+        color=_COLORS[part] if is_complex else _ALONE,
+        linewidth=0.7,
+    )
+    if doppler_frequency_hz is not None and is_complex:
         some = cube.isel(frame=0, rx=0, chirp=slice(_MOST_CHIRPS)).transpose("chirp", "sample")
         turned = np.exp(-2j * np.pi * doppler_frequency_hz * some["chirp"].values)
         echo = turned @ some.values / turned.size
-    exponent = engineering_exponent(float(abs(samples).max()))
-    scaled = samples / 10.0**exponent
+        axes.plot(*thinned(time_us, of_part(echo) / 10.0**exponent), color=INK, linewidth=0.8)
+    reach = 1.1 * float(max(abs(scaled.real).max(), abs(scaled.imag).max())) or 1.0
+    axes.set(ylim=(-reach, reach), xlim=(time_us[0], time_us[-1]))
     unit = cube.attrs.get("units", "").replace("sqrt(W)", "√W")
     unit = unit if exponent == 0 else f"{power_of_ten(exponent)} {unit}"
-    parts = [("samples", scaled.real, "#4d94c6")]
-    if np.iscomplexobj(samples):
-        parts = [
-            ("real part", scaled.real, "#8fbbdb"),
-            ("imaginary part", scaled.imag, "#e5b08c"),
-        ]
-    reach = 1.1 * max(float(abs(values).max()) for _, values, _ in parts) or 1.0
+    name = f"{part} part" if is_complex else "samples"
+    axes.set_ylabel(f"{name}\n{unit}")
+    axes.set_xlabel("time since the start of the ramp, µs")
+    of = f", {part} part" if is_complex else ""
+    axes.set_label(f"Beat signal of the first chirp over time{of}")
+    return axes
 
-    def paint(figure: Figure) -> None:
-        rows = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, (name, values, color) in zip(rows, parts, strict=True):
-            axes.plot(*thinned(time_us, values), color=color, linewidth=0.7)
-            if echo is not None:
-                part = (echo.real if values is parts[0][1] else echo.imag) / 10.0**exponent
-                axes.plot(*thinned(time_us, part), color=INK, linewidth=0.8)
-            axes.set(ylim=(-reach, reach), xlim=(time_us[0], time_us[-1]))
-            axes.set_ylabel(f"{name}\n{unit}")
-        rows[-1].set_xlabel("time since the start of the ramp, µs")
 
-    return draw(paint, label="Beat signal of the first chirp over time", height_in=3.2)
+def whole_signal(
+    figure: FigureBase, cube: xr.DataArray, *, doppler_frequency_hz: float | None = None
+) -> list[Axes]:
+    """Draw both parts of complex samples, one above the other; of real samples the one.
+
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        To fill.
+    cube, doppler_frequency_hz
+        See `signal`.
+
+    Returns
+    -------
+    list of Axes
+        The real part, and below it the imaginary one.
+    """
+    parts: tuple[Part, ...] = ("real", "imaginary") if np.iscomplexobj(cube) else ("real",)
+    rows = panels(figure, len(parts), 1, sharex=True)[:, 0].tolist()
+    for axes, part in zip(rows, parts, strict=True):
+        signal(axes, cube, part=part, doppler_frequency_hz=doppler_frequency_hz)
+        axes.label_outer()
+    return rows
 
 
 def spectrum(
-    cube: xr.DataArray, chirp: Chirp, chain: Chain, *, truth_m: np.ndarray | None = None
-) -> Markup:
+    axes: Axes,
+    cube: xr.DataArray,
+    chirp: Chirp,
+    chain: Chain,
+    *,
+    truth_m: np.ndarray | None = None,
+) -> Axes:
     """Draw power over range: of the first chirp, and the mean over the chirps.
 
-    `truth_m` are the ranges where the echoes of the truth appear, marked below the line.
+    Parameters
+    ----------
+    axes : Axes
+        To draw on.
+    cube : DataArray (frame, chirp, rx, sample)
+        The first frame at the first receiver is shown.
+    chirp : Chirp
+        That was sent.
+    chain : Chain
+        Has the window and the length of the transform.
+    truth_m : array (n,), optional
+        Ranges where the echoes of the truth appear, marked below the line.
+
+    Returns
+    -------
+    Axes
+        Those given.
     """
     transform = chain.over_range(chirp)
     some = cube.isel(frame=0, rx=0, chirp=slice(_MOST_CHIRPS))
@@ -70,37 +137,34 @@ def spectrum(
     first, mean = power_db(power[0], units), power_db(power.mean(axis=0), units)
     # Single noise cells reach down without end: 12 dB below their median is enough to see.
     lowest, highest = float(np.median(first)) - 12, float(max(first.max(), mean.max()))
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
+    axes.plot(
+        *thinned(range_m, np.maximum(first, lowest)),
+        color="#b4bec8",
+        linewidth=0.6,
+        label="first chirp",
+    )
+    axes.plot(
+        *thinned(range_m, mean),
+        color=BLUE,
+        linewidth=1.0,
+        label=f"mean power of the first {power.shape[0]} chirps",
+    )
+    if truth_m is not None and truth_m.size:
         axes.plot(
-            *thinned(range_m, np.maximum(first, lowest)),
-            color="#b4bec8",
-            linewidth=0.6,
-            label="first chirp",
+            truth_m,
+            np.full(truth_m.size, lowest + 0.02 * (highest - lowest)),
+            linestyle="",
+            marker="^",
+            markersize=5,
+            color=INK,
+            label="truth",
         )
-        axes.plot(
-            *thinned(range_m, mean),
-            color=BLUE,
-            linewidth=1.0,
-            label=f"mean power of the first {power.shape[0]} chirps",
-        )
-        if truth_m is not None and truth_m.size:
-            axes.plot(
-                truth_m,
-                np.full(truth_m.size, lowest + 0.02 * (highest - lowest)),
-                linestyle="",
-                marker="^",
-                markersize=5,
-                color=INK,
-                label="truth",
-            )
-        axes.set(xlim=(0, range_m[-1]), ylim=(lowest, highest + 0.12 * (highest - lowest) + 1))
-        axes.set_xlabel("range, m")
-        axes.set_ylabel(f"power, {power_unit(units)}")
-        axes.legend(loc="upper right", ncols=3, handlelength=1.2, columnspacing=1.2)
-
-    return draw(paint, label="Spectrum of the beat signal over range", height_in=3.2)
+    axes.set(xlim=(0, range_m[-1]), ylim=(lowest, highest + 0.05 * (highest - lowest) + 1))
+    axes.set_xlabel("range, m")
+    axes.set_ylabel(f"power, {power_unit(units)}")
+    legend(axes)
+    axes.set_label("Spectrum of the beat signal over range")
+    return axes
 
 
 def engineering_exponent(largest: float) -> int:

@@ -1,23 +1,19 @@
 """Cuts through the strongest peak: power, threshold, and the cells it comes from."""
 
-from typing import Literal
-
 import numpy as np
 import xarray as xr
-from markupsafe import Markup
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
+from dechirp.core.words import power_db, power_unit
 from dechirp.process.cfar.base import Cfar
-from dechirp.report.figures.style import BLUE, ORANGE, draw
-from dechirp.report.words import power_db, power_unit
+from dechirp.report.figures.parts import MAP_AXES, Axis, legend
+from dechirp.report.figures.style import BLUE, ORANGE
 
-Axis = Literal["range", "velocity"]
-
-_AXES: dict[Axis, str] = {"range": "range, m", "velocity": "velocity, m/s (receding positive)"}
 _FEWEST_CELLS = 24  # shown on each side
 
 
 def cut(
+    axes: Axes,
     power: xr.DataArray,
     threshold: xr.DataArray,
     cfar: Cfar,
@@ -25,8 +21,29 @@ def cut(
     along: Axis,
     cell: tuple[int, int],
     units: str,
-) -> Markup:
-    """Draw power and threshold along one axis through a cell (velocity, range) of the map."""
+) -> Axes:
+    """Draw power and threshold along one axis through a cell of the map.
+
+    Parameters
+    ----------
+    axes : Axes
+        To draw on.
+    power, threshold : DataArray (velocity, range)
+        The map and its threshold, W or full scale squared.
+    cfar : Cfar
+        Its training and guard cells are shaded.
+    along : range or velocity
+        Which way to cut.
+    cell : tuple of int
+        (velocity, range) of the cell.
+    units : str
+        Of the samples: sqrt(W) gives dBm, all else dB relative to full scale.
+
+    Returns
+    -------
+    Axes
+        Those given.
+    """
     across: Axis = "velocity" if along == "range" else "range"
     row, column = cell
     centre, fixed = (column, row) if along == "range" else (row, column)
@@ -41,40 +58,37 @@ def cut(
     power_level_db = power_db(power_w, units)
     lowest = float(np.median(power_level_db)) - 15
     highest = float(max(power_level_db[shown].max(), np.nanmax(threshold_db, initial=-np.inf)))
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        for name, cells, color in (("training", training, "#e0ecf5"), ("guard", guard, "#eef0f2")):
-            for number, (left, right) in enumerate(stretches(bins[shown], cells[shown])):
-                label = f"{name} cells" if number == 0 else None
-                axes.axvspan(left, right, color=color, linewidth=0, label=label)
-        axes.plot(
-            bins[shown],
-            np.maximum(power_level_db, lowest)[shown],
-            color=BLUE,
-            linewidth=1.1,
-            drawstyle="steps-mid",
-            label="power",
-        )
-        axes.plot(bins[shown], threshold_db[shown], color=ORANGE, linewidth=1.3, label="threshold")
-        axes.plot(
-            bins[centre],
-            power_level_db[centre],
-            marker="o",
-            markersize=4,
-            color=BLUE,
-            linestyle="",
-        )
-        left, right = bins[shown][0], bins[shown][-1]
-        axes.set(
-            xlim=(left, right) if right > left else (left - 0.5, left + 0.5),  # one chirp: one bin
-            ylim=(lowest, highest + 0.06 * (highest - lowest) + 1),
-        )
-        axes.set_xlabel(_AXES[along])
-        axes.set_ylabel(f"power, {power_unit(units)}")
-        figure.legend(loc="outside upper right", ncols=4, handlelength=1.2, columnspacing=1.2)
-
-    return draw(paint, label=f"Power and threshold along {along}", height_in=3.0)
+    for name, cells, color in (("training", training, "#e0ecf5"), ("guard", guard, "#eef0f2")):
+        for number, (left, right) in enumerate(stretches(bins[shown], cells[shown])):
+            label = f"{name} cells" if number == 0 else None
+            axes.axvspan(left, right, color=color, linewidth=0, label=label)
+    axes.plot(
+        bins[shown],
+        np.maximum(power_level_db, lowest)[shown],
+        color=BLUE,
+        linewidth=1.1,
+        drawstyle="steps-mid",
+        label="power",
+    )
+    axes.plot(bins[shown], threshold_db[shown], color=ORANGE, linewidth=1.3, label="threshold")
+    axes.plot(
+        bins[centre],
+        power_level_db[centre],
+        marker="o",
+        markersize=4,
+        color=BLUE,
+        linestyle="",
+    )
+    left, right = bins[shown][0], bins[shown][-1]
+    axes.set(
+        xlim=(left, right) if right > left else (left - 0.5, left + 0.5),  # one chirp: one bin
+        ylim=(lowest, highest + 0.06 * (highest - lowest) + 1),
+    )
+    axes.set_xlabel(MAP_AXES[along])
+    axes.set_ylabel(f"power, {power_unit(units)}")
+    legend(axes)
+    axes.set_label(f"Power and threshold along {along}")
+    return axes
 
 
 def cells_about(

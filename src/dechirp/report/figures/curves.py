@@ -4,14 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from dechirp.core.values import value
+from dechirp.core.words import fixed
 from dechirp.report.amounts import typographic
-from dechirp.report.figures.style import BLUE, INK, MUTED, ORANGE, draw
-from dechirp.report.words import fixed
+from dechirp.report.figures.parts import legend
+from dechirp.report.figures.style import BLUE, INK, MUTED, ORANGE
 from dechirp.theory import intervals
 
 _COLORS = (BLUE, "#00795a", ORANGE)
@@ -27,56 +26,84 @@ class Gap:
     share: float
 
 
-def detection(curves: Sequence[Mapping[str, Any]], *, confidence: float, gap: Gap | None) -> Markup:
-    """Draw the share of frames in which the target was found, over its ratio, with theory."""
+def detection(
+    axes: Axes, curves: Sequence[Mapping[str, Any]], *, confidence: float, gap: Gap | None = None
+) -> Axes:
+    """Draw the share of frames in which the target was found, over its ratio, with theory.
 
-    def paint(figure: Figure) -> None:
-        axes = _shares(figure, curves, confidence=confidence)
-        axes.set_ylabel("share of frames with the car found")
-        axes.plot([], [], color=INK, linewidth=1.2, label="theory")
-        figure.legend(
-            *axes.get_legend_handles_labels(),
-            loc="outside upper center",
-            ncols=4,
-            columnspacing=1.2,
-            handletextpad=0.4,
+    Parameters
+    ----------
+    axes : Axes
+        To draw on.
+    curves : sequence of mapping
+        Each with `name`, `over` (words of the axis), `x`, `hits`, `trials`, `theory_x` and
+        `theory`, as the certificate has them.
+    confidence : float
+        Of the intervals, 0 to 1.
+    gap : Gap, optional
+        A distance between two curves, drawn with its length.
+
+    Returns
+    -------
+    Axes
+        Those given.
+    """
+    _shares(axes, curves, confidence=confidence)
+    axes.set_ylabel("share of frames with the car found")
+    axes.plot([], [], color=INK, linewidth=1.2, label="theory")
+    legend(axes)
+    if gap is not None:
+        axes.axhline(gap.share, color=MUTED, linewidth=0.6, linestyle=":")
+        axes.annotate(
+            "",
+            xy=(gap.high_db, gap.share),
+            xytext=(gap.low_db, gap.share),
+            arrowprops={"arrowstyle": "<->", "color": INK, "shrinkA": 0, "shrinkB": 0},
         )
-        if gap is not None:
-            axes.axhline(gap.share, color=MUTED, linewidth=0.6, linestyle=":")
-            axes.annotate(
-                "",
-                xy=(gap.high_db, gap.share),
-                xytext=(gap.low_db, gap.share),
-                arrowprops={"arrowstyle": "<->", "color": INK, "shrinkA": 0, "shrinkB": 0},
-            )
-            axes.text(
-                (gap.low_db + gap.high_db) / 2,
-                gap.share - 0.02,
-                f"{fixed(gap.high_db - gap.low_db, 1)} dB",
-                ha="center",
-                va="top",
-            )
-
-    return draw(paint, label="Probability of detection over the ratio", height_in=3.1)
+        axes.text(
+            (gap.low_db + gap.high_db) / 2,
+            gap.share - 0.02,
+            f"{fixed(gap.high_db - gap.low_db, 1)} dB",
+            ha="center",
+            va="top",
+        )
+    axes.set_label("Probability of detection over the ratio")
+    return axes
 
 
 def resolution(
-    curves: Sequence[Mapping[str, Any]], *, confidence: float, required: float | None
-) -> Markup:
-    """Draw the share of trials in which both of two targets were found, over their separation."""
+    axes: Axes,
+    curves: Sequence[Mapping[str, Any]],
+    *,
+    confidence: float,
+    required: float | None = None,
+) -> Axes:
+    """Draw the share of trials in which both of two targets were found, over their separation.
 
-    def paint(figure: Figure) -> None:
-        axes = _shares(figure, curves, confidence=confidence)
-        axes.set_ylabel("share of trials with both found")
-        if required is not None:
-            axes.axhline(required, color=MUTED, linewidth=0.8, linestyle=":", label="required")
-        axes.legend(loc="lower right")
+    Parameters
+    ----------
+    axes : Axes
+        To draw on.
+    curves, confidence
+        See `detection`.
+    required : float, optional
+        A share that is asked for, drawn across.
 
-    return draw(paint, label="Share of pairs resolved over their separation", height_in=3.0)
+    Returns
+    -------
+    Axes
+        Those given.
+    """
+    _shares(axes, curves, confidence=confidence)
+    axes.set_ylabel("share of trials with both found")
+    if required is not None:
+        axes.axhline(required, color=MUTED, linewidth=0.8, linestyle=":", label="required")
+    axes.legend(loc="lower right")
+    axes.set_label("Share of pairs resolved over their separation")
+    return axes
 
 
-def _shares(figure: Figure, curves: Sequence[Mapping[str, Any]], *, confidence: float) -> Axes:
-    axes = figure.subplots()
+def _shares(axes: Axes, curves: Sequence[Mapping[str, Any]], *, confidence: float) -> None:
     for curve, color, marker in zip(curves, _COLORS, _MARKERS, strict=False):
         x, hits, trials = (np.asarray(curve[name]) for name in ("x", "hits", "trials"))
         share = hits / trials
@@ -104,4 +131,3 @@ def _shares(figure: Figure, curves: Sequence[Mapping[str, Any]], *, confidence: 
         )
     axes.set(ylim=(-0.02, 1.05))
     axes.set_xlabel(curves[0]["over"] if curves else "")
-    return axes

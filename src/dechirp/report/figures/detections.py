@@ -2,14 +2,15 @@
 
 from collections.abc import Sequence
 
+import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 
 from dechirp.core.values import value
-from dechirp.report.figures.style import BLUE, MUTED, ORANGE, draw
+from dechirp.report.figures.parts import MAP_AXES, circles, edges, panels
+from dechirp.report.figures.style import BLUE, ORANGE
 from dechirp.scene.folding import Place
 
 
@@ -25,48 +26,53 @@ class Decided:
 
 
 def maps(
-    decided: Sequence[Sequence[Decided]], *, target: Place, reach: tuple[float, float]
-) -> Markup:
+    figure: FigureBase,
+    decided: Sequence[Sequence[Decided]],
+    *,
+    target: Place,
+    reach: tuple[float, float],
+) -> list[Axes]:
     """Draw the cells over threshold about the target, a row a frame, a column a rule.
 
-    `reach` is how far from the target to look, in m and m/s.
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        To fill.
+    decided : sequence of sequence of Decided
+        For each frame what each rule decided.
+    target : Place
+        In the middle, circled.
+    reach : tuple of float
+        How far from the target to look, in m and m/s.
+
+    Returns
+    -------
+    list of Axes
+        Row by row.
     """
     at_m, at_m_per_s = float(target.range_m), float(target.velocity_m_per_s)
-
-    def paint(figure: Figure) -> None:
-        panels = figure.subplots(
-            len(decided), len(decided[0]), sharex=True, sharey=True, squeeze=False
+    grid = panels(figure, len(decided), len(decided[0]), sharex=True, sharey=True)
+    for axes, one in zip(grid.flat, (one for row in decided for one in row), strict=True):
+        axes.grid(False)
+        axes.imshow(
+            np.where(one.over, 1.0, np.nan),
+            cmap=ListedColormap([BLUE]),
+            extent=(*edges(one.range_m), *edges(one.velocity_m_per_s)),
+            origin="lower",
+            aspect="auto",
+            interpolation="none",
         )
-        for axes, one in zip(panels.flat, (one for row in decided for one in row), strict=True):
-            axes.grid(False)
-            axes.imshow(
-                np.where(one.over, 1.0, np.nan),
-                cmap=ListedColormap([BLUE]),
-                extent=(*_edges(one.range_m), *_edges(one.velocity_m_per_s)),
-                origin="lower",
-                aspect="auto",
-                interpolation="none",
-            )
-            axes.plot(
-                at_m,
-                at_m_per_s,
-                marker="o",
-                markersize=26,
-                markerfacecolor="none",
-                markeredgecolor=ORANGE,
-                markeredgewidth=0.9,
-                linestyle="",
-            )
-            axes.set(
-                xlim=(max(at_m - reach[0], 0.0), at_m + reach[0]),
-                ylim=(at_m_per_s - reach[1], at_m_per_s + reach[1]),
-            )
-            axes.set_title(one.title, fontsize=8.5, loc="left")
-        for axes in panels[-1]:
-            axes.set_xlabel("range, m")
-        figure.supylabel("velocity, m/s (receding positive)", fontsize=8.5, color=MUTED)
-
-    return draw(paint, label="Cells over threshold, by rule", height_in=1.9 * len(decided) + 0.4)
+        circles(axes, np.array([at_m]), np.array([at_m_per_s]), size=26, width=0.9)
+        axes.set(
+            xlim=(max(at_m - reach[0], 0.0), at_m + reach[0]),
+            ylim=(at_m_per_s - reach[1], at_m_per_s + reach[1]),
+        )
+        axes.set_title(one.title, loc="left")
+        axes.set_label(f"Cells over threshold: {one.title}")
+    for axes in grid[-1]:
+        axes.set_xlabel(MAP_AXES["range"])
+    figure.supylabel(MAP_AXES["velocity"], color=mpl.rcParams["axes.labelcolor"])
+    return list(grid.flat)
 
 
 @value
@@ -79,22 +85,36 @@ class Line:
     threshold_db: np.ndarray
 
 
-def thresholds(lines: Sequence[Line], *, around_m: float, reach_m: float) -> Markup:
-    """Draw power and threshold along range of each rule, side by side, over the mean noise."""
+def thresholds(
+    figure: FigureBase, lines: Sequence[Line], *, around_m: float, reach_m: float
+) -> list[Axes]:
+    """Draw power and threshold along range of each rule, side by side, over the mean noise.
 
-    def paint(figure: Figure) -> None:
-        beside = figure.subplots(1, len(lines), sharex=True, sharey=True, squeeze=False)[0]
-        for axes, line in zip(beside, lines, strict=True):
-            _cut(axes, line, around_m - reach_m, around_m + reach_m)
-        beside[0].set_ylabel("power over the mean noise, dB")
-        figure.legend(
-            *beside[0].get_legend_handles_labels(),
-            loc="outside upper right",
-            ncols=2,
-            handlelength=1.4,
-        )
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        To fill.
+    lines : sequence of Line
+        One a rule.
+    around_m, reach_m : float
+        Range in the middle, and how far to look to each side.
 
-    return draw(paint, label="Power and threshold along range, by rule", height_in=2.7)
+    Returns
+    -------
+    list of Axes
+        From left to right.
+    """
+    beside: list[Axes] = panels(figure, 1, len(lines), sharex=True, sharey=True)[0].tolist()
+    for axes, line in zip(beside, lines, strict=True):
+        _cut(axes, line, around_m - reach_m, around_m + reach_m)
+    beside[0].set_ylabel("power over the mean noise, dB")
+    figure.legend(
+        *beside[0].get_legend_handles_labels(),
+        loc="outside upper right",
+        ncols=2,
+        handlelength=1.4,
+    )
+    return beside
 
 
 def _cut(axes: Axes, line: Line, left_m: float, right_m: float) -> None:
@@ -114,10 +134,6 @@ def _cut(axes: Axes, line: Line, left_m: float, right_m: float) -> None:
         label="threshold",
     )
     axes.set(xlim=(left_m, right_m))
-    axes.set_title(line.title, fontsize=8.5, loc="left")
-    axes.set_xlabel("range, m")
-
-
-def _edges(centres: np.ndarray) -> tuple[float, float]:
-    half = (centres[1] - centres[0]) / 2
-    return float(centres[0] - half), float(centres[-1] + half)
+    axes.set_title(line.title, loc="left")
+    axes.set_xlabel(MAP_AXES["range"])
+    axes.set_label(f"Power and threshold along range: {line.title}")

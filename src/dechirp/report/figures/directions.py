@@ -4,16 +4,22 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
 
 from dechirp.core.units import decibels
 from dechirp.core.values import value
+from dechirp.core.words import fixed, power_db, power_unit
+from dechirp.report.figures.parts import (
+    MAP_AXES,
+    circles,
+    colour_bar,
+    crosses,
+    edges,
+    legend,
+)
 from dechirp.report.figures.range_doppler import reduced
-from dechirp.report.figures.style import BLUE, COLORS, INK, ORANGE, draw
-from dechirp.report.words import fixed, power_db, power_unit
+from dechirp.report.figures.style import BLUE, COLORS, INK, ORANGE
 
 # The map is the strongest of all velocities: its median is noise, and steady.
 _BELOW_NOISE_DB, _LARGEST_SPAN_DB, _LEAST_SPAN_DB = 3.0, 70.0, 20.0
@@ -22,6 +28,7 @@ _FLOOR_DB = -40.0
 _DEGREES = np.array([-90, -60, -45, -30, -15, 0, 15, 30, 45, 60, 90])
 _FINE_DEGREES = np.arange(-30, 31, 5)
 _MOST_NAMED = 4
+_AZIMUTH, _ELEVATION = "azimuth, ° (left positive)", "elevation, ° (up positive)"
 
 
 class Towards(NamedTuple):
@@ -39,77 +46,99 @@ class RangeAzimuth:
     """(azimuth, range)."""
     units: str
     """Of the samples."""
-    found: tuple[np.ndarray, np.ndarray]
+    found: tuple[np.ndarray, np.ndarray] | None = None
     """Azimuths (rad) and ranges (m) of the detections."""
-    truth: tuple[np.ndarray, np.ndarray] | None
+    truth: tuple[np.ndarray, np.ndarray] | None = None
 
 
-def range_azimuth(marked: RangeAzimuth) -> Markup:
-    """Draw the map in sines of the azimuth, over which a beam is equally wide everywhere."""
+def range_azimuth(axes: Axes, marked: RangeAzimuth) -> Axes:
+    """Draw the map in sines of the azimuth, over which a beam is equally wide everywhere.
+
+    Parameters
+    ----------
+    axes : Axes
+        To draw on; a colour bar takes of their room.
+    marked : RangeAzimuth
+        The map, and what is marked on it.
+
+    Returns
+    -------
+    Axes
+        Those given.
+    """
     power = marked.power.transpose("range", "azimuth")
     level_db = power_db(reduced(power.values, _MOST_PIXELS), marked.units)
     highest = float(level_db.max())
     lowest = max(float(np.median(level_db)) - _BELOW_NOISE_DB, highest - _LARGEST_SPAN_DB)
     sines, range_m = np.sin(power.azimuth.values), power.range.values
-    half = _half_step(range_m)
     ends_m = [of[1].max(initial=0.0) for of in (marked.found, marked.truth) if of is not None]
-    farthest = float(range_m[-1]) + half
+    nearest, farthest = edges(range_m)
     # Beyond what was found there is noise.
-    shown_m = min(farthest, 1.3 * max(ends_m)) if max(ends_m) > 0 else farthest
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        image = axes.imshow(
-            level_db,
-            cmap=COLORS,
-            vmin=min(lowest, highest - _LEAST_SPAN_DB),
-            vmax=highest,
-            extent=(*_edges(sines), float(range_m[0]) - half, farthest),
-            origin="lower",
-            aspect="auto",
-            interpolation="bilinear",
-        )
-        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=28)
-        bar.outline.set_visible(False)
-        bar.set_label(f"power, {power_unit(marked.units)}")
-        _sine_axis(axes.xaxis, sines)
-        axes.grid(False)
-        left, right = _edges(sines)
-        axes.set(xlim=(right, left), ylim=(0, shown_m), autoscale_on=False)
-        axes.set_xlabel("azimuth, ° (left positive)")
-        axes.set_ylabel("range, m")
-        if marked.truth is not None:
-            _crosses(axes, np.sin(marked.truth[0]), marked.truth[1])
-        _circles(axes, np.sin(marked.found[0]), marked.found[1])
-        figure.legend(loc="outside upper right", ncols=2, handletextpad=0.2)
-
-    return draw(paint, label="Range-azimuth map", height_in=3.6)
+    shown_m = min(farthest, 1.3 * max(ends_m)) if max(ends_m, default=0.0) > 0 else farthest
+    left, right = edges(sines)
+    image = axes.imshow(
+        level_db,
+        cmap=COLORS,
+        vmin=min(lowest, highest - _LEAST_SPAN_DB),
+        vmax=highest,
+        extent=(left, right, nearest, farthest),
+        origin="lower",
+        aspect="auto",
+        interpolation="bilinear",
+    )
+    colour_bar(axes, image, f"power, {power_unit(marked.units)}")
+    _sine_axis(axes.xaxis, sines)
+    axes.grid(False)
+    axes.set(xlim=(right, left), ylim=(0, shown_m), autoscale_on=False)
+    axes.set_xlabel(_AZIMUTH)
+    axes.set_ylabel(MAP_AXES["range"])
+    if marked.truth is not None:
+        crosses(axes, np.sin(marked.truth[0]), marked.truth[1])
+    if marked.found is not None:
+        circles(axes, np.sin(marked.found[0]), marked.found[1], size=9)
+    legend(axes)
+    axes.set_label("Range-azimuth map")
+    return axes
 
 
-def spectrum(of: xr.DataArray, *, found: Towards, truth: Towards | None) -> Markup:
-    """Draw the spectrum of one detection, (elevation, azimuth): a line, or a map of both.
+def spectrum(axes: Axes, of: xr.DataArray, *, found: Towards, truth: Towards | None = None) -> Axes:
+    """Draw the spectrum of one detection, a line, or a map of both angles.
 
     In decibels below its highest point; with the directions found, and those of the truth.
+
+    Parameters
+    ----------
+    axes : Axes
+        To draw on; a map has a colour bar, which takes of their room.
+    of : DataArray (elevation, azimuth)
+        Power over directions, as `process.angle_maps.angle_spectrum` gives it; one of the axes
+        may have one value alone.
+    found : Towards
+        Directions found, rad.
+    truth : Towards, optional
+        True ones, rad.
+
+    Returns
+    -------
+    Axes
+        Those given.
     """
     level = of.transpose("elevation", "azimuth").values
     level_db = np.maximum(decibels(np.maximum(level / level.max(), 1e-30)), _FLOOR_DB)
     azimuth, elevation = of.azimuth.values, of.elevation.values
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        if len(azimuth) > 1 and len(elevation) > 1:
-            _both(figure, axes, of, level_db, found, truth)
-        elif len(azimuth) > 1:
-            _line(axes, azimuth, level_db[0], found.azimuth_rad, truth and truth.azimuth_rad)
-            axes.invert_xaxis()
-            axes.set_xlabel("azimuth, ° (left positive)")
-        else:
-            at = truth and truth.elevation_rad
-            _line(axes, elevation, level_db[:, 0], found.elevation_rad, at)
-            axes.set_xlabel("elevation, ° (up positive)")
-        figure.legend(loc="outside upper right", ncols=3, handletextpad=0.4)
-
-    return draw(paint, label="Spectrum over directions", height_in=3.6)
+    if len(azimuth) > 1 and len(elevation) > 1:
+        _both(axes, of, level_db, found, truth)
+    elif len(azimuth) > 1:
+        _line(axes, azimuth, level_db[0], found.azimuth_rad, truth and truth.azimuth_rad)
+        axes.invert_xaxis()
+        axes.set_xlabel(_AZIMUTH)
+    else:
+        at = truth and truth.elevation_rad
+        _line(axes, elevation, level_db[:, 0], found.elevation_rad, at)
+        axes.set_xlabel(_ELEVATION)
+    legend(axes)
+    axes.set_label("Spectrum over directions")
+    return axes
 
 
 def _line(
@@ -143,7 +172,6 @@ def _line(
 
 
 def _both(
-    figure: Figure,
     axes: Axes,
     of: xr.DataArray,
     level_db: np.ndarray,
@@ -156,52 +184,21 @@ def _both(
         cmap=COLORS,
         vmin=_FLOOR_DB / 2,
         vmax=0,
-        extent=(*_edges(left), *_edges(up)),
+        extent=(*edges(left), *edges(up)),
         origin="lower",
         aspect="auto",
         interpolation="bilinear",
     )
-    bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=28)
-    bar.outline.set_visible(False)
-    bar.set_label("dB below the highest point")
+    colour_bar(axes, image, "dB below the highest point")
     _sine_axis(axes.xaxis, left)
     _sine_axis(axes.yaxis, up)
     axes.grid(False)
-    axes.set(xlim=_edges(left)[::-1], ylim=_edges(up), autoscale_on=False)
-    axes.set_xlabel("azimuth, ° (left positive)")
-    axes.set_ylabel("elevation, ° (up positive)")
+    axes.set(xlim=edges(left)[::-1], ylim=edges(up), autoscale_on=False)
+    axes.set_xlabel(_AZIMUTH)
+    axes.set_ylabel(_ELEVATION)
     if truth is not None:
-        _crosses(axes, *np.sin(truth))
-    _circles(axes, *np.sin(found))
-
-
-def _circles(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    axes.plot(
-        x,
-        y,
-        linestyle="",
-        marker="o",
-        markersize=9,
-        markerfacecolor="none",
-        markeredgecolor=ORANGE,
-        markeredgewidth=1.3,
-        label="detection",
-    )
-
-
-def _crosses(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    # Dark on a light rim, to be seen on the noise and on the peak.
-    for color, width, label in (("#ffffff", 2.6, None), (INK, 1.1, "truth")):
-        axes.plot(
-            x,
-            y,
-            linestyle="",
-            marker="+",
-            markersize=7 + width,
-            color=color,
-            markeredgewidth=width,
-            label=label,
-        )
+        crosses(axes, *np.sin(truth))
+    circles(axes, *np.sin(found), size=9)
 
 
 def _sine_axis(axis: Axis, sines: np.ndarray) -> None:
@@ -210,12 +207,3 @@ def _sine_axis(axis: Axis, sines: np.ndarray) -> None:
     degrees = _DEGREES if most > np.sin(np.radians(31)) else _FINE_DEGREES
     degrees = degrees[abs(np.sin(np.radians(degrees))) <= most]
     axis.set_ticks(np.sin(np.radians(degrees)), [fixed(float(one), 0) for one in degrees])
-
-
-def _edges(centres: np.ndarray) -> tuple[float, float]:
-    half = _half_step(centres)
-    return float(centres[0]) - half, float(centres[-1]) + half
-
-
-def _half_step(centres: np.ndarray) -> float:
-    return float(centres[-1] - centres[0]) / max(centres.size - 1, 1) / 2 or 0.5

@@ -3,25 +3,27 @@
 import math
 from collections.abc import Sequence
 
+import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from dechirp.core.values import value
-from dechirp.report.figures import birds_eye
-from dechirp.report.figures.style import BLUE, INK, ORANGE, draw
+from dechirp.core.words import number
+from dechirp.report.figures import ground
+from dechirp.report.figures.parts import legend
+from dechirp.report.figures.style import BLUE, INK, ORANGE, TALL_IN
 from dechirp.report.places import in_bodies
-from dechirp.report.words import number
 from dechirp.scene.rotations import into
 from dechirp.scene.scene import Scene
 
 _MOST_ARCS, _FEW_ARCS = 20, 6
-_MOST_NAMES = 24
+_FEW_NAMES, _MOST_NAMES = 8, 24
+_HIGH_IN = 4.6
 _MOST_ARROWS = 200
 _MOST_POINTS = 600
 # Where nothing is further aside than this part of the length, a road, it is drawn wider.
 _NARROW = 0.3
+_OUTSIDE = 0.45  # of the width, within which names stand outside
 
 
 @value
@@ -44,16 +46,19 @@ class _Drawn:
 
 
 def from_above(
+    axes: Axes,
     scene: Scene,
     *,
-    time_s: float,
+    time_s: float = 0.0,
     detected_m: Sequence[float] = (),
-    seen: birds_eye.Seen | None = None,
-) -> Markup:
+    seen: ground.Seen | None = None,
+) -> Axes:
     """Draw targets with their velocities over ground, the radar, and detections.
 
     Parameters
     ----------
+    axes : Axes
+        To draw on.
     scene : Scene
         Drawn as it is at `time_s`, in coordinates of the radar then; of large bodies some of
         the scatterers.
@@ -63,6 +68,11 @@ def from_above(
         Ranges of the detections without directions, strongest first: arcs.
     seen : Seen, optional
         The detections with directions: places, with ellipses of their errors.
+
+    Returns
+    -------
+    Axes
+        Those given.
     """
     way_s = _while_s(scene, time_s)
     drawn = _drawn(scene, time_s, way_s)
@@ -76,43 +86,37 @@ def from_above(
     is_narrow = aside_m < _NARROW * (front - back)
     # At least as wide as the figure: 1.4 times its height once the labels have their room.
     side = max(aside_m, (0.1 if is_narrow else 0.7) * (front - back))
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.set_aspect("auto" if is_narrow else "equal")
-        axes.set(xlim=(side, -side), ylim=(back, front))
-        birds_eye.ground(axes, math.hypot(max(front, -back), side))
-        _arcs(axes, detected_m)
-        _ways(axes, drawn)
-        _targets(axes, drawn, 0.05 * reach_m, way_s)
-        if seen is not None:
-            birds_eye.detections(axes, seen)
-        for name, place in list(zip(scene.names, drawn.places_m, strict=True))[:_MOST_NAMES]:
-            is_left = place[1] > 0
-            axes.annotate(
-                name,
-                (place[1], place[0]),
-                (-7 if is_left else 7, 4),
-                textcoords="offset points",
-                ha="right" if is_left else "left",
-                fontsize=8.5 if len(scene.names) <= 8 else 7,
-                clip_on=True,
-            )
-        axes.set_xlabel("y, m (left positive)" + (", drawn wider" if is_narrow else ""))
-        axes.set_ylabel("x, m (forward)")
-        handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-        figure.legend(
-            handles.values(),
-            handles.keys(),
-            loc="outside upper right",
-            ncols=3,
-            handlelength=1.4,
-            handletextpad=0.5,
-            columnspacing=1.2,
+    axes.set_aspect("auto" if is_narrow else "equal")
+    axes.set(xlim=(side, -side), ylim=(back, front))
+    ground.rings(axes, math.hypot(max(front, -back), side))
+    _arcs(axes, detected_m)
+    _ways(axes, drawn)
+    _targets(axes, drawn, 0.05 * reach_m, way_s)
+    if seen is not None:
+        ground.detections(axes, seen)
+    small = 1.0 if len(scene.names) <= _FEW_NAMES else 0.8
+    for name, place in list(zip(scene.names, drawn.places_m, strict=True))[:_MOST_NAMES]:
+        # Outside of its target, where the figure does not end soon.
+        is_left = (place[1] > 0) == (abs(place[1]) < _OUTSIDE * side)
+        axes.annotate(
+            name,
+            (place[1], place[0]),
+            (-7 if is_left else 7, 4),
+            textcoords="offset points",
+            ha="right" if is_left else "left",
+            fontsize=small * mpl.rcParams["font.size"],
+            clip_on=True,
         )
+    axes.set_xlabel(ground.SIDE + (", drawn wider" if is_narrow else ""))
+    axes.set_ylabel(ground.FORWARD)
+    legend(axes)
+    axes.set_label("The scene from above")
+    return axes
 
-    many = len(scene.targets) > 8
-    return draw(paint, label="The scene from above", height_in=4.6 if many else 3.6)
+
+def height_in(scene: Scene) -> float:
+    """Height of a figure in which the names have room."""
+    return _HIGH_IN if len(scene.targets) > _FEW_NAMES else TALL_IN
 
 
 def _drawn(scene: Scene, time_s: float, way_s: float) -> _Drawn:
@@ -171,7 +175,7 @@ def _ways(axes: Axes, drawn: _Drawn) -> None:
         axes.plot(*course_m.T[::-1], color=BLUE, linewidth=0.8, label="way through waypoints")
     axes.plot(*drawn.stops_m.T[::-1], linestyle="", marker="|", markersize=5, color=BLUE)
     axes.plot(*drawn.ego_m.T[::-1], color=INK, linewidth=1.4)
-    birds_eye.arrow(axes, drawn.ego_m[-2], drawn.ego_m[-1], INK)
+    ground.arrow(axes, drawn.ego_m[-2], drawn.ego_m[-1], INK)
 
 
 def _targets(axes: Axes, drawn: _Drawn, stroke_m: float, way_s: float) -> None:
@@ -180,7 +184,7 @@ def _targets(axes: Axes, drawn: _Drawn, stroke_m: float, way_s: float) -> None:
         axes.plot(*np.array([place, end]).T[::-1], color=BLUE, linewidth=2.2, alpha=0.5)
     tips_m = drawn.places_m + drawn.arrows_m
     for place, tip in list(zip(drawn.places_m, tips_m, strict=True))[:_MOST_ARROWS]:
-        birds_eye.arrow(axes, place, tip, BLUE)
+        ground.arrow(axes, place, tip, BLUE)
     if len(drawn.points_m):
         axes.plot(
             *drawn.points_m.T[::-1],
@@ -207,4 +211,4 @@ def _while_s(scene: Scene, time_s: float) -> float:
     on_ground = scene.target_velocities_m_per_s(at_s)[0] + into(scene.ego.axes(at_s), ego[None])[0]
     fastest = float(np.linalg.norm(np.vstack([on_ground, ego])[:, :2], axis=1).max())
     reach_m = np.linalg.norm(scene.positions_m(at_s)[0, :, :2], axis=1).max(initial=1.0)
-    return birds_eye.round_down(0.3 * reach_m / fastest) if fastest > 0 else 0.0
+    return ground.round_down(0.3 * reach_m / fastest) if fastest > 0 else 0.0

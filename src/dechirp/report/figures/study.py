@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis as Ruler
-from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
 from dechirp.core.values import value
-from dechirp.report.figures.style import BLUE, COLORS, GREEN, INK, MUTED, ORANGE, draw
-from dechirp.report.words import number, small
+from dechirp.core.words import number, small
+from dechirp.report.figures import parts
+from dechirp.report.figures.parts import colour_bar
+from dechirp.report.figures.style import BLUE, COLORS, GREEN, INK, MUTED, ORANGE
 
 # Okabe and Ito's, darkened for thin lines; with marks of their own they need no colour.
 _COLORS = (BLUE, ORANGE, GREEN, "#a3487f", "#7a6a00", INK, "#4aa3d8", "#8b5a2b")
@@ -73,6 +73,7 @@ def evenly_in_ratio(x: Sequence[float]) -> bool:
 
 
 def over(
+    axes: Axes,
     lines: Sequence[Line],
     *,
     x: Axis,
@@ -80,11 +81,13 @@ def over(
     is_ratio: bool,
     legend: str = "",
     limits: Sequence[float] = (),
-) -> Markup:
+) -> Axes:
     """Draw a score over one setting: marks, bands of their intervals, and lines of theory.
 
     Parameters
     ----------
+    axes : Axes
+        To draw on.
     lines : sequence of Line
         At most `MOST_LINES`; x in any order.
     x, y : Axis
@@ -95,52 +98,63 @@ def over(
         What the names of the lines are values of.
     limits : sequence of float
         What is required, drawn across.
+
+    Returns
+    -------
+    Axes
+        Those given.
     """
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
-        for line, color, mark in zip(lines, _COLORS, _MARKS, strict=False):
-            _measured(axes, line, color=color, mark=mark)
-        _across(axes, limits)
-        axes.set_xlabel(x.words)
-        if x.logarithmic:
-            axes.set_xscale("log")
-            _in_decades(axes.xaxis)
-            _few_ticks(axes, lines)
-        _legend(figure, axes, lines, title=legend)
-
-    return draw(paint, label=f"{y.words} over {x.words}", height_in=_height(lines))
+    _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
+    for line, color, mark in zip(lines, _COLORS, _MARKS, strict=False):
+        _measured(axes, line, color=color, mark=mark)
+    _across(axes, limits)
+    axes.set_xlabel(x.words)
+    if x.logarithmic:
+        axes.set_xscale("log")
+        _in_decades(axes.xaxis)
+        _few_ticks(axes, lines)
+    _legend(axes, lines, title=legend)
+    axes.set_label(f"{y.words} over {x.words}")
+    return axes
 
 
-def scattered(lines: Sequence[Line], *, x: Axis, y: Axis, is_ratio: bool) -> Markup:
-    """Draw a score over a setting that was drawn: a mark with its interval for each point."""
+def scattered(axes: Axes, lines: Sequence[Line], *, x: Axis, y: Axis, is_ratio: bool) -> Axes:
+    """Draw a score over a setting that was drawn: a mark with its interval for each point.
 
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
-        for line, color, mark in zip(lines, _COLORS, _MARKS, strict=False):
-            some = slice(None, None, max(-(-line.x.size // _MOST_DRAWN), 1))
-            many = line.x.size > _MOST_MARKS
-            _bars(
-                axes,
-                line,
-                some=some,
-                color=color,
-                mark=mark,
-                size=2.2 if many else 3.6,
-                faint=0.35 if many else 1.0,
-            )
-            axes.plot(
-                line.x[some], line.theory[some], linestyle="", marker="_", markersize=5, color=INK
-            )
-        axes.set_xlabel(x.words)
-        _legend(figure, axes, lines, title="", theory_mark="_")
+    Parameters
+    ----------
+    axes, lines, x, y, is_ratio
+        See `over`.
 
-    return draw(paint, label=f"{y.words} over {x.words}, drawn", height_in=_height(lines))
+    Returns
+    -------
+    Axes
+        Those given.
+    """
+    _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
+    for line, color, mark in zip(lines, _COLORS, _MARKS, strict=False):
+        some = slice(None, None, max(-(-line.x.size // _MOST_DRAWN), 1))
+        many = line.x.size > _MOST_MARKS
+        _bars(
+            axes,
+            line,
+            some=some,
+            color=color,
+            mark=mark,
+            size=2.2 if many else 3.6,
+            faint=0.35 if many else 1.0,
+        )
+        axes.plot(
+            line.x[some], line.theory[some], linestyle="", marker="_", markersize=5, color=INK
+        )
+    axes.set_xlabel(x.words)
+    _legend(axes, lines, title="", theory_mark="_")
+    axes.set_label(f"{y.words} over {x.words}, drawn")
+    return axes
 
 
 def columns(
+    axes: Axes,
     lines: Sequence[Line],
     names: Sequence[str],
     *,
@@ -148,47 +162,58 @@ def columns(
     y: Axis,
     is_ratio: bool,
     legend: str = "",
-) -> Markup:
+) -> Axes:
     """Draw a score for each of some words, with a mark for what theory says.
 
-    `x` of the lines counts the names from 0. On a logarithmic axis marks stand without bars,
-    which have no foot there.
+    On a logarithmic axis marks stand without bars, which have no foot there.
+
+    Parameters
+    ----------
+    axes, y, is_ratio, legend
+        See `over`.
+    lines : sequence of Line
+        Their `x` counts the names from 0.
+    names : sequence of str
+        The words.
+    x : Axis
+        What they are values of.
+
+    Returns
+    -------
+    Axes
+        Those given.
     """
     aslant = sum(map(len, names)) > _MOST_LETTERS
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        spread = _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
-        width = 0.8 / len(lines)
-        for turn, (line, color, mark) in enumerate(zip(lines, _COLORS, _MARKS, strict=False)):
-            at = line.x + (turn - (len(lines) - 1) / 2) * width
-            moved = Line(
-                name=line.name,
-                x=at,
-                value=line.value,
-                low=line.low,
-                high=line.high,
-                theory=line.theory,
-            )
-            if spread != "log":
-                axes.bar(at, np.nan_to_num(line.value), 0.85 * width, color=color, alpha=0.3)
-            _bars(axes, moved, color=color, mark=mark, size=3.6)
-            axes.hlines(line.theory, at - 0.43 * width, at + 0.43 * width, color=INK, linewidth=1.2)
-        axes.grid(visible=False, axis="x")
-        axes.set_xlim(-0.6, len(names) - 0.4)
-        axes.set_xticks(range(len(names)), names)
-        if aslant:
-            for letters in axes.get_xticklabels():
-                letters.set(rotation=25, ha="right", rotation_mode="anchor")
-        axes.set_xlabel(x.words)
-        _legend(figure, axes, lines, title=legend)
-
-    return draw(
-        paint, label=f"{y.words} by {x.words}", height_in=_height(lines) + (0.5 if aslant else 0.0)
-    )
+    spread = _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
+    width = 0.8 / len(lines)
+    for turn, (line, color, mark) in enumerate(zip(lines, _COLORS, _MARKS, strict=False)):
+        at = line.x + (turn - (len(lines) - 1) / 2) * width
+        moved = Line(
+            name=line.name,
+            x=at,
+            value=line.value,
+            low=line.low,
+            high=line.high,
+            theory=line.theory,
+        )
+        if spread != "log":
+            axes.bar(at, np.nan_to_num(line.value), 0.85 * width, color=color, alpha=0.3)
+        _bars(axes, moved, color=color, mark=mark, size=3.6)
+        axes.hlines(line.theory, at - 0.43 * width, at + 0.43 * width, color=INK, linewidth=1.2)
+    axes.grid(visible=False, axis="x")
+    axes.set_xlim(-0.6, len(names) - 0.4)
+    axes.set_xticks(range(len(names)), names)
+    if aslant:
+        for letters in axes.get_xticklabels():
+            letters.set(rotation=25, ha="right", rotation_mode="anchor")
+    axes.set_xlabel(x.words)
+    _legend(axes, lines, title=legend)
+    axes.set_label(f"{y.words} by {x.words}")
+    return axes
 
 
 def heat(
+    axes: Axes,
     x: np.ndarray,
     y: np.ndarray,
     values: np.ndarray,
@@ -196,11 +221,13 @@ def heat(
     axes_words: tuple[Axis, Axis],
     words: str,
     is_ratio: bool,
-) -> Markup:
+) -> Axes:
     """Draw a score over two settings as a map; cells without a value stay grey.
 
     Parameters
     ----------
+    axes : Axes
+        To draw on; a colour bar takes of their room.
     x, y : array (n_x,), (n_y,)
         Values of the settings, ascending.
     values : array (n_y, n_x)
@@ -211,40 +238,38 @@ def heat(
         What the score is, with its unit.
     is_ratio : bool
         Whether values are shares or probabilities.
+
+    Returns
+    -------
+    Axes
+        Those given.
     """
     spread = spread_of(values, is_ratio=is_ratio)
     shown = np.where(values > 0, values, np.nan) if spread == "log" else values
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.grid(visible=False)
-        axes.set_facecolor("#e3e6e9")
-        made = axes.pcolormesh(
-            _edges(x, logarithmic=axes_words[0].logarithmic),
-            _edges(y, logarithmic=axes_words[1].logarithmic),
-            np.ma.masked_invalid(shown),
-            cmap=COLORS,
-            norm="log" if spread == "log" else "linear",
-            vmin=0.0 if spread == "shares" else None,
-            vmax=1.0 if spread == "shares" else None,
-            rasterized=values.size > 2000,
-        )
-        made.set_edgecolor("face")
-        for scale, which in zip((axes.set_xscale, axes.set_yscale), axes_words, strict=True):
-            if which.logarithmic:
-                scale("log")
-                _in_decades(axes.xaxis if which is axes_words[0] else axes.yaxis)
-        axes.set_xlabel(axes_words[0].words)
-        axes.set_ylabel(axes_words[1].words)
-        bar = figure.colorbar(made, ax=axes, pad=0.02)
-        bar.outline.set_visible(False)
-        bar.set_label(words)
-        if spread == "log":
-            _in_decades(bar.ax.yaxis)
-
-    return draw(
-        paint, label=f"{words} over {axes_words[0].words} and {axes_words[1].words}", height_in=3.2
+    axes.grid(visible=False)
+    axes.set_facecolor("#e3e6e9")
+    made = axes.pcolormesh(
+        _edges(x, logarithmic=axes_words[0].logarithmic),
+        _edges(y, logarithmic=axes_words[1].logarithmic),
+        np.ma.masked_invalid(shown),
+        cmap=COLORS,
+        norm="log" if spread == "log" else "linear",
+        vmin=0.0 if spread == "shares" else None,
+        vmax=1.0 if spread == "shares" else None,
+        rasterized=values.size > 2000,
     )
+    made.set_edgecolor("face")
+    for scale, which in zip((axes.set_xscale, axes.set_yscale), axes_words, strict=True):
+        if which.logarithmic:
+            scale("log")
+            _in_decades(axes.xaxis if which is axes_words[0] else axes.yaxis)
+    axes.set_xlabel(axes_words[0].words)
+    axes.set_ylabel(axes_words[1].words)
+    bar = colour_bar(axes, made, words)
+    if spread == "log":
+        _in_decades(bar.ax.yaxis)
+    axes.set_label(f"{words} over {axes_words[0].words} and {axes_words[1].words}")
+    return axes
 
 
 @value
@@ -260,40 +285,48 @@ class Operating:
     theory: np.ndarray
 
 
-def operating(curves: Sequence[Operating], *, x: str, y: str, legend: str = "") -> Markup:
-    """Draw receiver operating characteristics; what no trial raised an alarm at is left out."""
+def operating(axes: Axes, curves: Sequence[Operating], *, x: str, y: str, legend: str = "") -> Axes:
+    """Draw receiver operating characteristics; what no trial raised an alarm at is left out.
 
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        for curve, color in zip(curves, _COLORS, strict=False):
-            seen = curve.false_alarm > 0
-            at = curve.false_alarm[seen]
-            axes.fill_between(
-                at, curve.low[seen], curve.high[seen], color=color, alpha=0.2, linewidth=0
-            )
-            axes.plot(
-                at, curve.detection[seen], color=color, linewidth=1.2, label=curve.name or None
-            )
-            told = curve.theory_false_alarm > 0
-            axes.plot(
-                curve.theory_false_alarm[told],
-                curve.theory[told],
-                color=color,
-                linewidth=1.0,
-                linestyle="--",
-            )
-        axes.set_xscale("log")
-        _in_decades(axes.xaxis)
-        axes.set(ylim=(-0.02, 1.05), xlabel=x, ylabel=y)
-        if any(np.isfinite(curve.theory).any() for curve in curves):
-            axes.plot([], [], color=INK, linewidth=1.0, linestyle="--", label="theory")
-        handles, labels = axes.get_legend_handles_labels()
-        if handles:
-            figure.legend(
-                handles, labels, loc="outside upper center", ncols=3, title=legend or None
-            )
+    Parameters
+    ----------
+    axes : Axes
+        To draw on.
+    curves : sequence of Operating
+        At most `MOST_LINES`.
+    x, y : str
+        What stands at the axes.
+    legend : str
+        What the names of the curves are values of.
 
-    return draw(paint, label=f"{y} over {x}", height_in=3.2)
+    Returns
+    -------
+    Axes
+        Those given.
+    """
+    for curve, color in zip(curves, _COLORS, strict=False):
+        seen = curve.false_alarm > 0
+        at = curve.false_alarm[seen]
+        axes.fill_between(
+            at, curve.low[seen], curve.high[seen], color=color, alpha=0.2, linewidth=0
+        )
+        axes.plot(at, curve.detection[seen], color=color, linewidth=1.2, label=curve.name or None)
+        told = curve.theory_false_alarm > 0
+        axes.plot(
+            curve.theory_false_alarm[told],
+            curve.theory[told],
+            color=color,
+            linewidth=1.0,
+            linestyle="--",
+        )
+    axes.set_xscale("log")
+    _in_decades(axes.xaxis)
+    axes.set(ylim=(-0.02, 1.05), xlabel=x, ylabel=y)
+    if any(np.isfinite(curve.theory).any() for curve in curves):
+        axes.plot([], [], color=INK, linewidth=1.0, linestyle="--", label="theory")
+    parts.legend(axes, title=legend)
+    axes.set_label(f"{y} over {x}")
+    return axes
 
 
 def _divide(axes: Axes, lines: Sequence[Line], *, is_ratio: bool, y_words: str) -> str:
@@ -368,23 +401,11 @@ def _across(axes: Axes, limits: Sequence[float]) -> None:
         axes.plot([], [], color=MUTED, linewidth=0.8, linestyle=":", label="required")
 
 
-def _legend(
-    figure: Figure, axes: Axes, lines: Sequence[Line], *, title: str, theory_mark: str = ""
-) -> None:
+def _legend(axes: Axes, lines: Sequence[Line], *, title: str, theory_mark: str = "") -> None:
     if any(np.isfinite(line.theory).any() for line in lines):
         look = {"linestyle": "", "marker": theory_mark} if theory_mark else {"linewidth": 1.2}
         axes.plot([], [], color=INK, label="theory", **look)
-    handles, labels = axes.get_legend_handles_labels()
-    longest = max(map(len, labels), default=0)
-    figure.legend(
-        handles,
-        labels,
-        loc="outside upper center",
-        ncols=max(min(len(labels), 72 // (longest + 6)), 1),
-        title=title or None,
-        columnspacing=1.2,
-        handletextpad=0.4,
-    )
+    parts.legend(axes, title=title)
 
 
 def _in_decades(ruler: Ruler) -> None:
@@ -408,12 +429,6 @@ def _few_ticks(axes: Axes, lines: Sequence[Line]) -> None:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda one, _: number(one)))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _height(lines: Sequence[Line]) -> float:
-    longest = max((len(line.name) for line in lines), default=0)
-    per_row = max(72 // (longest + 6), 1)
-    return 2.9 + 0.17 * (-(-(len(lines) + 1) // per_row) - 1)
 
 
 def _edges(centres: np.ndarray, *, logarithmic: bool) -> np.ndarray:

@@ -2,12 +2,13 @@
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup, escape
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
@@ -21,6 +22,11 @@ COLORS = LinearSegmentedColormap.from_list(
 )
 
 WIDTH_IN = 5.2  # 500 CSS pixels: two side by side at 1280, and 11 px letters stay legible at 400
+HEIGHT_IN, TALL_IN = 3.2, 3.6  # of most figures; of maps and views from above
+_ROW_IN = 0.25  # what a legend of one row takes
+
+Paint = Callable[[Figure], Axes | Sequence[Axes]]
+
 _STYLE: dict[Any, Any] = {
     "font.size": 8.5,
     "axes.edgecolor": PALE,
@@ -30,7 +36,10 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
+    "axes.titlesize": "medium",
     "axes.formatter.useoffset": False,
+    "figure.titlesize": 9,
+    "figure.labelsize": "medium",
     "grid.color": "#e9edf0",
     "grid.linewidth": 0.7,
     "xtick.color": PALE,
@@ -46,47 +55,65 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def draw(paint: Callable[[Figure], None], *, label: str, height_in: float) -> Markup:
+def svg(paint: Paint, *, height_in: float = HEIGHT_IN) -> Markup:
     """Return SVG of what `paint` draws; its letters are text, in the font of the page.
 
     Parameters
     ----------
     paint : function
-        Draws on the figure that it is given.
-    label : str
-        What a reader who cannot see the figure is told.
+        Draws on the figure that it is given and returns the axes, one or several. Their labels
+        are what a reader who cannot see the figure is told.
     height_in : float
-        Height at a width of `WIDTH_IN`.
+        Height at a width of `WIDTH_IN`, with one row of legend; more rows add to it.
+
+    Examples
+    --------
+    >>> svg(lambda figure: beat.signal(figure.subplots(), cube))  # doctest: +SKIP
     """
     text = io.StringIO()
     with mpl.rc_context(_STYLE):
-        figure = _painted(paint, height_in)
+        figure, label = _painted(paint, height_in)
         figure.savefig(text, format="svg", transparent=True, metadata={"Date": None})
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    made = text.getvalue()
+    made = made[made.index("<svg") :]
+    made = re.sub(r"<metadata>.*?</metadata>", "", made, flags=re.DOTALL)
     # Names of groups would repeat from figure to figure, and nothing refers to them.
-    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
-    box = re.search(r'viewBox="[^"]*"', svg)
+    made = re.sub(r'<g id="[^"]*"', "<g", made)
+    box = re.search(r'viewBox="[^"]*"', made)
     assert box is not None
     # Inside HTML no name spaces are declared.
     head = f'<svg {box[0]} role="img" aria-label="{escape(label)}">'
-    return Markup(head + svg[svg.index(">") + 1 :])
+    return Markup(head + made[made.index(">") + 1 :])
 
 
-def picture(paint: Callable[[Figure], None], *, height_in: float) -> bytes:
+def png(paint: Paint, *, title: str = "", height_in: float = HEIGHT_IN) -> bytes:
     """Return PNG of what `paint` draws, 1560 pixels wide, for those who have no page around it."""
-    png = io.BytesIO()
+    picture = io.BytesIO()
     with mpl.rc_context(_STYLE):
-        figure = _painted(paint, height_in)
-        figure.savefig(png, format="png", dpi=300, facecolor="white")
-    return png.getvalue()
+        figure, label = _painted(paint, height_in)
+        if title:
+            figure.suptitle(title)
+        told = {"Software": None, "Description": label}
+        figure.savefig(picture, format="png", dpi=300, facecolor="white", metadata=told)
+    return picture.getvalue()
 
 
-def _painted(paint: Callable[[Figure], None], height_in: float) -> Figure:
+def _painted(paint: Paint, height_in: float) -> tuple[Figure, str]:
+    """A figure of the page, and the labels of its axes."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
-    paint(figure)
-    return figure
+    made = paint(figure)
+    panels = [made] if isinstance(made, Axes) else made
+    rows_in = max(map(_legend_in, panels))
+    figure.set_figheight(height_in + max(rows_in - _ROW_IN, 0.0))
+    return figure, "; ".join(dict.fromkeys(str(axes.get_label()) for axes in panels))
+
+
+def _legend_in(axes: Axes) -> float:
+    """How far a legend reaches above the axes."""
+    legend = axes.get_legend()
+    if legend is None:
+        return 0.0
+    return float(legend.get_window_extent().y1 - axes.bbox.y1) / axes.figure.dpi
 
 
 def thinned(x: np.ndarray, y: np.ndarray, n_blocks: int = 600) -> tuple[np.ndarray, np.ndarray]:

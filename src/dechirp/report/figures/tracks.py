@@ -1,16 +1,16 @@
 """Tracks from above, over all frames: x forward up the page, y to the left."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from dechirp.core.values import value
-from dechirp.report.figures import birds_eye
-from dechirp.report.figures.style import GREEN, INK, ORANGE, PALE, WIDTH_IN, draw
-from dechirp.report.words import TIMES, number
+from dechirp.core.words import TIMES, number
+from dechirp.report.figures import ground
+from dechirp.report.figures.parts import legend
+from dechirp.report.figures.style import GREEN, INK, ORANGE, PALE, WIDTH_IN
 
 _MOST_DETECTIONS, _MOST_PATHS = 2000, 200
 _FEW = 8
@@ -61,9 +61,53 @@ class Ground:
     """(n_targets, n_frames, 2): the truth; no targets where it is not known."""
 
 
-def from_above(lines: tuple[Line, ...], on: Ground) -> Markup:
-    """Draw tracks, of which there is one at least, over detections and the ways of the targets."""
+def from_above(axes: Axes, lines: Sequence[Line], on: Ground) -> Axes:
+    """Draw tracks over detections and the ways of the targets.
+
+    Parameters
+    ----------
+    axes : Axes
+        To draw on; a meter is equally long along both.
+    lines : sequence of Line
+        The tracks, one at least.
+    on : Ground
+        What is around them.
+
+    Returns
+    -------
+    Axes
+        Those given.
+    """
     while_s = _while_s(lines)
+    front, back, side = _ends_m(lines, while_s)
+    # Wider where the axes would else be empty to both sides.
+    side = max(side, (front - back) * axes.bbox.width / axes.bbox.height / 2)
+    axes.set_aspect("equal")
+    axes.set(xlim=(side, -side), ylim=(back, front))
+    ground.rings(axes, math.hypot(max(front, -back), side))
+    _ground(axes, on)
+    times = ground.magnified(
+        float(np.median([abs(line.ellipse_m()).max() for line in lines])), 2 * side
+    )
+    for at, line in enumerate(lines):
+        _track(axes, line, while_s=while_s, times=times, is_first=at == 0)
+    axes.set_xlabel(ground.SIDE)
+    axes.set_ylabel(ground.FORWARD)
+    legend(axes, markerscale=1.2)
+    axes.set_label("Tracks from above")
+    return axes
+
+
+def height_in(lines: Sequence[Line]) -> float:
+    """Height of a figure of the page that tracks fill: more than usual where they go far ahead."""
+    front, back, side = _ends_m(lines, _while_s(lines))
+    highest_in = _HIGH_IN if len(lines) <= _FEW else _HIGHEST_IN
+    inside_in = (WIDTH_IN - _AROUND_IN) * (front - back) / (2 * side)
+    return min(max(inside_in, _LOW_IN), highest_in) + _AROUND_IN
+
+
+def _ends_m(lines: Sequence[Line], while_s: float) -> tuple[float, float, float]:
+    """What is to be seen: how far to the front, to the back, and to each side."""
     shown_m = np.vstack(
         [
             *(line.way_m for line in lines),
@@ -73,31 +117,7 @@ def from_above(lines: tuple[Line, ...], on: Ground) -> Markup:
     )
     reach_m = max(1.0, float(np.hypot(*shown_m.T).max()))
     front, back = shown_m[:, 0].max() + 0.08 * reach_m, shown_m[:, 0].min() - 0.06 * reach_m
-    side = 1.15 * max(abs(shown_m[:, 1]).max(), 0.05 * reach_m)
-    # Equal axes over the whole width: as high as they ask for, and wider where that is too high.
-    inside_in = WIDTH_IN - _AROUND_IN
-    high_in = _HIGH_IN if len(lines) <= _FEW else _HIGHEST_IN
-    high_in = min(max(inside_in * (front - back) / (2 * side), _LOW_IN), high_in)
-    side = max(side, (front - back) * inside_in / high_in / 2)
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.set_aspect("equal")
-        axes.set(xlim=(side, -side), ylim=(back, front))
-        birds_eye.ground(axes, math.hypot(max(front, -back), side))
-        _ground(axes, on)
-        times = birds_eye.magnified(
-            float(np.median([abs(line.ellipse_m()).max() for line in lines])), 2 * side
-        )
-        for at, line in enumerate(lines):
-            _track(axes, line, while_s=while_s, times=times, is_first=at == 0)
-        axes.set_xlabel("y, m (left positive)")
-        axes.set_ylabel("x, m (forward)")
-        figure.legend(
-            loc="outside upper right", ncols=3, handlelength=1.6, columnspacing=1.2, markerscale=1.2
-        )
-
-    return draw(paint, label="Tracks from above", height_in=high_in + _AROUND_IN)
+    return front, back, 1.15 * max(abs(shown_m[:, 1]).max(), 0.05 * reach_m)
 
 
 def _ground(axes: Axes, on: Ground) -> None:
@@ -149,7 +169,7 @@ def _track(axes: Axes, line: Line, *, while_s: float, times: float, is_first: bo
     )
     width_m = abs(float(np.diff(axes.get_xlim())[0]))
     if np.hypot(*(tip - line.end_m)) > _HEAD * width_m:
-        birds_eye.arrow(axes, line.end_m, tip, GREEN)
+        ground.arrow(axes, line.end_m, tip, GREEN)
     axes.annotate(
         str(line.number),
         (y, x),
@@ -176,8 +196,8 @@ def _beside(line: Line) -> tuple[float, float]:
     return float(right), float(up)
 
 
-def _while_s(lines: tuple[Line, ...]) -> float:
+def _while_s(lines: Sequence[Line]) -> float:
     """A round time in which the fastest goes a part of what is shown; 0 where none moves."""
     fastest = max(float(np.hypot(*line.velocity_m_per_s)) for line in lines)
     reach_m = max(float(np.hypot(*line.way_m.T).max()) for line in lines)
-    return birds_eye.round_down(_ARROW * reach_m / fastest) if fastest * reach_m > 0 else 0.0
+    return ground.round_down(_ARROW * reach_m / fastest) if fastest * reach_m > 0 else 0.0

@@ -4,15 +4,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from dechirp.core.values import value
-from dechirp.report.figures.style import BLUE, GREEN, INK, MUTED, ORANGE, PALE, draw
+from dechirp.core.words import power_of_ten
+from dechirp.report.figures.parts import legend
+from dechirp.report.figures.style import BLUE, GREEN, INK, MUTED, ORANGE, PALE
 from dechirp.report.settings_words import Scale, scale_of, score_words, with_unit
-from dechirp.report.words import power_of_ten
 
 _MOST_BARS = 80  # intervals of more candidates hide each other
 _RARE = 0.1  # probabilities that are limited to less have a logarithmic axis
@@ -37,11 +36,23 @@ class _Axis:
         return made if self.floor is None else np.maximum(made, self.floor)
 
 
-def traded(found: Mapping[str, Any]) -> Markup:
+def traded(axes: Axes, found: Mapping[str, Any]) -> Axes:
     """Draw the aim's score of all candidates over the score of the first limit.
 
     Small marks are of the search; the settings as they are and the best, larger, of fresh trials.
     Without a limit, over the number of the candidate.
+
+    Parameters
+    ----------
+    axes : Axes
+        To draw on.
+    found : mapping
+        The document of a search, `tune.json`.
+
+    Returns
+    -------
+    Axes
+        Those given.
     """
     aim = found["aim"]
     limit = aim["limits"][0] if aim["limits"] else None
@@ -51,41 +62,38 @@ def traded(found: Mapping[str, Any]) -> Markup:
     along = None if limit is None else _along(limit, rows)
     admitted = np.array([one["admitted"] for one in rows], dtype=bool)
     x, y = _over(along, rows), up.ends(rows)
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        for chosen, color, label in (
-            (~admitted, "#b4bec8", "beyond a limit"),
-            (admitted, BLUE, "not shown to be beyond a limit"),
-        ):
-            if chosen.any():
-                bars = len(rows) <= _MOST_BARS
-                _marks(axes, x[chosen], y[chosen], color, label, bars=bars)
-        if limit is not None and along is not None:
-            bound = limit["at_most"] if limit["at_most"] is not None else limit["at_least"]
-            at = bound * along.scale.factor
-            axes.axvline(at, color=MUTED, linewidth=0.9, linestyle=":", label="limit")
-            side = 1 if limit["at_most"] is not None else -1
-            way = 1 if aim["towards"] == "most" else -1
-            front = _front(side * x[:, 0], way * y[:, 0])
-            axes.plot(x[front, 0], y[front, 0], color=GREEN, linewidth=1.1, label="front", zorder=1)
-        for name, color, marker, label in (
-            ("default", INK, "D", "as they are, fresh trials"),
-            ("best", ORANGE, "o", "best, fresh trials"),
-        ):
-            one = found[name]
-            if one is not None and _is_known(one, labels):
-                at = _over(along, [one])
-                _marks(axes, at, up.ends([one]), color, label, bars=True, marker=marker, size=6)
-        if along is not None and along.floor is not None:
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(lambda at, _: power_of_ten(round(np.log10(at))))
-            axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_xlabel("candidate" if along is None else along.words)
-        axes.set_ylabel(up.words)
-        figure.legend(loc="outside upper center", ncols=2, columnspacing=1.2, handletextpad=0.4)
-
-    return draw(paint, label=f"{up.words} of all candidates", height_in=3.6)
+    for chosen, color, label in (
+        (~admitted, "#b4bec8", "beyond a limit"),
+        (admitted, BLUE, "not shown to be beyond a limit"),
+    ):
+        if chosen.any():
+            bars = len(rows) <= _MOST_BARS
+            _marks(axes, x[chosen], y[chosen], color, label, bars=bars)
+    if limit is not None and along is not None:
+        bound = limit["at_most"] if limit["at_most"] is not None else limit["at_least"]
+        at = bound * along.scale.factor
+        axes.axvline(at, color=MUTED, linewidth=0.9, linestyle=":", label="limit")
+        side = 1 if limit["at_most"] is not None else -1
+        way = 1 if aim["towards"] == "most" else -1
+        front = _front(side * x[:, 0], way * y[:, 0])
+        axes.plot(x[front, 0], y[front, 0], color=GREEN, linewidth=1.1, label="front", zorder=1)
+    for name, color, marker, label in (
+        ("default", INK, "D", "as they are, fresh trials"),
+        ("best", ORANGE, "o", "best, fresh trials"),
+    ):
+        one = found[name]
+        if one is not None and _is_known(one, labels):
+            at = _over(along, [one])
+            _marks(axes, at, up.ends([one]), color, label, bars=True, marker=marker, size=6)
+    if along is not None and along.floor is not None:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(lambda at, _: power_of_ten(round(np.log10(at))))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel("candidate" if along is None else along.words)
+    axes.set_ylabel(up.words)
+    legend(axes)
+    axes.set_label(f"{up.words} of all candidates")
+    return axes
 
 
 def _is_known(one: Mapping[str, Any], labels: Sequence[str]) -> bool:

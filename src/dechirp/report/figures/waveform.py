@@ -1,17 +1,18 @@
 """The ramp that is sent, its echo, and the tone that is left of the two."""
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 
-from dechirp.report.figures.style import BLUE, COLORS, INK, MUTED, ORANGE, draw
-from dechirp.report.words import quantity
+from dechirp.core.words import quantity
+from dechirp.report.figures.parts import colour_bar, panels
+from dechirp.report.figures.style import BLUE, COLORS, INK, MUTED, ORANGE
 
 _SPAN_DB = 30.0
 
 
 def frequencies(
+    figure: FigureBase,
     *,
     start_frequency_hz: float,
     bandwidth_hz: float,
@@ -19,8 +20,25 @@ def frequencies(
     delay_s: float,
     beat_frequency_hz: float,
     n_chirps: int = 3,
-) -> Markup:
-    """Draw the frequency that is sent and the one that returns, over a few chirps and close up."""
+) -> list[Axes]:
+    """Draw the frequency that is sent and the one that returns, over a few chirps and close up.
+
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        To fill.
+    start_frequency_hz, bandwidth_hz, chirp_duration_s : float
+        Of the chirps, which follow each other without a pause.
+    delay_s, beat_frequency_hz : float
+        Of the echo.
+    n_chirps : int
+        Chirps in the first panel.
+
+    Returns
+    -------
+    list of Axes
+        Some chirps, and the start of the first.
+    """
     time_us = np.array([0.0, 1.0]) * chirp_duration_s * 1e6
     frequency_ghz = (start_frequency_hz + np.array([0.0, bandwidth_hz])) / 1e9
     delay_us, beat_ghz = delay_s * 1e6, beat_frequency_hz / 1e9
@@ -45,53 +63,66 @@ def frequencies(
             )
         axes.set_xlabel("time, µs")
 
-    def paint(figure: Figure) -> None:
-        few, close = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
-        ramps(few)
-        few.set(xlim=(0, (n_chirps + 0.1) * chirp_duration_s * 1e6))
-        few.set_ylabel("frequency, GHz")
-        ramps(close)
-        reach_us = 3.2 * delay_us
-        slope = beat_ghz / delay_us
-        close.set(
-            xlim=(0, reach_us),
-            ylim=(frequency_ghz[0] - 0.15 * slope * reach_us, frequency_ghz[0] + slope * reach_us),
-        )
-        at_us = 2.2 * delay_us
-        top, bottom = (frequency_ghz[0] + slope * x for x in (at_us, at_us - delay_us))
-        _between(close, (at_us, bottom), (at_us, top))
-        close.text(
-            at_us - 0.1 * delay_us,
-            top + 0.1 * slope * delay_us,
-            quantity(beat_frequency_hz, "Hz"),
-            ha="right",
-            va="bottom",
-        )
-        low = frequency_ghz[0] - 0.05 * slope * reach_us
-        _between(close, (0.0, low), (delay_us, low))
-        close.plot([delay_us] * 2, [low, frequency_ghz[0]], color=MUTED, linewidth=0.6)
-        close.text(1.1 * delay_us, low, quantity(delay_s, "s"), ha="left", va="center")
-        figure.legend(
-            *few.get_legend_handles_labels(), loc="outside upper center", ncols=2, handlelength=1.4
-        )
-
-    return draw(
-        paint, label="Instantaneous frequency of what is sent and what returns", height_in=2.9
+    few, close = panels(figure, 1, 2, width_ratios=(1.5, 1.0))[0].tolist()
+    ramps(few)
+    few.set(xlim=(0, (n_chirps + 0.1) * chirp_duration_s * 1e6))
+    few.set_ylabel("frequency, GHz")
+    ramps(close)
+    close.set_ylabel("frequency, GHz")
+    reach_us = 3.2 * delay_us
+    slope = beat_ghz / delay_us
+    close.set(
+        xlim=(0, reach_us),
+        ylim=(frequency_ghz[0] - 0.15 * slope * reach_us, frequency_ghz[0] + slope * reach_us),
     )
+    at_us = 2.2 * delay_us
+    top, bottom = (frequency_ghz[0] + slope * x for x in (at_us, at_us - delay_us))
+    _between(close, (at_us, bottom), (at_us, top))
+    close.text(
+        at_us - 0.1 * delay_us,
+        top + 0.1 * slope * delay_us,
+        quantity(beat_frequency_hz, "Hz"),
+        ha="right",
+        va="bottom",
+    )
+    low = frequency_ghz[0] - 0.05 * slope * reach_us
+    _between(close, (0.0, low), (delay_us, low))
+    close.plot([delay_us] * 2, [low, frequency_ghz[0]], color=MUTED, linewidth=0.6)
+    close.text(1.1 * delay_us, low, quantity(delay_s, "s"), ha="left", va="center")
+    figure.legend(
+        *few.get_legend_handles_labels(), loc="outside upper center", ncols=2, handlelength=1.4
+    )
+    few.set_label("Instantaneous frequency of what is sent and what returns")
+    close.set_label("the same at the start of the first chirp")
+    return [few, close]
 
 
 def spectrogram(
+    figure: FigureBase,
     ramp: np.ndarray,
     beat: np.ndarray,
     sample_rate_hz: float,
     *,
     slope_hz_per_s: float,
     highest_beat_hz: float,
-) -> Markup:
+) -> list[Axes]:
     """Draw short-time spectra of the ramp, mixed down, and of the beat signal of one chirp.
 
-    Both complex; of the beat signal the frequencies up to `highest_beat_hz` and a third of
-    that below zero.
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        To fill.
+    ramp, beat : array (n_samples,)
+        Complex.
+    sample_rate_hz, slope_hz_per_s : float
+        Of both.
+    highest_beat_hz : float
+        Of the beat signal the frequencies up to this one, and a third of that below zero.
+
+    Returns
+    -------
+    list of Axes
+        Of the ramp and of the beat signal.
     """
     # A window of sqrt(1 / slope) keeps the line of a ramp narrowest; a tone wants a long one.
     short = round(sample_rate_hz / np.sqrt(slope_hz_per_s))
@@ -100,34 +131,30 @@ def spectrogram(
         ("the ramp, mixed down", ramp, short, (0.0, bandwidth_hz)),
         ("the beat signal, noisy", beat, 4 * short, (-highest_beat_hz / 3, highest_beat_hz)),
     )
-
-    def paint(figure: Figure) -> None:
-        both = figure.subplots(1, 2)
-        for axes, (title, samples, n_window, over_hz) in zip(both, parts, strict=True):
-            power, time_s, frequency_hz = _short_time_power(samples, sample_rate_hz, n_window)
-            shown = (frequency_hz >= over_hz[0]) & (frequency_hz <= over_hz[1])
-            axes.grid(False)
-            image = axes.imshow(
-                10 * np.log10(power[shown] / power.max()),
-                cmap=COLORS,
-                vmin=-_SPAN_DB,
-                vmax=0.0,
-                extent=(
-                    *(time_s[[0, -1]] * 1e6),
-                    *(frequency_hz[shown][[0, -1]] / 1e6),
-                ),
-                origin="lower",
-                aspect="auto",
-                interpolation="none",
-            )
-            axes.set_title(title, fontsize=8.5, loc="left")
-            axes.set_xlabel("time, µs")
-        both[0].set_ylabel("frequency, MHz")
-        bar = figure.colorbar(image, ax=both, pad=0.02, aspect=28)
-        bar.outline.set_visible(False)
-        bar.set_label("below the peak, dB")
-
-    return draw(paint, label="Spectrograms of the ramp and of the beat signal", height_in=2.8)
+    both: list[Axes] = panels(figure, 1, 2)[0].tolist()
+    for axes, (title, samples, n_window, over_hz) in zip(both, parts, strict=True):
+        power, time_s, frequency_hz = _short_time_power(samples, sample_rate_hz, n_window)
+        shown = (frequency_hz >= over_hz[0]) & (frequency_hz <= over_hz[1])
+        axes.grid(False)
+        image = axes.imshow(
+            10 * np.log10(power[shown] / power.max()),
+            cmap=COLORS,
+            vmin=-_SPAN_DB,
+            vmax=0.0,
+            extent=(
+                *(time_s[[0, -1]] * 1e6),
+                *(frequency_hz[shown][[0, -1]] / 1e6),
+            ),
+            origin="lower",
+            aspect="auto",
+            interpolation="none",
+        )
+        axes.set_title(title, loc="left")
+        axes.set_label(f"Spectrogram of {title}")
+        axes.set_xlabel("time, µs")
+        axes.set_ylabel("frequency, MHz")
+    colour_bar(both, image, "below the peak, dB")
+    return both
 
 
 def _short_time_power(

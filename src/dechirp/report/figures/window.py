@@ -1,19 +1,34 @@
 """The cells that a threshold comes from."""
 
 import numpy as np
-from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from dechirp.process.cfar.base import Ring
-from dechirp.report.figures.style import MUTED, ORANGE, draw
+from dechirp.report.figures.parts import legend
+from dechirp.report.figures.style import ORANGE
 
 _TRAINING, _GUARD = "#bcd6ea", "#e6e9ec"
 
 
-def cells(ring: Ring, *, n_training: int) -> Markup:
-    """Draw the cell under test amid its guard and training cells, with their number."""
+def cells(axes: Axes, ring: Ring, *, n_training: int) -> Axes:
+    """Draw the cell under test amid its guard and training cells, with their number.
+
+    Parameters
+    ----------
+    axes : Axes
+        To draw on; cells are square.
+    ring : Ring
+        The cells.
+    n_training : int
+        How many of them train.
+
+    Returns
+    -------
+    Axes
+        Those given.
+    """
     reach_range, reach_velocity = ring.half_range, ring.half_velocity
     range_cells = abs(np.arange(-reach_range, reach_range + 1))
     velocity_cells = abs(np.arange(-reach_velocity, reach_velocity + 1))[:, None]
@@ -21,42 +36,37 @@ def cells(ring: Ring, *, n_training: int) -> Markup:
     tested = (range_cells == 0) & (velocity_cells == 0)
     kinds = guard.astype(int) + tested
     n_guard = int(np.count_nonzero(kinds == 1))
-
-    def paint(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.grid(False)
-        edges = (
-            -reach_range - 0.5,
-            reach_range + 0.5,
-            -reach_velocity - 0.5,
-            reach_velocity + 0.5,
-        )
-        axes.imshow(
-            kinds,
-            cmap=ListedColormap([_TRAINING, _GUARD, ORANGE]),
-            extent=edges,
-            origin="lower",
-            interpolation="none",
-            aspect="equal",
-        )
-        for x in np.arange(*edges[:2]):
-            axes.axvline(x, color="#ffffff", linewidth=0.7)
-        for y in np.arange(*edges[2:]):
-            axes.axhline(y, color="#ffffff", linewidth=0.7)
-        axes.set_xlabel("range, cells from the cell under test")
-        axes.set_ylabel("velocity, cells")
-        ends = (reach_range, reach_velocity), (ring.n_guard.range, ring.n_guard.velocity)
-        axes.set_xticks(sorted({0, *(sign * end[0] for end in ends for sign in (-1, 1))}))
-        axes.set_yticks(sorted({0, *(sign * end[1] for end in ends for sign in (-1, 1))}))
-        axes.legend(
-            handles=[
-                Patch(color=ORANGE, label="cell under test"),
-                Patch(color=_GUARD, label=f"{n_guard} guard cells"),
-                Patch(color=_TRAINING, label=f"{n_training} training cells"),
-            ],
-            loc="center left",
-            bbox_to_anchor=(1.02, 0.5),
-            labelcolor=MUTED,
-        )
-
-    return draw(paint, label="Cell under test, guard cells and training cells", height_in=2.9)
+    axes.grid(False)
+    edges = (
+        -reach_range - 0.5,
+        reach_range + 0.5,
+        -reach_velocity - 0.5,
+        reach_velocity + 0.5,
+    )
+    axes.imshow(
+        kinds,
+        cmap=ListedColormap([_TRAINING, _GUARD, ORANGE]),
+        extent=edges,
+        origin="lower",
+        interpolation="none",
+        aspect="equal",
+    )
+    for x in np.arange(*edges[:2]):
+        axes.axvline(x, color="#ffffff", linewidth=0.7)
+    for y in np.arange(*edges[2:]):
+        axes.axhline(y, color="#ffffff", linewidth=0.7)
+    axes.set_xlabel("range, cells from the cell under test")
+    axes.set_ylabel("velocity, cells")
+    ends = (reach_range, reach_velocity), (ring.n_guard.range, ring.n_guard.velocity)
+    axes.set_xticks(sorted({0, *(sign * end[0] for end in ends for sign in (-1, 1))}))
+    axes.set_yticks(sorted({0, *(sign * end[1] for end in ends for sign in (-1, 1))}))
+    legend(
+        axes,
+        handles=[
+            Patch(color=ORANGE, label="cell under test"),
+            Patch(color=_GUARD, label=f"{n_guard} guard cells"),
+            Patch(color=_TRAINING, label=f"{n_training} training cells"),
+        ],
+    )
+    axes.set_label("Cell under test, guard cells and training cells")
+    return axes

@@ -11,9 +11,9 @@ import numpy as np
 from bokeh.models import Button, Column, Div, InlineStyleSheet, Row, Toggle, UIElement
 
 from dechirp.core.errors import DechirpError
+from dechirp.core.words import MINUS, NONE, number, small
 from dechirp.experiment.scenario import Scenario
 from dechirp.report.settings_words import Scale, scale_of, score_words, told, with_unit
-from dechirp.report.words import MINUS, NONE, number, small
 from dechirp.studio import compare
 from dechirp.studio.compare import Comparison, Told, differences
 from dechirp.studio.panels.base import Panel

@@ -6,11 +6,11 @@ from html import escape
 from bokeh.models import Column, Div, Select, UIElement
 
 from dechirp.core.errors import Mistake
+from dechirp.core.words import number, quantity, ratio_db
 from dechirp.experiment.scenario import Scenario
 from dechirp.process.sources import tells_directions
 from dechirp.radar.budget import noise_power_w
 from dechirp.radar.radar import Radar as Settings
-from dechirp.report.words import number, quantity, ratio_db
 from dechirp.studio.panels.arrays import in_a_row, with_array, with_elements
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.entries import written

@@ -9,8 +9,8 @@ from typing import Any
 
 from bokeh.models import Button, Column, Div, InlineStyleSheet, Row, Select, Slider, UIElement
 
+from dechirp.core.words import quantity
 from dechirp.experiment.scenario import Scenario
-from dechirp.report.words import quantity
 from dechirp.studio.library import MOST_LOOKED, Item, Library, LookedOver, looked_over, opened
 from dechirp.studio.moment import Moment
 from dechirp.studio.panels.base import Panel

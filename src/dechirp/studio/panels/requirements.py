@@ -10,12 +10,12 @@ from dechirp.config.fields import settings
 from dechirp.config.files import parse
 from dechirp.config.texts import dump
 from dechirp.core.errors import DechirpError, InvalidFile
+from dechirp.core.words import number, quantity
 from dechirp.experiment.scenario import Scenario
 from dechirp.radar.derived import Derived
 from dechirp.radar.design import TYPICAL_HARDWARE, Design, design
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.requirements import Requirements as Asked
-from dechirp.report.words import number, quantity
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.fields import Form
 from dechirp.studio.panels.taken import with_design

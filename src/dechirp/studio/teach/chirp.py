@@ -9,10 +9,10 @@ from bokeh.layouts import column
 from bokeh.models import UIElement
 
 from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.core.words import NONE
 from dechirp.experiment.verify.looks import radar
 from dechirp.experiment.verify.waveform import dechirped, instantaneous_frequency_hz, synthesised
 from dechirp.radar.chirp import Chirp
-from dechirp.report.words import NONE
 from dechirp.studio.teach.lesson import Dial, Lesson, Try
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.drawing import Drawing

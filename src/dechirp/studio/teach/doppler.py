@@ -8,8 +8,8 @@ from bokeh.layouts import column, row
 from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper, UIElement
 
 from dechirp.core.units import decibels
+from dechirp.core.words import number
 from dechirp.radar.radar import Radar
-from dechirp.report.words import number
 from dechirp.studio.teach.lesson import Choice, Dial, Lesson, Try
 from dechirp.studio.teach.mixers import GUARDS, NO_RAMP, RAMP, Mixed, Seen, Settings, seen
 from dechirp.studio.theme import Theme

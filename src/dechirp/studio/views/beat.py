@@ -4,9 +4,9 @@ import numpy as np
 from bokeh.events import PointEvent, Tap
 from bokeh.models import LinearAxis, PrintfTickFormatter, Range1d, UIElement
 
+from dechirp.core.words import number, power_db, power_of_ten, power_unit
 from dechirp.report.figures.beat import engineering_exponent
 from dechirp.report.figures.style import thinned
-from dechirp.report.words import number, power_db, power_of_ten, power_unit
 from dechirp.studio.moment import Moment
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme

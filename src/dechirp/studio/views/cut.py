@@ -5,9 +5,10 @@ from bokeh.events import DoubleTap, PointEvent, Tap
 from bokeh.models import UIElement
 
 from dechirp.core.units import decibels
-from dechirp.report.figures.cfar import Axis, cells_about, stretches
+from dechirp.core.words import fixed, number, power_db, power_unit
+from dechirp.report.figures.cfar import cells_about, stretches
+from dechirp.report.figures.parts import Axis
 from dechirp.report.figures.style import thinned
-from dechirp.report.words import fixed, number, power_db, power_unit
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cut as Line
 from dechirp.studio.pointing import cell_of

@@ -4,8 +4,8 @@ import numpy as np
 from bokeh.models import UIElement
 
 from dechirp.core.units import decibels
+from dechirp.core.words import NONE
 from dechirp.evaluate.match import Matcher
-from dechirp.report.words import NONE
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session

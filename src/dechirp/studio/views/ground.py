@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from bokeh.models import Arrow, ColumnDataSource, DataRange1d, GlyphRenderer, NormalHead
 
-from dechirp.report.figures.birds_eye import round_down
-from dechirp.report.words import number
+from dechirp.core.words import number
+from dechirp.report.figures.ground import round_down
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.drawn import joined, plain_figure, second_line, wear
 from dechirp.studio.views.names import Box, beside, in_middle

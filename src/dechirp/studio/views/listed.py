@@ -17,7 +17,7 @@ from bokeh.models import (
     UIElement,
 )
 
-from dechirp.report.words import NONE
+from dechirp.core.words import NONE
 from dechirp.scene.folding import Place
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor

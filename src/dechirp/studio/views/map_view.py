@@ -18,8 +18,8 @@ from bokeh.models import (
 )
 
 from dechirp.core.units import from_decibels
+from dechirp.core.words import power_db, power_unit
 from dechirp.report.figures.range_doppler import reduced
-from dechirp.report.words import power_db, power_unit
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dechirp.report.figures.birds_eye import Seen
+from dechirp.report.figures.ground import Seen
 from dechirp.scene.folding import Place, folded, on_map
 from dechirp.studio.moment import Moment
 

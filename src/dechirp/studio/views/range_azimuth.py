@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.report.words import number
+from dechirp.core.words import number
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session

@@ -1,6 +1,6 @@
 """The range-Doppler map: what was found and what is there, in cells of range and velocity."""
 
-from dechirp.report.words import TIMES, number
+from dechirp.core.words import TIMES, number
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session

@@ -7,9 +7,9 @@ from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, PointEvent, Tap
 from bokeh.models import UIElement
 
 from dechirp.core.errors import InvalidSetting, Mistake
+from dechirp.core.words import TIMES, number
 from dechirp.experiment.scenario import Scenario
-from dechirp.report.figures.birds_eye import magnified, round_down
-from dechirp.report.words import TIMES, number
+from dechirp.report.figures.ground import magnified, round_down
 from dechirp.scene.folding import Place, on_map
 from dechirp.scene.scene import Scene as Targets
 from dechirp.studio.moment import Moment

@@ -1,0 +1,95 @@
+"""Sources of the guide: one list, of which pages cite by key.
+
+    {cite}`rohling` leads to Rohling 1983 in the list that the directive `sources` prints.
+
+The list is `report/references.py`, what the reference report cites, and `docs/sources.txt`.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+from sphinx.util.docutils import SphinxDirective, SphinxRole
+
+from dechirp.report.references import REFERENCES
+
+_PAGE = "guide/bibliography"
+_AUTHOR = re.compile(r"\b(?:[A-Z]\.[ -]?)+(?:McK\. )?((?:Van )?[A-Z][\w'-]+)")
+_YEAR = re.compile(r"\b(?:19|20)\d\d\b")
+
+
+def read() -> dict[str, str]:
+    """Sources by key, the dashes of page numbers as they are printed."""
+    lines = (Path(__file__).parents[1] / "sources.txt").read_text(encoding="utf-8").splitlines()
+    own = dict(line.split(": ", 1) for line in lines if line and not line.startswith("#"))
+    if twice := sorted(set(own) & set(REFERENCES)):
+        raise ExtensionError(f"docs/sources.txt: {', '.join(twice)}: in references.py already")
+    return {
+        key: re.sub(r"(pp\. \d+)-", "\\1\N{EN DASH}", text)
+        for key, text in {**REFERENCES, **own}.items()
+    }
+
+
+def surnames(text: str) -> list[str]:
+    """Surnames of the authors of a source, or none where an institution wrote it."""
+    return _AUTHOR.findall(text)
+
+
+def label(text: str) -> str:
+    """Author and year, as a page cites it."""
+    names, year = surnames(text), _YEAR.findall(text)[-1]
+    if not names:
+        return text.partition(",")[0].removeprefix("Recommendation ")
+    if len(names) > 2 or "et al." in text:
+        return f"{names[0]} et al. {year}"
+    return f"{' and '.join(names)} {year}"
+
+
+class Sources(SphinxDirective):
+    """The sources of one subject, whose keys are its content, by author."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        """A list with a place to lead to for each."""
+        every, listed = read(), nodes.bullet_list(classes=["sources"])
+        for key in sorted(" ".join(self.content).split(), key=lambda key: _order(every[key])):
+            item = nodes.list_item("", nodes.paragraph(every[key], every[key]), ids=[_id(key)])
+            listed += item
+        return [listed]
+
+
+class Cite(SphinxRole):
+    """Author and year of a source, which lead to it; several keys with commas between."""
+
+    def run(self) -> tuple[list[nodes.Node], list[nodes.system_message]]:
+        """A link for each key."""
+        every, shown = read(), []
+        for key in (one.strip() for one in self.text.split(",")):
+            if key not in every:
+                raise ExtensionError(
+                    f"{self.get_location()}: no source {key!r} in docs/sources.txt"
+                )
+            shown += [nodes.Text("; ")] if shown else []
+            up = "../" * self.env.docname.count("/")
+            address = f"{up}{_PAGE}.html#{_id(key)}"
+            shown.append(nodes.reference("", label(every[key]), refuri=address, internal=True))
+        return shown, []
+
+
+def _order(text: str) -> tuple[str, str]:
+    return (surnames(text) or [text])[0], _YEAR.findall(text)[-1]
+
+
+def _id(key: str) -> str:
+    return f"source-{key}"
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Give Sphinx both."""
+    app.add_directive("sources", Sources)
+    app.add_role("cite", Cite())
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,58 @@
+"""
+Probability of detection for steady and fading targets
+======================================================
+
+A car fades as its reflections add up or cancel. Swerling's models (IRE Transactions IT-6, 1960)
+say what that costs: at 9 in 10 and a false-alarm probability of 1e-6, 8 dB where all parts are
+alike (1), 4 dB where one is steady (3). See trials, with 95 % intervals, on the curves of theory.
+"""
+
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+
+import matplotlib.pyplot as plt
+
+import dechirp as dc
+
+radar = dc.design(
+    max_range_m=30,
+    range_resolution_m=0.5,
+    max_velocity_m_per_s=10,
+    velocity_resolution_m_per_s=0.6,
+    rule="constraints",
+).radar
+levels_db = range(-28, -7, 2)
+models = ("steady", "swerling-3", "swerling-1")
+texts = tuple(f"{one} dB" for one in levels_db)
+levels = dc.Listed(path="impairments.white-noise.snr", texts=texts)
+study = dc.Study(
+    scenario=dc.Scenario(
+        radar=radar,
+        scene=dc.Scene(targets=[dc.Target(name="car", position_m=(20, 0, 0))]),
+        impairments=(dc.WhiteNoise(snr=1e-3),),
+        chain=dc.Chain(range_window="rectangular", doppler_window="rectangular"),
+    ),
+    vary=(
+        dc.Listed(path="scene.targets.car.fluctuation", texts=models),
+        levels,
+    ),
+    trials=dc.Trials(at_most=40),
+    scores=(dc.DetectionProbability(),),
+    seed=1,
+)
+with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
+    found = dc.run_study(study, folder, executor=executor).result.dataset
+
+figure, axes = plt.subplots()
+for place, model in enumerate(models):
+    one = found.sel({"scene.targets.car.fluctuation": model})
+    share, low, high, theory = (
+        one[f"detection_probability{end}"] for end in ("", "_low", "_high", "_theory")
+    )
+    axes.plot(levels_db, theory, color=f"C{place}")
+    error = (share - low, high - share)
+    axes.errorbar(levels_db, share, error, fmt="o", color=f"C{place}", capsize=3, label=model)
+    print(f"{model}: largest difference {abs(share - theory).max():.2f}")
+axes.set(xlabel="signal-to-noise ratio in a sample, dB", ylabel="probability of detection")
+axes.set_title("Trials with 95 % intervals, and the curves of theory")
+axes.legend(loc="lower right")

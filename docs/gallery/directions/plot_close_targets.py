@@ -1,0 +1,44 @@
+"""
+Two directions in one cell
+==========================
+
+Beams of eight elements are 12.8° wide. Two equal targets 9° apart at one range and velocity are
+one hump to them; Capon's beams (Proceedings of the IEEE 57, 1969) and MUSIC (Schmidt, IEEE T-AP
+34, 1986) part them. See the spectra of one detection, each over its own peak: only that of the
+beams is a power.
+"""
+
+import dataclasses
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import dechirp as dc
+
+made = dc.design(
+    max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
+).radar
+array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(8)])
+radar = dataclasses.replace(made, array=array)
+azimuths_deg = (-4.5, 4.5)
+targets = [
+    dc.Target(position_m=(30 * np.cos(np.deg2rad(a)), 30 * np.sin(np.deg2rad(a)), 0), rcs_m2=10)
+    for a in azimuths_deg
+]
+cube = dc.simulate(dc.Scene(targets=targets), radar, seed=1)
+
+figure, axes = plt.subplots()
+for estimator in (dc.Fft(), dc.Capon(n_sources=2), dc.Music(n_sources=2)):
+    chain = dc.Chain(angle=estimator)
+    found = dc.detect(cube, radar, chain)
+    told = np.rad2deg(np.unique(found.azimuth))
+    print(f"{type(estimator).kind():6} tells {told.round(2)} deg")
+    over = dc.angle_spectrum(cube.isel(frame=0), radar, found, 0, chain).squeeze()
+    level_db = 10 * np.log10(over / over.max())
+    axes.plot(np.rad2deg(over.azimuth), level_db, label=type(estimator).kind())
+for azimuth in azimuths_deg:
+    axes.axvline(azimuth, color="0.6", linestyle=":")
+axes.set(xlim=(-40, 40), ylim=(-50, 2), xlabel="azimuth, deg (left positive)")
+axes.set_ylabel("spectrum over its peak, dB")
+axes.set_title("Two targets (dotted) 9° apart before eight elements")
+axes.legend()

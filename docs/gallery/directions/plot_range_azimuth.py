@@ -1,0 +1,39 @@
+r"""
+Range and azimuth of a parking lot
+==================================
+
+A beam towards each direction at each range draws what stands around. The beam of twelve elements
+is :math:`0.886 \lambda / L \cos \phi` wide, 8.5° ahead and wider to the sides (Van Trees,
+Optimum Array Processing, 2002). See three parked cars, dotted where they are, the posts of a rail
+to the left, and the sidelobes of the strongest as arcs.
+"""
+
+import dataclasses
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import dechirp as dc
+
+made = dc.design(
+    max_range_m=30, range_resolution_m=0.2, max_velocity_m_per_s=8, rule="constraints"
+).radar
+array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(12)])
+radar = dataclasses.replace(made, array=array)
+places_m = ((9, -4), (16, -4), (20, 3))  # all along the x axis
+cars = [dc.Target(position_m=(x, y, -0.5), heading_rad=0.0, body=dc.Car()) for x, y in places_m]
+rail = dc.Target(position_m=(14, 7, -0.5), body=dc.GuardRail(length_m=20, post_spacing_m=2))
+cube = dc.simulate(dc.Scene(targets=[*cars, rail]), radar, seed=1)
+power = dc.range_azimuth_map(cube.isel(frame=0), radar)
+
+figure, axes = plt.subplots(figsize=(7.2, 4.6))
+axes.grid(False)
+x, y = np.cos(power.azimuth) * power.range, np.sin(power.azimuth) * power.range
+image = axes.pcolormesh(y, x, 10 * np.log10(power) + 30, vmin=-120, shading="gouraud")
+for ahead, left in places_m:
+    corners = ((-2.5, -1), (-2.5, 1), (2.5, 1), (2.5, -1), (-2.5, -1))
+    axes.plot(*np.array([(left + b, ahead + a) for a, b in corners]).T, "w:")
+axes.set(xlim=(15, -15), ylim=(0, 25), aspect="equal")
+axes.set(xlabel="y, m (left positive)", ylabel="x, m (ahead)")
+axes.set_title("Three parked cars and a rail, seen from above")
+figure.colorbar(image, label="power in one element, dBm")

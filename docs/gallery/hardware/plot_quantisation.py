@@ -1,0 +1,34 @@
+"""
+The floor of a converter
+========================
+
+The noise of b bits is :math:`6.02 b + 1.76` dB below a tone of full scale (Bennett, Bell System
+Technical Journal 27, 1948); two transforms spread it over all cells. See the floor fall with
+every two bits, until it is that of the receiver. Where noise is below a step, at 4 bits, rounding
+leaves lines instead of a floor.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import dechirp as dc
+
+radar = dc.design(
+    max_range_m=100, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
+).radar
+scene = dc.Scene(targets=[dc.Target(position_m=(10, 0, 0), velocity_m_per_s=(3, 0, 0), rcs_m2=1e4)])
+full_scale_w = 1e-3 * 10**-4.4  # -44 dBm
+cell = 1.5**2 / (radar.frame.chirp.n_samples * radar.frame.n_chirps)  # of noise, Hann windows
+
+figure, axes = plt.subplots()
+for bits in (4, 6, 8, 12):
+    converter = dc.Quantisation(bits=bits, full_scale_w=full_scale_w)
+    cube = dc.simulate(scene, radar, impairments=(dc.ThermalNoise(), converter), seed=1)
+    power = dc.power_map(cube.isel(frame=0), radar, dc.Chain()).mean("velocity")
+    axes.plot(power.range, 10 * np.log10(power) + 30, label=f"{bits} bits")
+    floor_dbm = 10 * np.log10(power.sel(range=slice(30, 90)).mean().item()) + 30
+    alone_dbm = 10 * np.log10(full_scale_w / (1.5 * 4**bits) * cell) + 30
+    print(f"{bits:2} bits: floor {floor_dbm:.1f} dBm, of the converter alone {alone_dbm:.1f} dBm")
+axes.set(xlabel="range, m", ylabel="power, mean over velocity, dBm")
+axes.set_title("A strong target at 10 m, 6 dB below full scale")
+axes.legend()

@@ -1,0 +1,42 @@
+r"""
+The own speed from what stands still
+====================================
+
+What stands still comes nearer at :math:`v \cos \phi`, so that all of it lies on one curve
+(Kellner et al., IEEE ITSC 2013). See posts on both sides on it, a car that is not, and the speed
+that the curve tells.
+"""
+
+import dataclasses
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import dechirp as dc
+
+made = dc.design(
+    max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=22, rule="constraints"
+).radar
+array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(8)])
+radar = dataclasses.replace(made, array=array)
+posts = [
+    dc.Target(name=f"post {x}", position_m=(x, y, 0), rcs_m2=10)
+    for x, y in zip(range(6, 48, 2), 11 * [-6, 6], strict=False)
+]
+car = dc.Target(name="car", position_m=(25, 3, 0), velocity_m_per_s=(16, 0, 0), rcs_m2=10)
+scene = dc.Scene(targets=[*posts, car], ego=dc.Ego(velocity_m_per_s=(20, 0, 0)))
+found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+ego = dc.ego_motion(found, radar)
+rows = dc.labelled(found, ego, radar)
+
+figure, axes = plt.subplots()
+for motion in ("static", "moving"):
+    some = rows.isel(detection=rows.motion == motion)
+    axes.plot(np.rad2deg(some.azimuth), some.velocity, "o", label=motion)
+azimuth = np.linspace(-60, 60, 121)
+speed = ego.vx.item()
+axes.plot(azimuth, -speed * np.cos(np.deg2rad(azimuth)), color="0.6", label="-v cos(azimuth)")
+axes.set(xlabel="azimuth, deg (left positive)", ylabel="velocity, m/s (receding positive)")
+axes.set_title("Posts beside the road, and a car ahead, seen at 20 m/s")
+axes.legend()
+print(f"own speed {speed:.4f} m/s, standard error {ego.vx_std.item():.4f} m/s, truth 20 m/s")

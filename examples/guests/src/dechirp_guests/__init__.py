@@ -1,0 +1,1 @@
+"""Members of three families of dechirp, from another package."""

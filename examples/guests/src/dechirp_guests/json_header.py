@@ -1,0 +1,91 @@
+"""Samples behind one line of JSON: a file that any logger can write in two calls.
+
+The first line says `{"json_header": 1, "radar": ..., "step": ...}`: the radar as settings files
+have it, and the step of the converter in sqrt(W), null where nobody knows. Behind it are codes of
+16 bits, low byte first: frame, chirp, receiver, sample, and I before Q where sampling is complex.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.values import value
+from dechirp.formats.base import Contents, Fit, Format, Told
+from dechirp.formats.description import radar_of
+
+_MARK = b'{"json_header":'
+_LONGEST = 2**20  # bytes of a first line, so that no other file is read whole for one
+_FULL_SCALE = 2**15
+
+
+@value
+class JsonHeader(Format):
+    """Codes of 16 bits behind a line of JSON, which says the radar."""
+
+    def recognise(self, path: Path) -> Fit:
+        """Tell by the first bytes."""
+        if not path.is_file():
+            return Fit.NO
+        with path.open("rb") as file:
+            return Fit.OWN if file.read(len(_MARK)) == _MARK else Fit.NO
+
+    def read(self, path: Path, told: Told) -> Contents:
+        """See `Format.read`."""
+        said, first = _header(path)
+        radar = told.settings.radar if told.settings else radar_of(path, said.get("radar"))
+        step = said.get("step")
+        if step is not None and not (isinstance(step, int | float) and 0 < step <= 1):
+            raise _damaged(path, f"a step of {step!r}", "null, or a number of sqrt(W) up to 1")
+        chirp = radar.frame.chirp
+        parts = 2 if chirp.sampling == "complex" else 1
+        n_codes = parts * chirp.n_samples * radar.array.n_rx * radar.frame.n_sent  # of a frame
+        n_frames, left = divmod(path.stat().st_size - first, 2 * n_codes)
+        if not n_frames:
+            raise _damaged(path, f"{left} bytes of codes", f"at least {2 * n_codes}, of one frame")
+        scale = 1 / _FULL_SCALE if step is None else step
+
+        def decode(index: int, out: np.ndarray) -> None:
+            begins = first + 2 * n_codes * index
+            codes = np.fromfile(path, "<i2", n_codes, offset=begins).astype(np.float32)
+            codes *= np.float32(scale)
+            out[...] = codes.view(out.dtype).reshape(out.shape)
+
+        return Contents(
+            radar=radar,
+            n_frames=n_frames,
+            decode=decode,
+            units="full scale" if step is None else "sqrt(W)",
+            scale=scale,
+            findings=_left_out(left, 2 * n_codes),
+        )
+
+
+def _header(path: Path) -> tuple[dict[str, Any], int]:
+    """What the first line says, and where the codes begin."""
+    with path.open("rb") as file:
+        line = file.readline(_LONGEST)
+    try:
+        said = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise _damaged(path, f"a first line that is no JSON ({error})", "one object") from None
+    if not isinstance(said, dict) or said.get("json_header") != 1 or line[-1:] != b"\n":
+        raise _damaged(path, f"a first line {line[:40]!r}", "an object of version 1 and a new line")
+    return said, len(line)
+
+
+def _left_out(n_bytes: int, of_frame: int) -> tuple[Finding, ...]:
+    """A note on the frame during which the logger stopped."""
+    if not n_bytes:
+        return ()
+    got = f"{n_bytes} bytes after the last whole frame, which are left out"
+    need = f"whole frames of {of_frame} bytes"
+    fix = "Let the logger end a frame before it stops."
+    return (Finding(level="note", setting="recording", got=got, need=need, fix=fix),)
+
+
+def _damaged(path: Path, got: str, need: str) -> RecordingError:
+    return RecordingError(path, got=got, need=need, fix="Write the file again.")

@@ -1,0 +1,69 @@
+"""A recording goes through open, inspect and run as the cube that it was written from."""
+
+import json
+
+import numpy as np
+import pytest
+
+import dechirp as dc
+from dechirp.config.texts import as_text
+
+SCENE = dc.Scene(
+    targets=[
+        dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(-5, 0, 0)),
+        dc.Target(position_m=(50, 4, 0), rcs_m2=30.0),
+    ]
+)
+
+
+@pytest.fixture
+def cube(radar):
+    return dc.simulate(SCENE, radar, impairments=[dc.ThermalNoise()], n_frames=2, seed=3)
+
+
+def write(path, cube, radar, **changed):
+    """What a logger does: a line, and the codes."""
+    step = float(abs(cube).max()) / 2**15
+    codes = np.round(cube.values.view(np.float32) / step).astype("<i2")
+    header = {"json_header": 1, "radar": as_text(radar, None), "step": step, **changed}
+    path.write_bytes(json.dumps(header).encode() + b"\n" + codes.tobytes())
+    return path
+
+
+def test_the_recording_has_the_detections_of_the_cube(tmp_path, radar, cube):
+    path = write(tmp_path / "logged.dat", cube, radar)
+    recording = dc.open(path)
+    assert recording.format == "json-header" and recording.radar == radar
+    step = float(abs(cube).max()) / 2**15
+    assert abs(recording.cube - cube).max() < 0.8 * step  # half a step in I, and in Q
+
+    first, second = dc.detect(cube, radar), dc.detect(recording.cube, radar)
+    assert first.sizes["detection"] == second.sizes["detection"] == 4
+    for name in ("range", "velocity"):
+        off = abs(first[name].values - second[name].values)
+        assert np.all(off < 0.5 * first[f"{name}_std"].values)
+    seen = dc.inspect(path)
+    assert seen.formats == ("json-header",) and seen.findings == ()
+
+
+def test_without_a_step_full_scale_is_one(tmp_path, radar, cube):
+    recording = dc.open(write(tmp_path / "logged.dat", cube, radar, step=None))
+    assert recording.contents.units == "full scale"
+    assert abs(recording.cube).max() == pytest.approx(1, abs=1e-4)
+
+
+def test_what_is_damaged_is_told(tmp_path, radar, cube):
+    path = write(tmp_path / "logged.dat", cube, radar, step=-1.0)
+    with pytest.raises(dc.RecordingError, match="a step of -1.0"):
+        dc.open(path)
+    whole = write(path, cube, radar).read_bytes()
+    path.write_bytes(whole[: len(whole) * 3 // 4])
+    recording = dc.open(path)
+    assert recording.sizes["frame"] == 1
+    assert any("left out" in finding.got for finding in recording.findings)
+    path.write_bytes(whole.replace(b'"radar"', b'"rader"', 1))
+    with pytest.raises(dc.RecordingError, match="radar"):
+        dc.open(path)
+    path.write_bytes(b'{"json_header": 1, "radar": ')
+    with pytest.raises(dc.RecordingError, match="no JSON"):
+        dc.open(path)
