@@ -14,6 +14,7 @@ from docutils import nodes
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
+from sphinx.ext.napoleon.docstring import GoogleDocstring
 
 import dechirp
 from dechirp.config.fields import settings
@@ -171,6 +172,11 @@ def _plain_words(_: Sphinx, tree: nodes.document) -> None:
             link.replace_self(link.children)
 
 
+def _words(docstring: Any) -> list[str]:
+    """Lines of an attribute's docstring: napoleon takes what stands before a colon for its type."""
+    return list(type(docstring)(docstring._consume_to_end(), docstring._config).lines())
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Write the pages before they are read."""
     app.setup_extension("sphinx.ext.autodoc")
@@ -179,4 +185,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("autodoc-process-docstring", _unit)
     app.connect("doctree-read", _plain_words)
     app.connect("missing-reference", _alias)
+    GoogleDocstring._parse_attribute_docstring = _words  # there is no setting for it
     return {"parallel_read_safe": True, "parallel_write_safe": True}
