@@ -10,6 +10,8 @@ def completion(shell: Shell, /) -> int:
 
     For bash, add `source <(dechirp completion bash)` to ~/.bashrc, or save what it prints as
     ~/.local/share/bash-completion/completions/dechirp, which takes no time when a shell starts.
+    For zsh, save it as _cyclopts_dechirp in a folder of $fpath; for fish, as
+    ~/.config/fish/completions/dechirp.fish.
 
     Parameters
     ----------
