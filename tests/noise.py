@@ -37,3 +37,18 @@ def noise_cube(radar: dc.Radar, rng: np.random.Generator) -> xr.DataArray:
     cube = xr.DataArray(np.zeros(shape, kind), dims=("frame", "chirp", "rx", "sample"))
     add_white_noise(cube.values, 1.0, rng)
     return cube
+
+
+def alarms(radar: dc.Radar, rng: np.random.Generator, *, n_frames: int) -> tuple[int, int]:
+    """Cells over a threshold of 1e-3 in frames of independent cells, and all cells."""
+    chain = dc.Chain(
+        range_window="rectangular",
+        doppler_window="rectangular",
+        cfar=dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-3),
+    )
+    hits = trials = 0
+    for _ in range(n_frames):
+        power = dc.power_map(noise_cube(radar, rng).isel(frame=0), radar, chain)
+        hits += int((power > dc.threshold_map(power, radar, chain)).sum())
+        trials += power.size
+    return hits, trials

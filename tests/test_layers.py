@@ -4,6 +4,7 @@ import ast
 import importlib
 import importlib.util
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -49,11 +50,16 @@ ONLY_IN = {
     "cantools": {"objects"},
     "can": {"objects"},
     "osi3": {"objects"},
-    "duckdb": {"objects", "store"},
+    "google": {"objects"},
+    "duckdb": {"core", "objects", "store"},
     "optuna": {"experiment"},
     "dask": {"experiment"},
     "distributed": {"experiment"},
     "dask_jobqueue": {"experiment"},
+    "loky": {"experiment"},
+    "cloudpickle": {"experiment"},
+    "trimesh": {"scene"},
+    "typst": {"report"},
     "bokeh": {"studio"},
     "tornado": {"studio"},
     "cyclopts": {"cli"},
@@ -65,15 +71,23 @@ TOP = {ROOT / "__init__.py", ROOT / "__main__.py"}
 FILES = sorted(set(ROOT.rglob("*.py")) - TOP)
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imports(path: Path) -> Iterator[tuple[int, str]]:
     """Line and full name of everything that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}:{node.lineno}: imports are absolute"
             for alias in node.names:
                 yield node.lineno, f"{node.module}.{alias.name}"
         elif isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "library":
+            name = getattr(node.args[0], "value", None)  # as of library("mcap.writer")
+            yield from [(node.lineno, name)] if isinstance(name, str) else ()
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -92,6 +106,28 @@ def test_a_file_imports_only_what_stands_before_it(path):
             assert here in ONLY_IN.get(package, {here}), f"line {line}: {here} imports {package}"
 
 
+def runs_into(path: Path) -> set[Path]:
+    """Files of the package that one imports: at once, later, or for type checkers alone."""
+    names = {
+        name
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.ImportFrom)
+        for name in (str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names))
+        if name.startswith("dechirp.")
+    }
+    files = {ROOT.parent.joinpath(*name.split(".")).with_suffix(".py") for name in names}
+    return {file for file in files if file.is_file()}
+
+
+def test_no_file_imports_itself_by_way_of_others():
+    left = {path: runs_into(path) for path in FILES}
+    while ends := {path for path, into in left.items() if not into & left.keys()}:
+        left = {path: into for path, into in left.items() if path not in ends}
+
+    # What is left is in a circle, or leads into one.
+    assert sorted(str(path.relative_to(ROOT)) for path in left) == []
+
+
 def test_every_folder_has_a_place_in_the_order():
     assert {path.relative_to(ROOT).parts[0] for path in FILES} == set(POSITION)
 
@@ -104,8 +140,7 @@ def test_every_exported_name_is_a_thing_and_not_a_module():
 
 
 def test_type_checkers_and_users_see_the_same_names():
-    tree = ast.parse((ROOT / "__init__.py").read_text(encoding="utf-8"))
-    checked = next(node for node in tree.body if isinstance(node, ast.If))
+    checked = next(node for node in parsed(ROOT / "__init__.py").body if isinstance(node, ast.If))
     seen = {
         alias.name: getattr(importlib.import_module(str(node.module)), alias.name)
         for node in checked.body

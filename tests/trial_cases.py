@@ -12,24 +12,12 @@ from dechirp.process.chain import Chain
 from dechirp.process.detect import detect
 from dechirp.radar.budget import noise_power_w
 from dechirp.scene.truth import truth
+from radars import of_street
 
 
 def small(n_rx: int = 1, sampling: str = "complex", n_samples: int = 64) -> dc.Radar:
     """64 x 32 samples: 1.17 m and 1.7 m/s a cell, 75 m."""
-    chirp = dc.Chirp(
-        start_frequency_hz=77e9,
-        slope_hz_per_s=20e12,
-        adc_start_s=2e-6,
-        ramp_duration_s=30e-6,
-        sample_rate_hz=10e6,
-        n_samples=n_samples,
-        sampling=sampling,
-    )
-    return dc.Radar(
-        frame=dc.Frame(chirp=chirp, n_chirps=32, interval_s=35e-6),
-        array=dc.Array(rx_m=[(0, 1.9e-3 * k, 0) for k in range(n_rx)]),
-        hardware=dc.Hardware(transmit_power_w=0.016, antenna_gain=10.0, noise_factor=16.0),
-    )
+    return of_street(n_samples=n_samples, n_chirps=32, n_rx=n_rx, sampling=sampling)
 
 
 def target(range_m: float = 20.0, velocity: float = 3.0, **changed) -> dc.Target:

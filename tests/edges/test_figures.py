@@ -30,7 +30,10 @@ from dechirp.report.figures import (
     diagrams,
     directions,
     frames,
+    heat,
+    operating,
     range_doppler,
+    rates,
     recorded,
     scene,
     spectrogram,
@@ -44,6 +47,7 @@ from dechirp.report.figures import (
 from dechirp.report.figures.ground import Seen
 from dechirp.report.figures.style import WIDTH_IN, png, svg
 from dechirp.scene.folding import Place
+from radars import of_eight_receivers
 
 UNIT = re.compile(
     r"(^|, |\n)(10\S+ )?(m|m/s|s|ms|µs|MHz|GHz|dB|dBm|dBFS|dBsm|°|√W|full scale)(?![\w/])"
@@ -51,22 +55,7 @@ UNIT = re.compile(
 # Of axes without a unit: what is counted, and shares of one.
 WITHOUT = re.compile(r"\b(cells|candidate|number of|share|probability|window)\b")
 
-RADAR = dc.Radar(
-    frame=dc.Frame(
-        chirp=dc.Chirp(
-            start_frequency_hz=77e9,
-            slope_hz_per_s=20e12,
-            ramp_duration_s=20e-6,
-            sample_rate_hz=10e6,
-            n_samples=128,
-            sampling="complex",
-        ),
-        n_chirps=64,
-        interval_s=20e-6,
-    ),
-    array=dc.Array(rx_m=[(0, k * 0.00193, 0) for k in range(8)]),
-    hardware=dc.Hardware(transmit_power_w=0.01, antenna_gain=100.0, noise_factor=10.0),
-)
+RADAR = of_eight_receivers()
 TARGETS = (
     dc.Target(name="left", position_m=(30, 6, 0), velocity_m_per_s=(-8, 0, 0)),
     dc.Target(name="right", position_m=(20, -5, 0), velocity_m_per_s=(6, 1, 0)),
@@ -109,7 +98,7 @@ RCS, SHARE = study.Axis(words="RCS of car, dBsm"), study.Axis(words="detection p
 ERROR = study.Axis(words="range RMSE, m")
 CURVE = {"name": "chain", "over": "ratio in each sample, dB", "x": N, "hits": N, "trials": N + 1}
 CURVE |= {"theory_x": N, "theory": N / 6}
-OPERATING = study.Operating(
+OPERATING = operating.Operating(
     name="", false_alarm=N / 1e6, detection=N / 6, low=N / 7, high=N / 5.5,
     theory_false_alarm=N / 1e6, theory=N / 6,
 )  # fmt: skip
@@ -149,6 +138,12 @@ POINTS = xr.Dataset(
         for name, scale in (("range", 1), ("azimuth", 9), ("elevation", 9), ("velocity", 1))
     }
 )
+RATE = {
+    "name": "hann",
+    "measured": 1.01,
+    "interval": [0.97, 1.05],
+    "required": {"at_least": 0.8, "at_most": 1.25},
+}
 TONE = np.exp(2j * np.pi * 0.1 * np.arange(256))
 
 # Of each figure function how it is called, on axes or on a figure; after a space, a variant.
@@ -214,6 +209,9 @@ MAKERS: dict[str, Callable[..., Axes | list[Axes]]] = {
         on, of.marked, highest_db=60.0
     ),
     "range_doppler.close_up": lambda on, of: range_doppler.close_up(on, of.marked, cell=(32, 40)),
+    "rates.over_design": lambda on, _: rates.over_design(
+        on, [rates.Rates(name="mean", checks=[RATE]), rates.Rates(name="rank", checks=[RATE])]
+    ),
     "recorded.first_map": lambda on, of: recorded.first_map(on, of.result.power, units="sqrt(W)"),
     "recorded.first_map of one chirp": lambda on, of: recorded.first_map(
         on, of.result.power.isel(velocity=[0]), units="full scale"
@@ -231,10 +229,10 @@ MAKERS: dict[str, Callable[..., Axes | list[Axes]]] = {
         on, [LINE], [f"window {n}" for n in N], x=study.Axis(words="range window"), y=SHARE,
         is_ratio=True,
     ),
-    "study.heat": lambda on, _: study.heat(
+    "heat.heat": lambda on, _: heat.heat(
         on, N, N, np.outer(N, N) / 30, axes_words=(RCS, ERROR), words=SHARE.words, is_ratio=True
     ),
-    "study.operating": lambda on, _: study.operating(
+    "operating.operating": lambda on, _: operating.operating(
         on, [OPERATING], x="false alarm probability", y=SHARE.words
     ),
     "tracks.from_above": lambda on, _: tracks.from_above(on, [TRACK], AROUND),

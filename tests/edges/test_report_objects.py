@@ -13,24 +13,9 @@ from dechirp.cli.show import console
 from dechirp.report import tracked
 from dechirp.report.figures import tracks as figure
 from dechirp.report.page import render
+from radars import of_eight_receivers
 
-RADAR = dc.Radar(
-    frame=dc.Frame(
-        chirp=dc.Chirp(
-            start_frequency_hz=77e9,
-            slope_hz_per_s=20e12,
-            ramp_duration_s=20e-6,
-            sample_rate_hz=10e6,
-            n_samples=128,
-            sampling="complex",
-        ),
-        n_chirps=64,
-        interval_s=20e-6,
-        period_s=0.05,
-    ),
-    array=dc.Array(rx_m=[(0, k * 0.00193, 0) for k in range(8)]),
-    hardware=dc.Hardware(transmit_power_w=0.01, antenna_gain=100.0, noise_factor=10.0),
-)
+RADAR = of_eight_receivers(period_s=0.05)
 TARGETS = (
     dc.Target(name="left", position_m=(30, 6, 0), velocity_m_per_s=(-8, 0, 0)),
     dc.Target(name="right", position_m=(20, -5, 0), velocity_m_per_s=(6, 1, 0)),

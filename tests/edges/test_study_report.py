@@ -18,8 +18,10 @@ from dechirp.experiment.study.running import Progress
 from dechirp.experiment.study.study import Listed, Requirement
 from dechirp.report.figures import study as figures
 from dechirp.report.settings_words import score_words, setting_words, told, value_words
-from dechirp.report.study import Made, headline, percent, render, replay, table
+from dechirp.report.study import Made, headline, render, replay
 from dechirp.report.study_plates import plates
+from dechirp.report.study_settings import percent
+from dechirp.report.study_table import table
 from dechirp.store.tables import json_text
 from printed import check_captions, check_pdf
 from study_made import DISTANCE, OFFSET, RCS, SCORES, WINDOW, Share, layout, result

@@ -14,10 +14,12 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.experiment.verify import certificate
+from dechirp.experiment.verify import certificate, every_detector, false_alarms, further
 from dechirp.experiment.verify.certificate import CLAIMS, verify
+from dechirp.experiment.verify.checksum import of_numbers
 from dechirp.experiment.verify.document import document
 from dechirp.experiment.verify.trials import Job
+from dechirp.store.tables import json_text
 
 CLAIM_KEYS = ["id", "claim", "published", "required", "measured", "limit", "passed"]
 
@@ -110,6 +112,27 @@ def test_the_same_seed_gives_the_same_certificate_to_the_bit():
         del one[changing], many[changing]
     assert repr(one) == repr(many)  # so few trials leave an interval or two without a number
     assert document(verify(seed=5))["claims"] != one["claims"]
+
+
+def test_in_full_the_parts_come_too_and_progress_counts_all(monkeypatch):
+    # Calibrations take seconds each: a rectangular window has closed forms.
+    group = {"maps of noise": every_detector.GROUPS["maps of noise"][:1]}
+    monkeypatch.setattr(every_detector, "GROUPS", group)
+    monkeypatch.setattr(every_detector, "CELLS", 1e5)
+    beyond, noise = further.jobs, false_alarms.noise_tests
+    monkeypatch.setattr(further, "jobs", lambda n_trials: few(beyond(n_trials)))
+    monkeypatch.setattr(false_alarms, "noise_tests", lambda full: noise(full=False))
+    seen = []
+
+    made = verify(seed=2, trials=100, full=True, progress=lambda *counts: seen.append(counts))
+
+    found = document(made)
+    assert [part["id"] for part in found["parts"]] == ["false_alarms", "directions", "impairments"]
+    assert all(part["claims"] for part in found["parts"])
+    assert not found["passed"]  # of so few
+    assert seen == [(done, len(seen)) for done in range(1, len(seen) + 1)]
+    assert {"python", "numpy", "scipy", "numba", "llvmlite"} <= set(found["versions"])
+    assert found["checksum"] == of_numbers(json.loads(json_text(found)))
 
 
 def test_the_tables_keep_the_report_s_numbers_beside_ours():

@@ -20,8 +20,8 @@ import tiny_study
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.experiment.study.block import Block
 from dechirp.experiment.study.executors import Workers, chosen, given, local
+from dechirp.experiment.study.queue import is_asked
 from dechirp.experiment.study.record import Record
-from dechirp.experiment.study.running import is_asked
 from nightly import NIGHTLY
 from tiny_study import Tiny, fingerprint, run
 

@@ -6,7 +6,17 @@ import numpy as np
 from hypothesis import strategies as st
 
 from dechirp.core.errors import RecordingError
+from dechirp.formats.base import Contents
 from dechirp.formats.recording import open as open_recording
+
+
+def decoded(contents: Contents) -> np.ndarray:
+    """All frames of one receiver that a format found, (frame, chirp, 1, sample)."""
+    frame = contents.radar.frame
+    frames = np.empty((contents.n_frames, frame.n_sent, 1, frame.chirp.n_samples), np.complex64)
+    for index, out in enumerate(frames):
+        contents.decode(index, out)
+    return frames
 
 
 def gives_a_cube_or_says_why(path: Path, **told: object) -> None:

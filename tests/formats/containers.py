@@ -13,6 +13,7 @@ from dechirp.core.errors import DechirpError
 from dechirp.echoes.codes import codes
 from dechirp.formats.recording import Recording
 from dechirp.radar.calibration import Calibration
+from radars import of_street
 
 SCENE = dc.Scene(
     targets=[
@@ -24,21 +25,8 @@ SCENE = dc.Scene(
 
 def small(sampling="complex", **changes) -> dc.Radar:
     """Few chirps of few samples, of two receivers."""
-    chirp = dc.Chirp(
-        start_frequency_hz=77e9,
-        slope_hz_per_s=20e12,
-        adc_start_s=2e-6,
-        ramp_duration_s=30e-6,
-        sample_rate_hz=10e6,
-        n_samples=32,
-        sampling=sampling,
-    )
-    told = {"n_chirps": 6, "interval_s": 35e-6, "period_s": 1e-3}
-    return dc.Radar(
-        frame=dc.Frame(chirp=chirp, **(told | changes)),
-        array=dc.Array(rx_m=[(0, 0, 0), (0, 1.9e-3, 0)]),
-        hardware=dc.Hardware(transmit_power_w=0.016, antenna_gain=10.0, noise_factor=16.0),
-    )
+    told = {"n_chirps": 6, "period_s": 1e-3} | changes
+    return of_street(n_samples=32, sampling=sampling, **told)
 
 
 def simulated(radar: dc.Radar, *, bits=None, n_frames=3) -> xr.DataArray:

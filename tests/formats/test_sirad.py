@@ -20,6 +20,7 @@ from dechirp.formats.sirad import Sirad
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from formats.any_bytes import decoded
 
 LIGHT = 299_792_458.0
 HEAD = {
@@ -53,11 +54,7 @@ def read(tmp_path, text, told=None):
     file = tmp_path / "walk.json"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     contents = Sirad().read(file, told or Told())
-    frame = contents.radar.frame
-    frames = np.empty((contents.n_frames, frame.n_sent, 1, frame.chirp.n_samples), np.complex64)
-    for index, out in enumerate(frames):
-        contents.decode(index, out)
-    return contents, frames
+    return contents, decoded(contents)
 
 
 def peak_m(contents, chirps):
@@ -207,7 +204,8 @@ def test_a_long_recording_is_not_kept_in_memory(tmp_path):
     head = json.dumps(HEAD)[:-1].encode()
     file.write_bytes(head + b', "data": [' + b",\n".join([row] * 500_000) + b"]}")
 
-    paths = [str(Path(dechirp.__file__).parent.parent), str(Path(__file__).parent)]
+    here = Path(__file__).parent
+    paths = [str(Path(dechirp.__file__).parents[1]), str(here), str(here.parent)]
     found = subprocess.run(
         [sys.executable, "-c", RESIDENT, str(file)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},

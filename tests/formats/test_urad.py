@@ -13,6 +13,7 @@ from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from formats.any_bytes import decoded
 
 LIGHT = 299_792_458.0
 N, RATE, SLOPE, START, INTERVAL = 100, 200e3, 240e6 / 0.5e-3, 24.005e9, 1e-3
@@ -59,11 +60,7 @@ def read(tmp_path, text, what=None):
     file = tmp_path / "IQ.txt"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     contents = Urad().read(file, what or told())
-    frame = contents.radar.frame
-    frames = np.empty((contents.n_frames, frame.n_sent, 1, frame.chirp.n_samples), np.complex64)
-    for index, out in enumerate(frames):
-        contents.decode(index, out)
-    return contents, frames
+    return contents, decoded(contents)
 
 
 def found(contents, frame):

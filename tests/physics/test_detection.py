@@ -70,6 +70,14 @@ def test_a_strong_target_is_one_detection_under_any_window(reference, clean):
         assert extra < 23
 
 
+@pytest.mark.parametrize("window", ["hann", "blackman-harris"])
+def test_an_echo_without_any_noise_is_one_detection(radar, window):
+    """What rounding leaves of it is the only noise of its map, and no target."""
+    target = dc.Target(position_m=(31.4, 0, 0), velocity_m_per_s=(-7.3, 0, 0))
+    cube = dc.simulate(dc.Scene(targets=[target]), radar, impairments=())
+    assert dc.detect(cube, radar, chain_with(window)).sizes["detection"] == 1
+
+
 def test_two_targets_two_and_a_half_cells_apart_are_two(reference):
     radar = reference.radar
     cell = radar.frame.chirp.range_resolution_m

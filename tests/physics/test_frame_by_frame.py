@@ -6,18 +6,10 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.echoes.frame_by_frame import FrameByFrame
+from radars import SHORT_CHIRP
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 
-CHIRP = dc.Chirp(
-    start_frequency_hz=77e9,
-    slope_hz_per_s=30e12,
-    adc_start_s=2e-6,
-    ramp_duration_s=12e-6,
-    sample_rate_hz=10e6,
-    n_samples=80,
-    sampling="complex",
-)
 IMBALANCE = dc.IqImbalance(gain=1.1, phase_rad=0.03)
 SCENE = dc.Scene(
     targets=[
@@ -29,7 +21,7 @@ SCENE = dc.Scene(
 
 def radar_of(interval_s: object = 15e-6) -> dc.Radar:
     return dc.Radar(
-        frame=dc.Frame(chirp=CHIRP, n_chirps=12, interval_s=interval_s, period_s=20e-3),
+        frame=dc.Frame(chirp=SHORT_CHIRP, n_chirps=12, interval_s=interval_s, period_s=20e-3),
         array=dc.Array(tx_m=[(0, 0, 0)], rx_m=[(0, 0, 0), (0, 2e-3, 0)]),
         hardware=dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10.0),
     )

@@ -13,22 +13,13 @@ import pytest
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import decibels, from_decibels
 from dechirp.radar.budget import noise_power_w, received_power_w, snr
-from dechirp.radar.chirp import Chirp
-from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
 from dechirp.theory.bounds import range_std_m, uncoupled_range_std_m, velocity_std_m_per_s
 from dechirp.theory.detection import detection_probability, required_snr, threshold
+from radars import REFERENCE_FRAME
 
-CHIRP = Chirp(
-    start_frequency_hz=77e9,
-    slope_hz_per_s=150e6 / (22e-6 / 3),
-    ramp_duration_s=22e-6 / 3,
-    sample_rate_hz=300e6,
-    n_samples=2200,
-    sampling="complex",
-)
-FRAME = Frame(chirp=CHIRP, n_chirps=128, interval_s=22e-6 / 3)
+FRAME, CHIRP = REFERENCE_FRAME, REFERENCE_FRAME.chirp
 # 10 mW, 10 dBi, noise figure 12 dB, 3 dB of loss.
 HARDWARE = Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10**1.2, loss=2.0)
 RADAR = Radar(frame=FRAME, hardware=HARDWARE)

@@ -21,7 +21,7 @@ from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.ddma import Ddma
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.radar.multiplexing.tdm import Tdm
-from noise import noise_cube
+from noise import alarms
 
 ORDERS = st.integers(1, 6).flatmap(lambda n: st.permutations(range(n)))
 TOGETHER = [
@@ -226,17 +226,7 @@ def test_a_target_is_found_by_what_all_transmitters_send_together(radar, code):
 def test_false_alarms_come_as_designed_where_slots_outnumber_transmitters(radar, code):
     radar = coded(radar, code, n_chirps=32, n_samples=64)
     assert radar.n_summed > radar.n_channels
-    chain = dc.Chain(
-        range_window="rectangular",
-        doppler_window="rectangular",
-        cfar=dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-3),
-    )
-    rng = np.random.default_rng(74)
-    hits = trials = 0
-    for _ in range(150):
-        power = dc.power_map(noise_cube(radar, rng).isel(frame=0), radar, chain)
-        hits += int((power > dc.threshold_map(power, radar, chain)).sum())
-        trials += power.size
+    hits, trials = alarms(radar, np.random.default_rng(74), n_frames=150)
 
     # 307 alarms, binomial but for the training cells that neighbours share: five standard
     # errors of 6 %. Thresholds for n_channels maps would let a quarter or less of them pass.

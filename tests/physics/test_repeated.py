@@ -8,18 +8,9 @@ import pytest
 import dechirp as dc
 from dechirp.echoes import echo, repeated
 from dechirp.echoes.repeated import Repeated
+from radars import SHORT_CHIRP
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-
-CHIRP = dc.Chirp(
-    start_frequency_hz=77e9,
-    slope_hz_per_s=30e12,
-    adc_start_s=2e-6,
-    ramp_duration_s=12e-6,
-    sample_rate_hz=10e6,
-    n_samples=80,
-    sampling="complex",
-)
 
 
 def radar_of(
@@ -27,7 +18,7 @@ def radar_of(
 ) -> dc.Radar:
     return dc.Radar(
         frame=dc.Frame(
-            chirp=replace(CHIRP, sampling=sampling),
+            chirp=replace(SHORT_CHIRP, sampling=sampling),
             n_chirps=12,
             interval_s=interval_s,
             period_s=1e-3,

@@ -12,7 +12,7 @@ from dechirp.experiment.link import link_budget
 from dechirp.process.spectrum import Transform, range_profiles
 from dechirp.process.virtual import channels
 from dechirp.radar.accuracy import standard_errors
-from noise import noise_cube, noisy
+from noise import alarms, noisy
 
 
 def taking_turns(radar, *order, n_chirps=None):
@@ -164,17 +164,7 @@ def test_false_alarms_of_two_transmitters_and_two_receivers_come_as_designed(rad
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp))
     radar = taking_turns(radar, 1, 0, n_chirps=64)
     assert radar.n_channels == 4
-    chain = dc.Chain(
-        range_window="rectangular",
-        doppler_window="rectangular",
-        cfar=dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-3),
-    )
-    rng = np.random.default_rng(5)
-    hits = trials = 0
-    for _ in range(400):
-        power = dc.power_map(noise_cube(radar, rng).isel(frame=0), radar, chain)
-        hits += int((power > dc.threshold_map(power, radar, chain)).sum())
-        trials += power.size
+    hits, trials = alarms(radar, np.random.default_rng(5), n_frames=400)
 
     # Independent cells: binomial, but for the training cells that neighbours share. Those
     # make thresholds scatter by 2 % together, alarms by 18 %, 0.6 of them at a time: 2 % more

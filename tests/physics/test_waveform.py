@@ -13,20 +13,12 @@ from hypothesis import strategies as st
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
-from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
+from radars import REFERENCE_FRAME
 
-CHIRP = Chirp(
-    start_frequency_hz=77e9,
-    slope_hz_per_s=150e6 / (22e-6 / 3),
-    ramp_duration_s=22e-6 / 3,
-    sample_rate_hz=300e6,
-    n_samples=2200,
-    sampling="complex",
-)
-FRAME = Frame(chirp=CHIRP, n_chirps=128, interval_s=22e-6 / 3)
+FRAME, CHIRP = REFERENCE_FRAME, REFERENCE_FRAME.chirp
 HARDWARE = Hardware(transmit_power_w=0.016, antenna_gain=100.0, noise_factor=16.0)
 # A chirp as chips send it: 6 us of ramp before the samples, 2.8 us after.
 EASED = Chirp(

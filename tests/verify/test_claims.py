@@ -234,7 +234,7 @@ def test_the_factor_for_independent_cells_does_not_pass_under_a_window(monkeypat
         base._factors.cache_clear()
 
     expected = design.false_alarm_probability * design.cells_in_frame
-    assert not false_alarms._over_design("wrong", counts, expected).passed
+    assert not false_alarms.over_design("wrong", counts, expected).passed
     assert counts.mean() > 1.2 * expected
 
 

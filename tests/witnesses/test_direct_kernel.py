@@ -7,69 +7,13 @@ import pytest
 from beat import LIGHT, fifty_digits, plain_sum
 from hypothesis import given
 from hypothesis import strategies as st
+from motions import MOTIONS, WAVEFORMS, scatter, send, summed
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.echoes.kernels.base import Scatterers, Sent
 from dechirp.echoes.kernels.direct import Before, add
 
 # Of the sum of the sizes of all echoes: what the kernel promises.
 PROMISED = 1e-9
-
-HALF_WAVE_M = 1.9e-3
-WAVEFORMS = {
-    # 77 GHz, 150 MHz in 7.3 us, 128 chirps.
-    "short": (128, 2200, 77e9, 20.4545e12, 0.0, 300e6, 7.3333e-6),
-    # 400 MHz in 25.6 us, with some time before the first sample.
-    "middle": (96, 256, 76e9, 15.6e12, 3e-6, 10e6, 36e-6),
-    # 4 GHz in 50 us, 512 chirps.
-    "long": (512, 256, 77e9, 80e12, 0.0, 5.12e6, 60e-6),
-    # A falling ramp, slowly sampled.
-    "falling": (16, 700, 24.25e9, -0.25e12, 5e-6, 0.8e6, 1e-3),
-}
-
-
-def send(name, rng, *, n_tx=1, n_rx=1, spacing_m=HALF_WAVE_M, n_chirps=None):
-    """A waveform, from transmitters that all send with weights of their own."""
-    m, n_samples, f0, slope, adc_start_s, sample_rate_hz, interval_s = WAVEFORMS[name]
-    m = n_chirps or m
-    across = np.array([0.1, 1.0, 0.2])
-    sent = Sent(
-        starts_s=(np.arange(m) - m / 2) * interval_s,
-        weights=rng.normal(size=(m, n_tx)) + 1j * rng.normal(size=(m, n_tx)),
-        tx_m=np.outer(np.arange(n_tx) * n_rx, across) * spacing_m,
-        rx_m=np.outer(np.arange(n_rx), across[[0, 2, 1]]) * spacing_m,
-        start_frequency_hz=f0,
-        slope_hz_per_s=slope,
-        adc_start_s=adc_start_s,
-        sample_rate_hz=sample_rate_hz,
-    )
-    return sent, n_samples
-
-
-def scatter(sent, rng, *, n, ranges_m, speed_m_per_s, n_terms=2, varied=False):
-    """Scatterers about the radar; each power of time moves them by up to a few metres."""
-    away = rng.normal(size=(n, 3))
-    away /= np.linalg.norm(away, axis=1)[:, None]
-    path_m = np.zeros((n_terms, n, 3))
-    path_m[0] = away * rng.uniform(*ranges_m, size=n)[:, None]
-    path_m[1] = speed_m_per_s * rng.uniform(-1, 1, (n, 3))
-    for term in range(2, n_terms):
-        # 10 m/s^2, and as much again over 10 ms from each higher power.
-        path_m[term] = 10 * 100 ** (term - 2) * rng.uniform(-1, 1, (n, 3))
-    m, n_tx = sent.weights.shape
-    return Scatterers(
-        path_m=path_m,
-        amplitudes=rng.uniform(0.1, 1, n) * np.linalg.norm(path_m[0], axis=1) ** 2,
-        tx_gains=rng.uniform(0.1, 1, (n_tx, n)),
-        rx_gains=rng.uniform(0.1, 1, (len(sent.rx_m), n)),
-        chirp_factors=rng.exponential(size=(m, n)) if varied else None,
-    )
-
-
-def summed(scatterers, sent, n_samples, *, dtype=complex, **late):
-    out = np.zeros((len(sent.starts_s), len(sent.rx_m), n_samples), dtype)
-    add(out, scatterers, sent, **late)
-    return out
 
 
 def cells(shape, rng, n_cells):
@@ -80,35 +24,14 @@ def cells(shape, rng, n_cells):
         yield tuple(int(rng.integers(axis)) for axis in shape)
 
 
-CASES = {
+CASES = MOTIONS | {
     "one at 50 m": ("short", {}, {"n": 1, "ranges_m": (50, 50), "speed_m_per_s": 30}),
     "one at 500 m": ("short", {}, {"n": 1, "ranges_m": (500, 500), "speed_m_per_s": 80}),
-    "fast and long": ("long", {}, {"n": 3, "ranges_m": (1, 40), "speed_m_per_s": 40}),
-    "many at once": (
-        "middle",
-        {"n_tx": 3, "n_rx": 4},
-        {"n": 9, "ranges_m": (2, 200), "speed_m_per_s": 60, "varied": True},
-    ),
-    "near field": (
-        "middle",
-        {"n_tx": 2, "n_rx": 3, "spacing_m": 0.11},
-        {"n": 4, "ranges_m": (0.7, 2), "speed_m_per_s": 20},
-    ),
     "grazing": ("long", {}, {"n": 2, "ranges_m": (0.05, 0.1), "speed_m_per_s": 1}),
-    "accelerated": (
-        "middle",
-        {"n_rx": 2},
-        {"n": 4, "ranges_m": (3, 60), "speed_m_per_s": 40, "n_terms": 3},
-    ),
     "of eight terms": (
         "long",
         {},
         {"n": 3, "ranges_m": (5, 60), "speed_m_per_s": 40, "n_terms": 8, "varied": True},
-    ),
-    "falling": (
-        "falling",
-        {"n_tx": 2},
-        {"n": 3, "ranges_m": (5, 100), "speed_m_per_s": 60, "n_terms": 3},
     ),
 }
 

@@ -7,9 +7,9 @@ import pytest
 from beat import LIGHT, plain_sum
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motions import scatter
 from scipy.integrate import quad
 from scipy.linalg import hadamard
-from test_direct_kernel import scatter
 
 from dechirp.echoes.kernels import direct, nonuniform
 from dechirp.echoes.kernels.base import Scatterers, Sent

@@ -7,7 +7,7 @@ import pytest
 from beat import plain_sum
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_direct_kernel import WAVEFORMS, scatter, send, summed
+from motions import MOTIONS, WAVEFORMS, scatter, send, summed
 
 from dechirp.echoes.kernels import direct, product
 
@@ -23,36 +23,15 @@ def off(out, exact, sizes=None):
     return np.linalg.norm(out - exact) / np.linalg.norm(exact if sizes is None else sizes)
 
 
-CASES = {
+CASES = MOTIONS | {
     "one at 50 m": ("short", {}, {"n": 1, "ranges_m": (50, 50), "speed_m_per_s": 80}),
     "fifty": ("short", {}, {"n": 50, "ranges_m": (5, 200), "speed_m_per_s": 60}),
     "at rest": ("short", {"n_rx": 2}, {"n": 5, "ranges_m": (5, 200), "speed_m_per_s": 0}),
-    "many at once": (
-        "middle",
-        {"n_tx": 3, "n_rx": 4},
-        {"n": 9, "ranges_m": (2, 200), "speed_m_per_s": 60, "varied": True},
-    ),
-    "near field": (
-        "middle",
-        {"n_tx": 2, "n_rx": 3, "spacing_m": 0.11},
-        {"n": 4, "ranges_m": (0.7, 2), "speed_m_per_s": 20},
-    ),
-    "accelerated": (
-        "middle",
-        {"n_rx": 2},
-        {"n": 4, "ranges_m": (3, 60), "speed_m_per_s": 40, "n_terms": 3},
-    ),
-    "fast and long": ("long", {}, {"n": 3, "ranges_m": (1, 40), "speed_m_per_s": 40}),
     "slow and long": ("long", {}, {"n": 3, "ranges_m": (1, 40), "speed_m_per_s": 1}),
     "of eight terms": (
         "long",
         {},
         {"n": 3, "ranges_m": (5, 60), "speed_m_per_s": 4, "n_terms": 8, "varied": True},
-    ),
-    "falling": (
-        "falling",
-        {"n_tx": 2},
-        {"n": 3, "ranges_m": (5, 100), "speed_m_per_s": 60, "n_terms": 3},
     ),
 }
 

@@ -155,6 +155,14 @@ def test_powers_of_neighbouring_bins_under_a_hann_window_are_correlated_by_four_
     np.testing.assert_allclose(abs(correlation) ** 2, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("n_bins", (128, 200, 96), ids=("as many", "padded", "folded"))
+def test_correlation_between_bins_is_the_sum_over_points_that_defines_it(n_bins):
+    weights, lags = taper("chebyshev-60", 128), np.array([[0, 1, -3], [70, 500, -129]])
+    turns = np.exp(-2j * np.pi * np.outer(lags, np.arange(128)) / n_bins)
+    expected = (turns @ weights**2 / np.sum(weights**2)).reshape(lags.shape)
+    np.testing.assert_allclose(bin_correlation(weights, n_bins, lags), expected, atol=1e-13)
+
+
 @pytest.mark.parametrize("window", get_args(Window))
 def test_a_lone_point_is_kept_as_it_is(window):
     weights = taper(window, 1)

@@ -73,11 +73,11 @@ def calibrate(
         raise under_option(error, _options(len(recordings))) from None
     write_whole(out, calibration_text(found.calibration))
     doubts = [*_assumed(opened), *_of_options(found)]
-    document = json_text(_document(found, own, out, doubts))
+    document = json_text(_document(found, out, doubts))
     if as_json:
         print(document, end="")
     elif not quiet:
-        _show(found, own, recordings, out, doubts)
+        _show(found, recordings, out, doubts)
     return 0
 
 
@@ -204,7 +204,7 @@ def _radar_of_all(opened: "list[Recording]") -> "Radar":
     return opened[0].radar
 
 
-def _rows(found: "Calibrated", radar: "Radar") -> list[dict[str, Any]]:
+def _rows(found: "Calibrated") -> list[dict[str, Any]]:
     """What was measured of each element, in the units of tables."""
     import numpy as np
 
@@ -230,14 +230,12 @@ def _rows(found: "Calibrated", radar: "Radar") -> list[dict[str, Any]]:
     return rows
 
 
-def _document(
-    found: "Calibrated", radar: "Radar", out: Path, doubts: "list[Finding]"
-) -> dict[str, Any]:
+def _document(found: "Calibrated", out: Path, doubts: "list[Finding]") -> dict[str, Any]:
     from dechirp.config.texts import plain
 
     return {
         "calibration": plain(found.calibration),
-        "elements": _rows(found, radar),
+        "elements": _rows(found),
         "range_m": found.range_m,
         "findings": [plain(finding) for finding in doubts],
         "files": {"calibration": str(out)},
@@ -246,7 +244,6 @@ def _document(
 
 def _show(
     found: "Calibrated",
-    radar: "Radar",
     recordings: Sequence[Path],
     out: Path,
     doubts: "list[Finding]",
@@ -258,7 +255,7 @@ def _show(
     moved = calibration.position_error_m is not None
     columns = ["tx", "rx", "gain, dB", "phase, deg", "SNR, dB"] + ["y, mm", "z, mm"] * moved
     made = table(f"{len(calibration.elements)} elements", right=columns)
-    for row in _rows(found, radar):
+    for row in _rows(found):
         cells = [
             str(row["tx"]),
             str(row["rx"]),

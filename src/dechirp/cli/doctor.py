@@ -16,9 +16,9 @@ def doctor(*, as_json: Json = False) -> int:
     import platform
 
     import numba
-    import psutil
 
     import dechirp
+    from dechirp.core.memory import free_bytes
     from dechirp.store.tables import json_text
 
     needed, extras = _installed()
@@ -31,7 +31,7 @@ def doctor(*, as_json: Json = False) -> int:
         "extras": extras,
         "cores": os.cpu_count(),
         "threads": numba.get_num_threads(),
-        "free_memory_bytes": psutil.virtual_memory().available,
+        "free_memory_bytes": free_bytes(),
         "kernels": kernels,
         "problem": problem,
     }

@@ -11,12 +11,14 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
 from cyclopts import App, CycloptsError, Parameter
 
 import dechirp
+from dechirp.cli.short_memory import short_of_memory, too_little_to_start
 from dechirp.cli.wrong import tell, wrong_call
 from dechirp.core.errors import DechirpError, Mistake
 
@@ -92,13 +94,36 @@ def _unwritable(error: OSError) -> Mistake:
 
 def _status(words: list[str]) -> int:
     as_json = any(word.startswith("--json") for word in words)  # --json=true is one, too
+    if mistake := too_little_to_start():
+        tell([mistake], as_json=as_json)
+        return 2
     try:
         return int(app()(words, exit_on_error=False, print_error=False) or 0)
     except CycloptsError as error:
         tell(wrong_call(error), as_json=as_json)
     except DechirpError as error:
         tell(error.mistakes, as_json=as_json)
+    except Exception as error:
+        mistake = short_of_memory(error) or _nowhere(error)
+        if mistake is None:
+            raise
+        tell([mistake], as_json=as_json)
     return 2
+
+
+def _nowhere(error: Exception) -> Mistake | None:
+    """What is wrong if the folder that the process is in has been removed."""
+    if not isinstance(error, FileNotFoundError):
+        return None
+    with suppress(FileNotFoundError):
+        Path.cwd()
+        return None
+    return Mistake(
+        setting="the folder you are in",
+        got="not there any more",
+        need="one that is there",
+        fix="Change to another, and call again.",
+    )
 
 
 def app() -> App:

@@ -156,7 +156,7 @@ def more(result: "StudyResult") -> Iterator[str]:
 
 def requirements(judged: Sequence["Judged"], result: "StudyResult") -> Iterator[Text]:
     """One paragraph for each limit that is required: whether it is met, and how certain."""
-    from dechirp.report.study import required
+    from dechirp.report.study_required import required
 
     for one in judged:
         told = required(one, result)

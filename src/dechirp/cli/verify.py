@@ -20,6 +20,9 @@ def verify(
 ) -> int:
     """Measure every claim of the reference report against theory, and write the paper.
 
+    In full also false alarms of every detector under every window, errors of every direction
+    estimator, and every impairment against its formula.
+
     Ends with status 1 if a claim fails.
 
     Parameters
@@ -28,7 +31,7 @@ def verify(
         Of each claim on detection, estimates and resolution; one that needs more to decide
         takes what it needs.
     full
-        The long certificate: 10,000 trials, false alarms at 1e-6 as well.
+        The long certificate: 10,000 trials, 1e9 cells of each detector; half an hour on two cores.
     out
         Folder for the paper and its numbers. Earlier ones in it are replaced.
     seed
@@ -78,20 +81,22 @@ def _show(found: dict[str, Any], out: Path) -> None:
     claims = table("", left=["claim", ""], right=["published", "measured"])
     for column in claims.columns[:2]:
         column.no_wrap = True
-    for claim in found["claims"]:
+    every = [*found["claims"], *(one for part in found["parts"] for one in part["claims"])]
+    for claim in every:
         first = shown(claim)
         verdict = "holds" if claim["passed"] else "FAILS"
         claims.add_row(claim["id"], verdict, first.published, first.measured)
     screen.print(claims)
     failed = [
         (claim["id"], check["name"], shown(check))
-        for claim in found["claims"]
+        for claim in every
         for check in claim["checks"]
         if not check["passed"]
     ]
     for name, what, check in failed:
         interval = f" ({check.interval})" if check.interval else ""
         screen.print(f"{name}, {what}: {check.measured}{interval}, required {check.required}.")
-    n_passed = sum(claim["passed"] for claim in found["claims"])
-    screen.print(f"{n_passed} of {len(found['claims'])} claims hold.")
+    n_passed = sum(claim["passed"] for claim in every)
+    screen.print(f"{n_passed} of {len(every)} claims hold.")
+    screen.print(f"Checksum of the numbers: {found['checksum']}", soft_wrap=True)
     screen.print(f"Paper: {out / 'report.html'}", soft_wrap=True)

@@ -18,7 +18,7 @@ from cyclopts import (
     UnusedCliTokensError,
 )
 
-from dechirp.config.nearest import did_you_mean
+from dechirp.config.nearest import OR_NONE, did_you_mean
 from dechirp.config.shown import shown
 from dechirp.core.errors import DechirpError, InvalidFile, Mistake
 
@@ -77,7 +77,7 @@ def wrong_call(error: CycloptsError) -> list[Mistake]:
                 setting=shown(given),
                 got="not an option of this command",
                 need=f"one of {', '.join(options)}" if options else "left out",
-                fix=did_you_mean(given, options) if options else help_fix,
+                fix=did_you_mean(given, options, OR_NONE) if options else help_fix,
             )
         case UnusedCliTokensError(unused_tokens=list() as tokens):
             mistake = Mistake(

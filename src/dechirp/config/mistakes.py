@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 
 from dechirp.config.fields import Setting, Slot, is_family, key_of, settings, words
 from dechirp.config.models import ElsewhereError
-from dechirp.config.nearest import did_you_mean, nearest
+from dechirp.config.nearest import OR_NONE, did_you_mean, nearest
 from dechirp.config.shown import shown
 from dechirp.config.tree import Node, Place, dotted
 from dechirp.core.errors import InvalidSetting, Mistake
@@ -136,7 +136,7 @@ def _unknown(at: Spot, about: Spot) -> Mistake:
         at.setting,
         got="not a known name",
         need=f"one of {', '.join(names)}" if names else "left out: there are no settings here",
-        fix=did_you_mean(at.path.rpartition(".")[2], names),
+        fix=did_you_mean(at.path.rpartition(".")[2], names, OR_NONE),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -72,8 +73,10 @@ def _checked(hint: Any, field: str, unit: str | None) -> Any:
     made: Any = None
     if hint is float:
         made = Annotated[Any, PlainValidator(partial(_number, unit=unit))]
-    elif hint in (int, bool):
-        made = Annotated[hint, Strict()]
+    elif hint is int:
+        made = Annotated[int, Strict(), BeforeValidator(_whole)]
+    elif hint is bool:
+        made = Annotated[bool, Strict()]
     elif hint is str and is_path(field):
         made = Annotated[str, AfterValidator(_beside_the_file)]
     elif hint in (str, type(None)) or get_origin(hint) is Literal:
@@ -103,6 +106,12 @@ def _number(raw: Any, *, unit: str | None) -> float:
     if isinstance(raw, bool) or not isinstance(raw, str | int | float):
         raise PydanticCustomError("number", "not a number")
     return quantity(raw if isinstance(raw, str) else repr(raw), unit)
+
+
+def _whole(raw: Any) -> Any:
+    """Take 128.0 for 128, as JSON does: programs that write files may."""
+    is_whole = isinstance(raw, float) and raw.is_integer() and abs(raw) < 2**53
+    return int(raw) if is_whole else raw
 
 
 def _beside_the_file(path: str, info: ValidationInfo) -> str:

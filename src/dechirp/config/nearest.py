@@ -12,7 +12,14 @@ def nearest(word: str, names: Iterable[str]) -> str | None:
     return best if best is not None and alike[best] >= 0.6 else None
 
 
-def did_you_mean(word: str, names: Iterable[str]) -> str:
-    """How to mend a wrong name, beside a list of the right ones."""
-    meant = nearest(word, names)
-    return f"Did you mean {meant}?" if meant else "Take one of these, or leave it out."
+OR_NONE = "Take one of these, or leave it out."
+"""Of what need not be given."""
+
+
+def did_you_mean(word: str, names: Iterable[str], otherwise: str = "Take one of these.") -> str:
+    """How to mend a wrong name, beside a list of the right ones, which may be empty."""
+    known = tuple(names)
+    meant = nearest(word, known)
+    if meant:
+        return f"Did you mean {meant}?"
+    return otherwise if known else "Leave it out."

@@ -5,6 +5,7 @@ from dataclasses import replace
 from dechirp.config.mistakes import Spot
 from dechirp.config.models import Context
 from dechirp.config.nearest import did_you_mean
+from dechirp.config.shown import shown
 from dechirp.config.texts import dump
 from dechirp.config.tree import Node, Place, dotted, read_tree
 from dechirp.core.errors import InvalidFile
@@ -41,7 +42,7 @@ def given(text: str) -> tuple[str, Node]:
         raise InvalidFile(
             _OPTION.mistake(
                 "--set",
-                got=text or "empty",
+                got=shown(text) if text else "empty",
                 need="PATH=VALUE",
                 fix="Write --set radar.frame.n_chirps=64, for instance.",
             )

@@ -24,9 +24,7 @@ def quantity(text: str, unit: str | None, *, setting: str = "quantity") -> float
     text : str
         Such as `77 GHz`. 0 needs no unit; a ratio is bare or in dB; a probability is bare.
     unit : str, optional
-        Suffix of the field's name: `hz`, `hz_per_s`, `s`, `m`, `m_per_s`, `m_per_s2`, `m2`,
-        `m2_per_s3`, `w`, `rad`, `rad_per_s`, `k`, `pa`, `kg_per_m3`, `per_hz`, `bits_per_s`,
-        `bytes`, or `probability`; None: a ratio.
+        Suffix of the field's name, a key of `core.kinds.KINDS`, as `hz`; None: a ratio.
     setting : str
         What a mistake calls it.
 

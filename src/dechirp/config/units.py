@@ -69,8 +69,8 @@ DEFINITIONS = {
 """Each unit by the ones before it; a setting may divide one by another."""
 
 
-def convert(number: Decimal, unit: str, base: str) -> Decimal | None:
-    """Convert to the base unit, or give None where the unit is unknown or of another kind.
+def convert(number: Decimal, unit: str, wanted: str) -> Decimal | None:
+    """Convert to the unit wanted, or give None where `unit` is unknown or of another kind.
 
     Decimal, so that 7.776 mm is the float nearest to 0.007776 m.
     """
@@ -78,7 +78,7 @@ def convert(number: Decimal, unit: str, base: str) -> Decimal | None:
     if not all(part in DEFINITIONS for part in unit.split("/")):
         return None
     try:
-        return Decimal(_registry().convert(number, unit, base))
+        return Decimal(_registry().convert(number, unit, wanted))
     except pint.DimensionalityError:
         return None
 

@@ -13,7 +13,7 @@ from dechirp.config.fields import Setting, Slot, is_family, settings
 from dechirp.config.files import value_of
 from dechirp.config.mistakes import Spot
 from dechirp.config.models import Context
-from dechirp.config.nearest import did_you_mean
+from dechirp.config.nearest import OR_NONE, did_you_mean
 from dechirp.config.overrides import placed
 from dechirp.config.texts import dump
 from dechirp.config.tree import Node, Place, distinct, dotted, read_tree
@@ -145,7 +145,7 @@ def _setting(known: Mapping[str, Setting], name: str, before: str) -> Setting:
             dotted(before, name),
             got="not a known name",
             need=f"one of {', '.join(known)}" if known else "left out: there are no settings here",
-            fix=did_you_mean(name, known),
+            fix=did_you_mean(name, known, OR_NONE),
         )
     return known[name]
 

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 # What rows are of, and what each of them has.
 _KINDS = {"detection": "range", "cluster": "range", "track": "status", "target": "range"}
-_KINDS |= {"frame": "vx"}
+_KINDS |= {"frame": "vx"}  # the last: truth and tracks run over frames as well
+# Units of the samples whose squares a map holds.
 _ROOTS = {"W": "sqrt(W)", "full scale squared": "full scale"}
 _SPANS = {"range": "m", "velocity": "m_per_s", "azimuth": "rad", "elevation": "rad", "snr": None}
 

@@ -60,7 +60,7 @@ def whole(where: str, number: Any, *, at_least: int, at_most: int = 2**31 - 1) -
             where,
             got=number,
             need=f"a whole number from {at_least} to {at_most}",
-            fix="Give a count.",
+            fix="Give a whole number in these bounds.",
         )
 
 
@@ -131,7 +131,7 @@ def detection_above_false_alarms(
             "detection_probability",
             got=detection_probability,
             need=f"above the false-alarm probability, {false_alarm_probability}",
-            fix="Noise alone exceeds the threshold more often than that.",
+            fix="Ask for more detections, or allow fewer false alarms.",
         )
 
 

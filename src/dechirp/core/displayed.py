@@ -9,12 +9,9 @@ from dataclasses import fields, is_dataclass
 from html import escape
 from itertools import islice
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from dechirp.core.kinds import split
-
-if TYPE_CHECKING:
-    from dechirp.core.findings import Finding
 
 MOST_ROWS = 20
 _MOST_MEMBERS = 4
@@ -22,7 +19,7 @@ _MOST_MEMBERS = 4
 _SIDE_BY_SIDE = "display:flex;flex-wrap:wrap;column-gap:2.5em;align-items:flex-start"
 _TABLE = "border-collapse:collapse;margin:0 0 0.8em 0"
 _TITLE = "text-align:left;caption-side:top;font-style:italic"
-_CELL = "text-align:{};padding:0.1em 0.8em 0.1em 0;vertical-align:top;max-width:28em"
+_CELL = "text-align:left;padding:0.1em 0.8em 0.1em 0;vertical-align:top;max-width:28em"
 
 
 class Table(NamedTuple):
@@ -79,11 +76,6 @@ def follows(value: object, *names: str) -> list[tuple[str, str, str]]:
     ]
 
 
-def findings(found: "Iterable[Finding]") -> Table:
-    """What there is to know of a result."""
-    return Table("Findings", [(one.level, str(one)) for one in found])
-
-
 def cut(title: str, rows: Iterable[Sequence[str]], n_rows: int, head: Sequence[str] = ()) -> Table:
     """A table of the first rows, which says how many more there are; those are never made."""
     return Table(title, list(islice(rows, MOST_ROWS)), head, max(n_rows - MOST_ROWS, 0))
@@ -137,5 +129,4 @@ def _table(table: Table) -> str:
 
 
 def _row(cells: Sequence[str], tag: str) -> str:
-    style = _CELL.format("left")
-    return f"<tr>{''.join(f'<{tag} style={style!r}>{escape(one)}</{tag}>' for one in cells)}</tr>"
+    return f"<tr>{''.join(f'<{tag} style={_CELL!r}>{escape(one)}</{tag}>' for one in cells)}</tr>"

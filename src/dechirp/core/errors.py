@@ -27,7 +27,9 @@ class Mistake:
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part)
         where = f"{place}: {self.setting}" if place else self.setting
-        return f"{where} is {self.got}, but must be {self.need}. {self.fix}"
+        text = f"{where} is {self.got}, but must be {self.need}. {self.fix}"
+        # Names of files and foreign bytes may hold anything, a terminal's commands among them.
+        return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 class DechirpError(Exception):

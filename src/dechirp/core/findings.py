@@ -1,10 +1,11 @@
 """What a user should know about a result that is nevertheless a result."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Literal
 
+from dechirp.core.displayed import Table
 from dechirp.core.values import value
 
 
@@ -20,6 +21,11 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.setting}: {self.got}; needs {self.need}. {self.fix}"
+
+
+def findings(found: Iterable[Finding]) -> Table:
+    """What there is to know of a result, as a notebook shows it."""
+    return Table("Findings", [(one.level, str(one)) for one in found])
 
 
 class PhysicsWarning(UserWarning):

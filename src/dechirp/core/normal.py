@@ -66,18 +66,18 @@ def add_white_noise(samples: np.ndarray, power_w: float, rng: np.random.Generato
     if real is np.float32:
         key, upper = rng.integers(2**64, size=2, dtype=np.uint64)
 
-        def one(first: int) -> None:
+        def draw(first: int) -> None:
             _add(parts[first : first + _PIECE], np.uint64(first // 4), upper, key, std)
     else:
         # Drawn, not spawned: generators of the same state give the same noise.
         seeds = rng.integers(2**63, size=(len(firsts), 2))
 
-        def one(first: int) -> None:
+        def draw(first: int) -> None:
             piece = parts[first : first + _PIECE]
             own = np.random.default_rng(seeds[first // _PIECE])
             piece += std * own.standard_normal(piece.size, dtype=real)
 
-    in_threads(min(numba.get_num_threads(), len(firsts)), one, firsts)
+    in_threads(min(numba.get_num_threads(), len(firsts)), draw, firsts)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -20,7 +20,7 @@ def in_threads(n_threads: int, work: Callable[[T], None], jobs: Iterable[T]) -> 
 
     The caller works too, so that jobs may themselves share out theirs.
     """
-    left = iter(list(jobs))
+    left = iter(list(jobs))  # threads may share it; a generator refuses two at once
 
     def drain() -> None:
         try:

@@ -22,7 +22,7 @@ def value(cls: type[T]) -> type[T]:
     def keep(self: Any) -> None:
         for field in fields(self):
             given = getattr(self, field.name)
-            if getattr(given, "ndim", None) == 0 and hasattr(given, "item"):  # types have none
+            if getattr(given, "ndim", None) == 0 and hasattr(given, "item"):  # a dtype has none
                 object.__setattr__(self, field.name, given.item())
         if check is not None:
             check(self)

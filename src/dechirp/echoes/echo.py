@@ -31,8 +31,6 @@ CUBES_HELD = 3
 
 # Bytes for each scatterer: its path, amplitude and gains, tones and series.
 _SCATTERER_BYTES = 600
-# Grids and tables of the kernels, on two threads.
-_KERNEL_BYTES = 300e6
 # A copy of echoes, complex or longer than what is kept, holds so many samples at a time.
 _AT_ONCE = 2**21
 

@@ -9,9 +9,9 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.accessor import rows
-from dechirp.core.displayed import Displayed, Table, findings, several
+from dechirp.core.displayed import Displayed, Table, several
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding, PhysicsWarning, heard
+from dechirp.core.findings import Finding, PhysicsWarning, findings, heard
 from dechirp.core.values import value
 from dechirp.echoes.echo import simulate
 from dechirp.experiment.followed import follow
@@ -231,7 +231,8 @@ def concluded(
 def about_chain(chain: Chain, radar: Radar) -> tuple[Finding, ...]:
     """What is said about the maps that settings make for a radar."""
     fitted = chain.fitted(radar)
-    return (*_fewer_cells(chain.cfar, fitted.cfar), *remarks(radar, fitted))
+    cells = _fewer_cells(chain.cfar, fitted.cfar)
+    return (*cells, *_no_directions(chain, fitted), *remarks(radar, fitted))
 
 
 def about_found(found: Found, radar: Radar) -> tuple[Finding, ...]:
@@ -340,6 +341,22 @@ def _fewer_cells(usual: Cfar, taken: Cfar) -> tuple[Finding, ...]:
             got=f"{' and '.join(cells)}, on each side, fewer than usual",
             need="a ring of cells that fits into the map",
             fix="Set chain.cfar.n_training and chain.cfar.n_guard to choose others.",
+        ),
+    )
+
+
+def _no_directions(usual: Chain, taken: Chain) -> tuple[Finding, ...]:
+    """What is said when somebody asked for directions that the array cannot tell."""
+    was_asked_for = usual.angle is not Chain.angle  # and not the default itself
+    if not (was_asked_for and usual.angle is not None and taken.angle is None):
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting="chain.angle",
+            got=f"{usual.angle.kind()}, left out: this array tells no directions",
+            need="elements at two places or more",
+            fix="Give the radar more elements, or set chain.angle to null.",
         ),
     )
 

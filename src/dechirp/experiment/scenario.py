@@ -12,7 +12,7 @@ import numpy as np
 from dechirp.config import files
 from dechirp.config.models import Readers
 from dechirp.core.checks import count, instances
-from dechirp.core.errors import InvalidSetting
+from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
 from dechirp.core.findings import PhysicsWarning
 from dechirp.core.values import value
 from dechirp.echoes.engine import Engine
@@ -20,7 +20,7 @@ from dechirp.echoes.impairments.base import Impairment
 from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.echoes.stages import by_stage
 from dechirp.formats.settings.calibration import read_calibration
-from dechirp.formats.settings.read import read_radar
+from dechirp.formats.settings.read import holds_settings, read_radar
 from dechirp.process.angle.fft import Fft
 from dechirp.process.chain import Chain, searched_rows
 from dechirp.process.sources import aperture_of
@@ -219,7 +219,20 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     InvalidFile
         With every mistake of the file at once, each with its line and column.
     """
-    return files.read(Path(path), Scenario, overrides=overrides, readers=READERS)
+    path = Path(path)
+    vendors = path.suffix.lower() not in (".yaml", ".yml")
+    if vendors and (path.suffix.lower() == ".cfg" or holds_settings(path)):
+        raise InvalidFile(
+            Mistake(
+                setting="the file",
+                got="settings of a radar, as its vendor writes them",
+                need="a scenario: YAML",
+                fix="Open a recording with it: dechirp.open(RECORDING, radar=FILE); or write a"
+                " scenario with radar: FILE.",
+                file=str(path),
+            )
+        )
+    return files.read(path, Scenario, overrides=overrides, readers=READERS)
 
 
 def reference(overrides: Sequence[str] = ()) -> Scenario:

@@ -46,13 +46,13 @@ def contents_of(path: Path, wanted: str | None, told: Told) -> tuple[str, Conten
     kinds = _fitting(path, wanted, formats, given)
     if len(kinds) == 1:
         (kind,) = kinds
-        return kind, _read(path, kind, formats[kind], told)
+        return kind, _read(path, formats[kind], told)
     # Bare samples: each format that they fit is tried, and the one is taken that leaves the
     # energy in clearly the fewest beat frequencies. If none fits, the first says why.
     found, refused = {}, []
     for kind in kinds:
         try:
-            found[kind] = _read(path, kind, formats[kind], told)
+            found[kind] = _read(path, formats[kind], told)
         except RecordingError as error:
             refused.append(error)
     if not found:
@@ -139,7 +139,7 @@ def _taking(
     )
 
 
-def _read(path: Path, kind: str, reader: Format, told: Told) -> Contents:
+def _read(path: Path, reader: Format, told: Told) -> Contents:
     """Contents of a path, read by a format that takes what was said of it."""
     must_be_one_of(path, "encoding", told.encoding, reader.encodings)
     return reader.read(path, told)

@@ -11,9 +11,9 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES
-from dechirp.core.displayed import Displayed, Table, findings, several
+from dechirp.core.displayed import Displayed, Table, several
 from dechirp.core.errors import RecordingError
-from dechirp.core.findings import Finding
+from dechirp.core.findings import Finding, findings
 from dechirp.core.memory import must_fit
 from dechirp.core.values import value
 from dechirp.formats.base import IQ_ORDERS, Contents, Told

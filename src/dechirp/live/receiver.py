@@ -104,7 +104,7 @@ def _bound(host: str, port: int) -> socket.socket:
         made.setblocking(False)
         made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         made.bind((host, port))
-    except (OSError, UnicodeError) as error:
+    except (OSError, TypeError, ValueError) as error:  # the latter two of what is no name
         made.close()
         why = getattr(error, "strerror", None) or error
         raise InvalidSetting(

@@ -1,5 +1,6 @@
 """What a DBC says of the object list: which signals carry which columns, in what codes."""
 
+import math
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -231,6 +232,10 @@ def _codes(path: Path, message: str, signal: Any, need: Wanted) -> Codes:
         raise _unfit(
             path, f"{where} of floats", "whole numbers with a scale", "Make it an integer."
         )
+    if not all(
+        _is_finite(one) for one in (signal.scale, signal.offset, signal.minimum, signal.maximum)
+    ):
+        raise _unfit(path, f"{where} of numbers that no float has", "smaller ones", "Mend them.")
     scale, offset = float(signal.scale), float(signal.offset)
     if not scale or not (need.column or (scale, offset) == (1, 0)):
         got = f"{where} with scale {scale:.6g} and offset {offset:.6g}"
@@ -267,6 +272,13 @@ def _codes(path: Path, message: str, signal: Any, need: Wanted) -> Codes:
             "Take the first or the last one, and leave it out of the range.",
         )
     return codes
+
+
+def _is_finite(number: float | None) -> bool:
+    try:
+        return number is None or math.isfinite(number)
+    except OverflowError:  # a whole number beyond all floats
+        return False
 
 
 def _unfit(path: Path, got: str, need: str, fix: str) -> InvalidSetting:

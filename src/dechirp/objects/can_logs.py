@@ -81,6 +81,7 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
         # A reader that fails on its first bytes would leave a file open that it opened itself.
         with _opened(path) as file, reader(file) as log:
             n_frames, received = _ours(log, found)
+            is_none = n_frames == 0 and not _is_whole(log, path)
     except OSError as error:
         raise RecordingError(
             path, got=error.strerror or error, need="a file that can be read", fix="Check the path."
@@ -93,6 +94,13 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
             need="a whole log",
             fix="Write it again, or cut off its damaged end.",
         ) from None
+    if is_none:
+        raise RecordingError(
+            path,
+            got="cut off, or no log of a CAN bus: no frame can be read of it",
+            need="a whole log",
+            fix="Write it again, or give the file that is one.",
+        )
     if n_frames and not received:
         raise RecordingError(
             path,
@@ -160,6 +168,13 @@ def receive_can(
     number("idle_s", idle_s, above=0.0, at_most=1e6)
     number("at_most_s", at_most_s, above=0.0, at_most=1e6)
     return gathered(_heard(bus, idle_s, at_most_s), layout(dbc))
+
+
+def _is_whole(log: Any, path: Path) -> bool:
+    """Whether a log without frames is one: the readers pass over what they do not know."""
+    if path.suffix.lower() == ".asc":
+        return log.date is not None or log.timestamps_format is not None
+    return getattr(log, "object_count", 0) == 0  # as the head of a BLF says
 
 
 def _ours(log: Iterable[Any], found: Layout) -> tuple[int, list[Frame]]:

@@ -5,13 +5,12 @@ Frames without objects have no row.
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from dechirp.core.database import database, literal, quoted, utf8_name
 from dechirp.core.errors import RecordingError
-from dechirp.core.extra import library
 from dechirp.core.units import decibels, from_decibels
 from dechirp.objects.rows import COLUMNS, MEASURED, must_be_objects, of_rows
 from dechirp.objects.whole import named, whole_file
@@ -40,22 +39,21 @@ def write_table(objects: xr.Dataset, path: str | Path) -> None:
     Raises
     ------
     InvalidSetting
-        If it is no object list, the path cannot be written, or the extra `io` is missing.
+        If it is no object list, or the path cannot be written.
     """
+    import duckdb
+
     path = named(path, SUFFIXES)
     objects = must_be_objects(objects)
     how, _ = _WAYS[path.suffix.lower()]
-    duckdb = library("duckdb")
     with np.errstate(divide="ignore"):  # no signal at all is minus infinity
         objects = objects.assign(snr=decibels(objects["snr"]))
     rows = objects[list(COLUMNS)].to_dataframe()[list(COLUMNS)].rename(columns=_NAMES)
-    with whole_file(path) as made, _database(duckdb) as database:
+    with whole_file(path) as made, utf8_name(made) as name, database() as duck:
         # Not every DuckDB knows the type that pandas has for texts.
-        database.register("rows", rows.astype({"status": object}))
+        duck.register("rows", rows.astype({"status": object}))
         try:
-            database.execute(
-                f"COPY (SELECT {_columns(_WRITTEN)} FROM rows) TO {_quoted(str(made))} ({how})"
-            )
+            duck.execute(f"COPY (SELECT {_columns(_WRITTEN)} FROM rows) TO {quoted(name)} ({how})")
         except duckdb.IOException as error:
             raise OSError(None, _line(error)) from None
 
@@ -68,18 +66,22 @@ def read_table(path: str | Path) -> xr.Dataset:
     RecordingError
         If it cannot be read, or has other columns.
     InvalidSetting
-        If the values in it are no object list, or the extra `io` is missing.
+        If the values in it are no object list.
     """
+    import duckdb
+
     path = named(path, SUFFIXES)
     _, reader = _WAYS[path.suffix.lower()]
     if not path.is_file():
         raise _unreadable(path, "no file")
-    duckdb = library("duckdb")
-    with _database(duckdb) as database:
+    with utf8_name(path) as name, database() as duck:
+        table = reader.format(quoted(literal(name)))
         try:
-            rows = database.execute(
-                f"SELECT {_columns(_READ)} FROM {reader.format(_quoted(_literal(path)))}"
-            ).fetchnumpy()
+            described = duck.execute(f"DESCRIBE SELECT * FROM {table}").fetchall()
+            given = {str(row[0]).lower() for row in described}  # as DuckDB compares names
+            if lacks := [name for name in _NAMES.values() if name not in given]:
+                raise _unreadable(path, f"without columns {', '.join(lacks)}")
+            rows = duck.execute(f"SELECT {_columns(_READ)} FROM {table}").fetchnumpy()
         except duckdb.Error as error:
             raise _unreadable(path, _line(error)) from None
     for name in ("frame", "time", "number", "status"):
@@ -99,24 +101,9 @@ def _columns(types: dict[str, str]) -> str:
     )
 
 
-def _database(duckdb: Any) -> Any:
-    """One in memory, that never fetches anything from a network."""
-    return duckdb.connect(
-        config={"autoinstall_known_extensions": False, "autoload_known_extensions": False}
-    )
-
-
-def _literal(path: Path) -> str:
-    """Pattern that matches this path alone: names may hold what stands for other letters."""
-    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path))
-
-
-def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
-
-
 def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
+    text, _, _ = str(error).partition("\nLINE ")  # after which it tells our query
+    return " ".join(text.split())[:200]
 
 
 def _unreadable(path: Path, got: str) -> RecordingError:

@@ -15,7 +15,7 @@ from dechirp.process.angle.base import SpectralEstimator
 from dechirp.process.chain import Chain
 from dechirp.process.folds import ramps
 from dechirp.process.mirrored_beams import beams, keep_strongest
-from dechirp.process.range_walk import undone_by
+from dechirp.process.range_walk import growth, undone_by
 from dechirp.process.refine import Tones, refine
 from dechirp.process.sources import aperture_of, middle_m, range_from_m, snapshots
 from dechirp.process.spectrum import FrameTransform, Transform, split_spectrum
@@ -276,6 +276,7 @@ def _tone(
         2 * np.pi * frame.repetition_s * doppler_hz,
         2 * np.pi / chirp.sample_rate_hz * beat_hz,
         np.zeros(len(order)),
+        growth=growth(chirp),
     )
     at = np.flatnonzero(order == own)
     one = Tones(tones.slow[at], tones.fast[at], tones.energy[at], tones.amplitude[at])

@@ -30,6 +30,7 @@ from dechirp.process.sources import (
     undirected,
 )
 from dechirp.process.spectrum import noise_gain
+from dechirp.process.unit import exponent_of, in_unit
 from dechirp.process.virtual import channels
 from dechirp.radar.cube import must_be_sampled_as
 from dechirp.radar.frame import Frame
@@ -229,7 +230,10 @@ def _seen(
         sent = clean.samples
         if took_out is not None:
             took_out(clean.removed)
-    samples = channels(sent, frame)
+    exponent = exponent_of(sent)
+    samples = channels(in_unit(sent, exponent), frame)
+    if maps is not None and exponent:
+        maps = _in_their_unit(maps, exponent)
     if frame.falls:
         n_rx, one_sided = radar.array.n_rx, radar.one_sided()
         up, down = (
@@ -240,6 +244,13 @@ def _seen(
     else:
         found = _unfolded(_peaks(samples, radar, chain, maps), radar, chain)
     return _Seen(number, start_s + frame.mid_frame_s, radar, found)
+
+
+def _in_their_unit(
+    maps: Callable[[np.ndarray], None], exponent: int
+) -> Callable[[np.ndarray], None]:
+    """`maps` for power maps of samples over 2^exponent: it gets those of the samples."""
+    return lambda power: maps(in_unit(power, -2 * exponent))
 
 
 def _agreed(frames: list[_Seen], frame: Frame) -> Iterator[_Seen]:

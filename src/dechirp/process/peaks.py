@@ -13,6 +13,9 @@ from dechirp.process.spectrum import Transform
 # Beyond so many cells over threshold a map is no longer one of targets: at 1e-6 a map of
 # 281,600 cells of noise has 0.3. The strongest are kept.
 MOST_PEAKS = 2000
+# What single precision leaves of the amplitude of a peak anywhere in a map, at most: a tone
+# without noise left 1e-7 in its own row and column, and 1e-8 elsewhere.
+ROUNDING = np.float32(2e-7)
 
 
 def peaks(power: np.ndarray, threshold: np.ndarray, noise: Noise) -> np.ndarray:
@@ -45,7 +48,9 @@ def clear_of_sidelobes(
     """Those of the cells found, strongest first, that no sidelobe explains, (n, 2).
 
     A weaker one must stand out from the window's sidelobes of each stronger one by as much as
-    from the noise: its amplitude less theirs exceeds that of its threshold, (n,).
+    from the noise: its amplitude less theirs exceeds that of its threshold, (n,). So must it from
+    what rounding leaves of the stronger one, 134 dB below it: an echo without any noise would
+    else be a hundred detections.
     """
     if len(found) < 2:
         return found
@@ -138,7 +143,7 @@ def _outside_sidelobes(
             dr = abs(found[i, 1] - found[k, 1])
             # Sidelobes wrap round both axes of a transform.
             dv, dr = min(dv, n_velocity_bins - dv), min(dr, n_range_bins - dr)
-            lobe = amplitude[k] * over_velocity[dv] * over_range[dr]
+            lobe = amplitude[k] * (over_velocity[dv] * over_range[dr] + ROUNDING)
             if amplitude[i] < lobe + threshold[i]:
                 keep[i] = False
                 break

@@ -73,9 +73,8 @@ def keystone(
     """
     tapered = _tapered(samples, sampling, over_range, over_velocity)
     n_chirps, n_bins = over_velocity.n_points, over_velocity.n_bins
-    rates = (
-        -np.pi / n_bins * _scales(over_range.n_points, growth)
-    )  # of k j = (k^2 + j^2 - (k - j)^2) / 2
+    # Of k j = (k^2 + j^2 - (k - j)^2) / 2.
+    rates = -np.pi / n_bins * _scales(over_range.n_points, growth)
     chirps, bins = _from_middle(n_chirps), _bins(n_bins)
     apart = bins[0] - chirps[-1] + np.arange(n_chirps + n_bins - 1)
     n_fft = scipy.fft.next_fast_len(apart.size)

@@ -78,7 +78,7 @@ def refine(
     n_samples_each = n_chirps * n_samples
     # A tenth of the standard deviation that noise gives an amplitude.
     negligible = 0.1 * np.sqrt(noise_power / n_samples_each)
-    return Tones(*_maxima(sums, slow, fast, negligible, rows, columns))
+    return Tones(*_maxima(sums, slow, fast, negligible, rows, columns, growth))
 
 
 @lru_cache(maxsize=64)
@@ -142,6 +142,7 @@ def _maxima(
     negligible: np.ndarray,
     rows: np.ndarray,
     columns: np.ndarray,
+    growth: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Frequencies, energies and amplitudes of all tones, each with the others subtracted."""
     n_tones, n_rx = sums.shape[:2]
@@ -150,6 +151,10 @@ def _maxima(
     d_slow, d_fast = np.zeros(n_tones), np.zeros(n_tones)
     amplitude = np.zeros((n_tones, n_rx), np.complex128)
     largest, was_alone = np.zeros(n_tones), np.zeros(n_tones, np.bool_)
+    half = np.empty((n_tones, 4))
+    for i in range(n_tones):
+        _halves(slow[i], fast[i], half[i])
+    half_now = half.copy()
     for turn in range(PASSES if n_tones > 1 else 1):
         for i in range(n_tones):
             own, is_alone = sums[i].copy(), True
@@ -159,28 +164,46 @@ def _maxima(
                     continue
                 apart_slow = slow[k] + d_slow[k] - slow[i]
                 apart_fast = fast[k] + d_fast[k] - fast[i]
-                lobe = _sidelobe(apart_slow, rows[-1]) * _sidelobe(apart_fast, columns[-1])
-                if lobe * largest[k] > negligible[i]:
-                    _subtract(own, amplitude[k], apart_slow, apart_fast, rows, columns)
+                # Of 2,000 tones there are 4e6 pairs: sines of each pair would be most of the time.
+                sine_slow = half_now[k, 0] * half[i, 1] - half_now[k, 1] * half[i, 0]
+                sine_fast = half_now[k, 2] * half[i, 3] - half_now[k, 3] * half[i, 2]
+                down = _down(sine_slow, rows[-1]) * _down(sine_fast, columns[-1])
+                if largest[k] > negligible[i] * down:
+                    walk = apart_slow * growth
+                    _subtract(own, amplitude[k], apart_slow, apart_fast, walk, rows, columns)
                     is_alone = False
             if turn and is_alone and was_alone[i]:
                 continue  # nothing is new
             was_alone[i] = is_alone
             d_slow[i], d_fast[i] = _highest(own, rows, columns, d_slow[i], d_fast[i])
+            _halves(slow[i] + d_slow[i], fast[i] + d_fast[i], half_now[i])
             gain = _gain(d_slow[i], rows) * _gain(d_fast[i], columns)
             moments = _moments(own, rows, columns, d_slow[i], d_fast[i])
-            amplitude[i] = moments[0] / gain
-            largest[i] = np.abs(amplitude[i]).max()
-    energy = np.empty(n_tones)
+            largest[i] = 0.0
+            for k in range(n_rx):
+                amplitude[i, k] = moments[0, k] / gain
+                largest[i] = max(largest[i], abs(amplitude[i, k]))
+    energy = np.zeros(n_tones)
     for i in range(n_tones):
-        energy[i] = np.sum(np.abs(amplitude[i]) ** 2) * n_samples
+        for k in range(n_rx):
+            energy[i] += abs(amplitude[i, k]) ** 2 * n_samples
     return slow + d_slow, fast + d_fast, energy, amplitude
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sidelobe(apart: float, n: int) -> float:
-    """Bound on what a unit tone adds to the mean of n points so far from its frequency."""
-    return min(1.0, 1.0 / (n * abs(np.sin(apart / 2)) + 1e-9))
+def _halves(slow: float, fast: float, out: np.ndarray) -> None:
+    """Sine and cosine of half of each, from which those of half a difference follow."""
+    out[0], out[1] = np.sin(slow / 2), np.cos(slow / 2)
+    out[2], out[3] = np.sin(fast / 2), np.cos(fast / 2)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _down(sine: float, n: int) -> float:
+    """How many times smaller the mean of n points of a tone is than the tone, at least.
+
+    `sine`: of half the angle that it turns from point to point.
+    """
+    return max(1.0, n * abs(sine))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -189,35 +212,56 @@ def _subtract(
     amplitude: np.ndarray,
     apart_slow: float,
     apart_fast: float,
+    walk: float,
     rows: np.ndarray,
     columns: np.ndarray,
 ) -> None:
-    """Take another tone out of block sums, in place, unless it lies too near to part."""
+    """Take another tone out of block sums, in place, unless it lies too near to part.
+
+    `walk`, rad per chirp and sample: that of the tone less that which was taken from the sums,
+    at the middle of each block. Where it turns the corners of the frame by 0.1 rad, a target
+    80 dB below is so found within 0.015 bins; without it 0.25 off.
+    """
     bins_slow = abs((apart_slow + np.pi) % (2 * np.pi) - np.pi) * rows[-1] / (2 * np.pi)
     bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
     if max(bins_slow, bins_fast) < 1.5:
         return
     over_rows, over_columns = _block_tone(apart_slow, rows), _block_tone(apart_fast, columns)
+    from_row = (rows[1:] + rows[:-1] - rows[-1]) / 2
+    from_column = (columns[1:] + columns[:-1] - columns[-1]) / 2
+    tone = np.empty((over_rows.size, over_columns.size), np.complex128)
+    for a in range(over_rows.size):
+        for b in range(over_columns.size):
+            turn = walk * from_row[a] * from_column[b]
+            tone[a, b] = over_rows[a] * over_columns[b] * complex(np.cos(turn), np.sin(turn))
     for k in range(amplitude.size):
         for a in range(over_rows.size):
             for b in range(over_columns.size):
-                sums[k, a, b] -= amplitude[k] * over_rows[a] * over_columns[b]
+                sums[k, a, b] -= amplitude[k] * tone[a, b]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _block_tone(frequency: float, edges: np.ndarray) -> np.ndarray:
     """Sum of exp(i frequency n) over each block, (blocks,)."""
-    if abs(np.sin(frequency / 2)) < 1e-9:
-        return np.diff(edges) + 0j
-    ends = np.exp(1j * frequency * edges)
-    return (ends[1:] - ends[:-1]) / (np.exp(1j * frequency) - 1)
+    sums = np.empty(edges.size - 1, np.complex128)
+    is_still = abs(np.sin(frequency / 2)) < 1e-9
+    step, end = np.exp(1j * frequency) - 1, np.exp(1j * frequency * edges[0])
+    # A loop, as below: `np.diff` and sums of arrays take 3 s more to compile.
+    for k in range(sums.size):
+        start, end = end, np.exp(1j * frequency * edges[k + 1])
+        sums[k] = edges[k + 1] - edges[k] if is_still else (end - start) / step
+    return sums
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _gain(frequency: float, edges: np.ndarray) -> float:
     """What a unit tone adds up to when blocks turn as wholes: a little less than N."""
-    centres = (edges[1:] + edges[:-1] - 1) / 2
-    return np.sum(_block_tone(frequency, edges) * np.exp(-1j * frequency * centres)).real
+    gain = 0.0
+    tones = _block_tone(frequency, edges)
+    for k in range(tones.size):
+        centre = (edges[k + 1] + edges[k] - 1) / 2
+        gain += (tones[k] * np.exp(-1j * frequency * centre)).real
+    return gain
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})

@@ -55,8 +55,9 @@ class Chirp(Displayed):
         if last_sample_s > self.ramp_duration_s * (1 + 1e-9):
             raise InvalidSetting(
                 "Chirp.ramp_duration_s",
-                got=f"{self.ramp_duration_s:.6g} s",
-                need=f"at least {last_sample_s:.6g} s, when the last sample is taken",
+                # Ten digits, or 9.9999999 s would be called 10 s, and refused for less than that.
+                got=f"{self.ramp_duration_s:.10g} s",
+                need=f"at least {last_sample_s:.10g} s, when the last sample is taken",
                 fix="Lengthen the ramp, start sampling earlier, take fewer samples or sample"
                 " faster.",
             )

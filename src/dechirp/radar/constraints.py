@@ -46,7 +46,7 @@ def _frame_from(
         unsampled_s=unsampled_s,
         frequency_hz=start_hz + bandwidth_hz / 2,
         bandwidth_hz=bandwidth_hz,
-        quarter_turn_m=c / (4 * asked.max_velocity_m_per_s),
+        n_periods=c / (4 * asked.max_velocity_m_per_s),
     )
     if sampled_s is None:
         return None
@@ -80,16 +80,17 @@ def _longest_sampling_s(
     unsampled_s: float,
     frequency_hz: float,
     bandwidth_hz: float,
-    quarter_turn_m: float,
+    n_periods: float,
 ) -> float | None:
     """Time x to sample that fills T = lambda / 4v, lambda that at mid-window.
 
     The shorter x, the steeper the ramp and the higher the frequency f + B a / x at the
     middle of the samples (a: start of sampling, u: all that is not sampled), so that
-    (x + u) (f + B a / x) = c / 4v: a quadratic equation, of which the larger root counts.
+    (x + u) (f + B a / x) = c / 4v, the periods of the wave in T: a quadratic equation, of which
+    the larger root counts.
     """
     climbed = bandwidth_hz * adc_start_s
-    half = (quarter_turn_m - unsampled_s * frequency_hz - climbed) / 2
+    half = (n_periods - unsampled_s * frequency_hz - climbed) / 2
     under_root = half**2 - frequency_hz * unsampled_s * climbed
     if half <= 0 or under_root < 0:
         return None

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any, Literal
 
-from dechirp.core.displayed import Displayed, Table, findings
+from dechirp.core.displayed import Displayed, Table
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding
+from dechirp.core.findings import Finding, findings
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
 from dechirp.radar import constraints, round_trips

@@ -17,7 +17,7 @@ from dechirp.radar.modulations.base import Modulation, Ramp
 from dechirp.radar.multiplexing.base import Multiplexing
 
 _MOST_FOLDS = 64
-_ALIKE = 0.02  # of a cycle: 7 degrees, which noise turns at 20 dB
+_ALIKE = 0.02  # of a cycle: 7 degrees, by which noise turns two slots of 18 dB
 
 
 @value
@@ -60,8 +60,8 @@ class Frame(Displayed):
         if self.period_s < longest_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Frame.period_s",
-                got=f"{self.period_s:.6g} s",
-                need=f"at least {longest_s:.6g} s, the time the chirps take",
+                got=f"{self.period_s:.10g} s",
+                need=f"at least {longest_s:.10g} s, the time the chirps take",
                 fix="Lengthen the period, or send fewer chirps at a shorter interval.",
             )
 
@@ -85,8 +85,8 @@ class Frame(Displayed):
             if interval_s < self.chirp.ramp_duration_s * (1 - 1e-9):
                 raise InvalidSetting(
                     where,
-                    got=f"{interval_s:.6g} s",
-                    need=f"at least {self.chirp.ramp_duration_s:.6g} s, the duration of the ramp",
+                    got=f"{interval_s:.10g} s",
+                    need=f"at least {self.chirp.ramp_duration_s:.10g} s, the duration of the ramp",
                     fix="Lengthen the interval or shorten the ramp.",
                 )
 

@@ -141,5 +141,5 @@ class Limits:
                 "Limits.usable_band",
                 got=self.usable_band,
                 need="a fraction of at most 1",
-                fix="1 is a filter without a slope.",
+                fix="Give 0.9 for a usual filter, or 1 for one without a slope.",
             )

@@ -13,7 +13,7 @@ from dechirp.experiment.study.study import Study
 from dechirp.report.amounts import counted
 from dechirp.report.data_set_plates import Shown
 from dechirp.report.settings_words import setting_words, value_words
-from dechirp.report.study import varied
+from dechirp.report.study_settings import varied
 from dechirp.report.template import template
 
 _MOST_VALUES = 12

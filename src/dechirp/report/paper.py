@@ -1,6 +1,5 @@
 """The technical paper about a certificate, a self-contained page."""
 
-import datetime
 import math
 import re
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ from markupsafe import Markup, escape
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
 from dechirp.core.words import fixed, power_of_ten, small
 from dechirp.report.amounts import amount, compared, counted, shown, typographic
+from dechirp.report.dates import dated
 from dechirp.report.equations import typeset
 from dechirp.report.numbering import numbered
 from dechirp.report.plates import half_way_db, plates
@@ -39,13 +39,15 @@ def render(document: Mapping[str, Any]) -> str:
     """
     claims = {claim["id"]: claim for claim in document["claims"]}
     n = document["numbers"]
-    failed = [claim["id"] for claim in document["claims"] if not claim["passed"]]
+    beyond = [claim for part in document["parts"] for claim in part["claims"]]
+    failed = [claim["id"] for claim in (*document["claims"], *beyond) if not claim["passed"]]
     return _template().render(
         d=document,
         n=n,
         claim=claims,
         failed=failed,
-        date=_date(document["date"]),
+        n_beyond=len(beyond),
+        date=dated(document["date"]),
         derived=_derived(claims, n),
         most_sides=max(map(_sides, document["claims"])),
         half_way_db=half_way_db(document),
@@ -66,7 +68,11 @@ def _template() -> Template:
         "small": lambda probability: _unbroken(small(probability)),
         "typographic": lambda text: _raised(typographic(text)),
     }
-    text = files("dechirp.report").joinpath("paper.html").read_text(encoding="utf-8")
+    text, parts = (
+        files("dechirp.report").joinpath(name).read_text(encoding="utf-8")
+        for name in ("paper.html", "paper_parts.html")
+    )
+    text = text.replace("\\parts", parts)
     return paper.from_string(numbered(typeset(text), REFERENCES), globals={"compared": compared})
 
 
@@ -87,11 +93,6 @@ def _raised(text: str) -> Markup:
             str(escape(text)),
         )
     )
-
-
-def _date(iso: str) -> str:
-    at = datetime.datetime.fromisoformat(iso)
-    return f"{at.day} {at:%B %Y, %H:%M} UTC"
 
 
 def _derived(claims: Mapping[str, Any], n: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from dechirp.report.figures import (
     detectors,
     diagrams,
     range_doppler,
+    rates,
     waveform,
 )
 from dechirp.report.figures import window as cfar_window
@@ -117,6 +118,30 @@ def plates(document: Mapping[str, Any]) -> dict[str, Markup]:
                 required=(resolved["required"] or {}).get("at_least"),
             )
         ),
+        **_rates(document),
+    }
+
+
+def _rates(document: Mapping[str, Any]) -> dict[str, Markup]:
+    """That of the false alarms of every detector, where they were measured."""
+    claims = [
+        claim
+        for part in document["parts"]
+        if part["id"] == "false_alarms"
+        for claim in part["claims"]
+    ]
+    if not claims:
+        return {}
+    kinds = [claim["id"].removeprefix("false_alarms_").replace("_", "-") for claim in claims]
+    detectors_ = [
+        rates.Rates(name=kind, checks=claim["checks"])
+        for kind, claim in zip(kinds, claims, strict=True)
+    ]
+    return {
+        "rates": svg(
+            lambda figure: rates.over_design(figure.subplots(), detectors_),
+            height_in=rates.height_in(detectors_),
+        )
     }
 
 

@@ -14,7 +14,9 @@ from dechirp.experiment.study.plan import Plan
 from dechirp.experiment.study.results import ENDS, StudyResult
 from dechirp.experiment.study.study import Drawn, Listed
 from dechirp.report.figures import study as figures
-from dechirp.report.figures.study import Axis, Line, Operating
+from dechirp.report.figures.heat import heat
+from dechirp.report.figures.operating import Operating, operating
+from dechirp.report.figures.study import Axis, Line
 from dechirp.report.figures.style import svg
 from dechirp.report.settings_words import (
     Scale,
@@ -245,7 +247,7 @@ class _Heat(_Wanted):
         measured = shown.parts(self.owner, self.place)[0].transpose(self.y.path, self.x.path)
         ordered = measured.sortby([self.y.path, self.x.path])
         figure = svg(
-            lambda figure: figures.heat(
+            lambda figure: heat(
                 figure.subplots(),
                 ordered[self.x.path].values,
                 ordered[self.y.path].values,
@@ -334,7 +336,7 @@ class _Roc(_Wanted):
         names = ["" if by is None else value_words(by.labels[at[by]]) for at in chosen]
         curve = self._varied if self.along is not None else self._measured
         figure = svg(
-            lambda figure: figures.operating(
+            lambda figure: operating(
                 figure.subplots(),
                 [curve(name, at) for name, at in zip(names, chosen, strict=True)],
                 x=score_words(ALARMS),

@@ -92,6 +92,6 @@ def _too_small(size_m: float, why: str) -> InvalidSetting:
     return InvalidSetting(
         "Mesh.cell_size_m",
         got=f"{size_m:.3g} m, {why}",
-        need=f"cells of a size that {_MOST_CUBES:.0e} fill the box around the mesh",
+        need=f"so large that at most {_MOST_CUBES:.0e} cells fill the box around the mesh",
         fix="Make them larger, or check the unit of the mesh.",
     )

@@ -121,6 +121,11 @@ class Gait:
         slow = min(self.relative_speed_per_s, 0.5)
         return 4 * slow * (1 - slow)
 
+    @property
+    def _support(self) -> float:
+        """Share of a cycle for which a foot is on the ground."""
+        return 0.752 - 0.143 * self.frequency_hz
+
     @cached_property
     def _angles(self) -> dict[str, np.ndarray]:
         """Harmonics of the angles, rad: of the right limbs; of tilt and thorax, to the left."""
@@ -129,7 +134,6 @@ class Gait:
         def by(*values: float) -> float:
             return float(np.interp(speed, (0.0, 0.5, 1.3, 3.0), values))
 
-        support = 0.752 - 0.143 * self.frequency_hz
         turning_points = {
             "hip": (
                 (by(-0.1, -0.1, -0.1, 0.1), by(0, 25, 25, 30)),
@@ -146,7 +150,7 @@ class Gait:
                 (0.0, by(-3, -3, -3, 2)),
                 (0.08, by(-3, -18, -18, -14)),
                 (by(0.5, 0.5, 0.5, 0.4), by(-3, 8, 8, 5)),
-                (support, by(-3, -20, -20, -28)),
+                (self._support, by(-3, -20, -20, -28)),
                 (0.85, by(-3, -3, -3, 2)),
             ),
             "elbow": (
@@ -174,8 +178,7 @@ class Gait:
     def _sway_m(self, cycles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far the pelvis is ahead of the mean speed, and to the left."""
         hips_m = HIP_HEIGHT * self.height_m
-        support = 0.752 - 0.143 * self.frequency_hz
-        ahead = -0.021 * self._ease * np.sin(2 * _TURN * (cycles + 0.625 - support))
+        ahead = -0.021 * self._ease * np.sin(2 * _TURN * (cycles + 0.625 - self._support))
         left = -0.032 * self._ease * np.sin(_TURN * (cycles - 0.1))
         return hips_m * ahead, hips_m * left
 

@@ -9,12 +9,15 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
+from errno import ENOENT
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from dechirp.config.shown import shown
+from dechirp.core.checks import whole
 from dechirp.core.errors import RecordingError
 from dechirp.process.chain import Chain
 from dechirp.process.fixed_point.chain import Block, blocks
@@ -26,6 +29,7 @@ from dechirp.store.whole import must_be_replaceable, whole_folder
 
 FORMAT_VERSION = 1
 DESCRIPTION = "vectors.json"
+_MOST_BITS = 63  # of a word in int64
 
 _MADE = {
     "range_weights": "table: window over samples, bits - 2 of each behind the point",
@@ -127,7 +131,7 @@ def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
     try:
         about = json.loads(description.read_text(encoding="utf-8"))
         version, entries = about["format_version"], about["vectors"]
-    except (OSError, ValueError, LookupError, TypeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
         raise _no_description(description, error) from None
     if version != FORMAT_VERSION:
         raise RecordingError(
@@ -138,7 +142,7 @@ def read_vectors(folder: str | Path) -> dict[str, np.ndarray]:
         )
     try:
         return {entry["name"]: _read(folder, entry) for entry in entries}
-    except (ValueError, LookupError, TypeError) as error:
+    except (ValueError, LookupError, TypeError, OverflowError, AttributeError) as error:
         raise _no_description(description, error) from None
 
 
@@ -147,11 +151,16 @@ def read_words(path: str | Path, *, bits: int, signed: bool) -> np.ndarray:
 
     Raises
     ------
+    InvalidSetting
+        If the bits are none.
     RecordingError
         If it cannot be read, or a line is no word of so many bits; lines that begin with `//` or
         are empty say nothing.
     """
+    whole("bits", bits, at_least=1, at_most=_MOST_BITS)
     try:
+        if not Path(path).is_file():  # a device would never end
+            raise FileNotFoundError(ENOENT, "No such file")
         lines = Path(path).read_text(encoding="ascii").split("\n")
         words = np.array([int(line, 16) for line in lines if line and line[:2] != "//"], np.int64)
     except (OSError, ValueError, OverflowError) as error:
@@ -269,6 +278,14 @@ def _read(folder: Path, entry: dict[str, Any]) -> np.ndarray:
     parts = []
     for name, checksum in zip(entry["files"], entry["sha256"], strict=True):
         path = folder / name
+        is_plain = path.parent == folder and name == shown(name)
+        if not is_plain:  # a description from elsewhere reads nothing beside its folder
+            raise RecordingError(
+                folder / DESCRIPTION,
+                got=f"naming {shown(name)} for a file",
+                need="plain names of files beside it",
+                fix="Write the vectors again.",
+            )
         parts.append(read_words(path, bits=entry["bits"], signed=entry["signed"]))
         if hashlib.sha256(path.read_bytes()).hexdigest() != checksum:
             raise RecordingError(

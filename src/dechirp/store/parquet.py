@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dechirp.core.database import database, literal, quoted, utf8_name
 from dechirp.core.errors import DechirpError, Mistake, RecordingError
 
 Type = Literal["BIGINT", "DOUBLE", "BOOLEAN", "VARCHAR"]
@@ -50,20 +51,20 @@ def write_parquet(
 
     place = path.resolve()
     made = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
-    words = ", ".join(f"{_name(name)}: {_text(word)}" for name, word in about.items())
+    words = ", ".join(f"{_name(name)}: {quoted(word)}" for name, word in about.items())
     more = f", KV_METADATA {{{words}}}" if words else ""
     try:
         try:
             if place.is_dir():
                 raise IsADirectoryError(None, "a folder")
-            with _database() as database:
+            with utf8_name(made) as name, database() as duck:
                 both = zip(_distinct(columns), columns.values(), strict=True)
                 typed = ", ".join(f"{_name(name)} {kind}" for name, kind in both)
-                database.execute(f"CREATE TABLE kept ({typed})")
+                duck.execute(f"CREATE TABLE kept ({typed})")
                 for piece in pieces:
-                    _append(database, columns, piece)
-                database.execute(
-                    f"COPY kept TO {_text(str(made))} (FORMAT parquet, COMPRESSION zstd{more})"
+                    _append(duck, columns, piece)
+                duck.execute(
+                    f"COPY kept TO {quoted(name)} (FORMAT parquet, COMPRESSION zstd{more})"
                 )
             made.replace(place)
         finally:
@@ -82,10 +83,11 @@ def read_parquet(path: Path) -> dict[str, np.ndarray]:
     """
     import duckdb
 
-    literal = "".join(f"[{letter}]" if letter in "*?[" else letter for letter in str(path))
-    with _database() as database:
+    with utf8_name(path) as name, database() as duck:
         try:
-            found = database.execute(f"SELECT * FROM read_parquet({_text(literal)})").fetchnumpy()
+            found = duck.execute(
+                f"SELECT * FROM read_parquet({quoted(literal(name))})"
+            ).fetchnumpy()
         except duckdb.Error as error:
             raise RecordingError(
                 path,
@@ -96,18 +98,18 @@ def read_parquet(path: Path) -> dict[str, np.ndarray]:
     return {name: _plain(values) for name, values in found.items()}
 
 
-def _append(database: Any, columns: Mapping[str, Type], piece: Mapping[str, np.ndarray]) -> None:
+def _append(duck: Any, columns: Mapping[str, Type], piece: Mapping[str, np.ndarray]) -> None:
     # Names of its own: what DuckDB calls a column is not always what we do.
-    database.register("piece", {f"c{at}": piece[name] for at, name in enumerate(columns)})
+    duck.register("piece", {f"c{at}": piece[name] for at, name in enumerate(columns)})
     try:
         kinds = (
             # DuckDB takes NaN of NumPy for null; it is a number that there is not.
             f"coalesce(c{at}, 'NaN'::DOUBLE)" if kind == "DOUBLE" else f"c{at}::{kind}"
             for at, kind in enumerate(columns.values())
         )
-        database.execute(f"INSERT INTO kept SELECT {', '.join(kinds)} FROM piece")
+        duck.execute(f"INSERT INTO kept SELECT {', '.join(kinds)} FROM piece")
     finally:
-        database.unregister("piece")
+        duck.unregister("piece")
 
 
 def _distinct(names: Iterable[str]) -> Iterator[str]:
@@ -130,21 +132,8 @@ def _plain(values: np.ndarray) -> np.ndarray:
     return plain
 
 
-def _database() -> Any:
-    """One in memory, that never fetches anything from a network."""
-    import duckdb
-
-    return duckdb.connect(
-        config={"autoinstall_known_extensions": False, "autoload_known_extensions": False}
-    )
-
-
 def _name(name: str) -> str:
     return '"' + name.replace('"', '""') + '"'
-
-
-def _text(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
 
 
 def _unwritable(path: Path, error: Exception) -> DechirpError:

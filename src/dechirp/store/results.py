@@ -10,7 +10,7 @@ from dechirp.core.columns import records
 from dechirp.radar.radar import Radar
 from dechirp.store.cube import write_cube
 from dechirp.store.tables import csv_text, json_text
-from dechirp.store.whole import must_be_replaceable, whole_folder
+from dechirp.store.whole import in_utf8, must_be_replaceable, whole_folder
 
 _TEXTS = ("report.html", "scenario.yaml", "run.json")
 _MARK = "run.json"
@@ -72,11 +72,11 @@ def write_results(
     check_out(out)
     with whole_folder(out) as made:
         for name in _TEXTS:
-            (made / name).write_text(texts[name], encoding="utf-8")
+            (made / name).write_bytes(in_utf8(texts[name]))
         if pdf is not None:
             (made / "report.pdf").write_bytes(pdf)
-        (made / "detections.csv").write_text(csv_text(detections), encoding="utf-8")
-        (made / "detections.json").write_text(json_text(records(detections)), encoding="utf-8")
+        (made / "detections.csv").write_bytes(in_utf8(csv_text(detections)))
+        (made / "detections.json").write_bytes(in_utf8(json_text(records(detections))))
         write_cube(
             made / "cube.zarr",
             frames,
@@ -87,7 +87,7 @@ def write_results(
             iq=iq,
         )
         for name, table in others.items():
-            (made / f"{name}.csv").write_text(csv_text(table), encoding="utf-8")
+            (made / f"{name}.csv").write_bytes(in_utf8(csv_text(table)))
     return files_in(out, others, has_pdf=pdf is not None)
 
 

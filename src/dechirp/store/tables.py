@@ -21,8 +21,12 @@ def csv_text(dataset: xr.Dataset) -> str:
 
 
 def json_text(content: object) -> str:
-    """JSON of lists, mappings and plain values; null for numbers that JSON does not have."""
-    return json.dumps(_finite(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    """JSON of lists, mappings and plain values; null for numbers that JSON does not have.
+
+    In ASCII: the same in every encoding that a terminal may have, and for names of files that
+    are no text.
+    """
+    return json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
 
 
 def _finite(content: object) -> object:

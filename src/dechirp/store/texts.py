@@ -15,20 +15,14 @@ def check_out(out: Path, names: Collection[str]) -> None:
     must_be_replaceable(out, mark=next(iter(names)), ours=names)
 
 
-def write_texts(out: Path, texts: Mapping[str, str]) -> None:
-    """Write each text under its name into a folder, in place of earlier ones.
+def write_files(out: Path, contents: Mapping[str, bytes]) -> None:
+    """Write each content under its name into a folder that `check_out` has seen.
 
     Raises
     ------
     DechirpError
-        If the folder is somebody else's or cannot be written. It is left as it was then.
+        If the folder cannot be written. It is left as it was then.
     """
-    check_out(out, texts)
-    write_files(out, {name: text.encode() for name, text in texts.items()})
-
-
-def write_files(out: Path, contents: Mapping[str, bytes]) -> None:
-    """Write each content under its name into a folder that `check_out` has seen."""
     with whole_folder(out) as made:
         for name, content in contents.items():
             (made / name).write_bytes(content)

@@ -171,7 +171,12 @@ def write_whole(out: Path, text: str) -> None:
         If it cannot be written, or the disk is full.
     """
     with whole_file(out) as made:
-        made.write_text(text, encoding="utf-8")
+        made.write_bytes(in_utf8(text))
+
+
+def in_utf8(text: str) -> bytes:
+    """UTF-8, with escapes as JSON has them for bytes in names of files that are no text."""
+    return text.encode("utf-8", "backslashreplace")
 
 
 def _must_be_writable(out: Path) -> None:

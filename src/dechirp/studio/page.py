@@ -24,7 +24,7 @@ from dechirp.studio.panels.transport import Transport
 from dechirp.studio.panels.trouble import Trouble
 from dechirp.studio.session import Session
 from dechirp.studio.settings import Limits
-from dechirp.studio.theme import DARK, LIGHT, of_widgets, variables
+from dechirp.studio.theme import DARK, LIGHT, of_pages, of_widgets
 from dechirp.studio.views.base import View
 from dechirp.studio.views.beat import Beat
 from dechirp.studio.views.cut import Cut
@@ -99,9 +99,7 @@ def page(document: Document, *, worker: Executor, scenario: Scenario, limits: Li
             document.add_root(root)
     document.title = "dechirp studio"
     document.template = text_of("page.html")
-    document.template_variables.update(
-        light=variables(LIGHT), dark=variables(DARK), script=script()
-    )
+    document.template_variables.update(style=of_pages(), script=script())
     document.on_session_destroyed(lambda _: session.close())
     session.start()
 

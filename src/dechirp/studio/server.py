@@ -89,16 +89,17 @@ def _bound(host: str, port: int) -> socket.socket:
     """Socket that listens there."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
+        host.encode("idna")  # else the socket fails on it in another way, and stays open
         bound = socket.create_server((host, port), family=family)
-    except OSError as error:
-        if error.errno == EADDRINUSE:
+    except (OSError, ValueError) as error:
+        if getattr(error, "errno", None) == EADDRINUSE:
             raise InvalidSetting(
                 "--port",
                 got=f"{port}, where another program listens",
                 need="free",
                 fix=f"Give another one, as --port {port + 1}, or 0 for any that is free.",
             ) from None
-        why, _, _ = (error.strerror or str(error)).partition(" (")
+        why, _, _ = (getattr(error, "strerror", None) or str(error)).partition(" (")
         raise InvalidSetting(
             "--host",
             got=f"{host}, port {port}: {why}",

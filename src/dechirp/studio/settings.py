@@ -179,7 +179,7 @@ def _in_place(scenario: Scenario, options: Iterable[str], limits: Limits) -> Sce
         first, *rest = way.steps
         steps, made = tuple(rest), within.read_at(scenario, way, node, context)
         if steps in below.setdefault(str(first), {}):
-            raise InvalidFile()  # two settings of what is none as yet: as text
+            raise InvalidFile  # two settings of what is none as yet: as text
         below[str(first)][steps] = made
     parts = {name: within.changed(getattr(scenario, name), of) for name, of in below.items()}
     must_be_small({name: getattr(scenario, name) for name in _SIZED} | parts, limits)

@@ -63,8 +63,14 @@ DARK = Theme(
 )
 
 
-def variables(theme: Theme) -> str:
-    """Colours as properties of a style sheet, `--ink` and so on, which widgets inherit."""
+def of_pages() -> str:
+    """Style that all pages share; widgets inherit its colours, which are properties: `--ink` ..."""
+    light, dark = (f"{_properties(theme)} color-scheme: {theme.shade};" for theme in (LIGHT, DARK))
+    css = resources.files("dechirp.studio").joinpath("page.css").read_text("utf-8")
+    return f':root {{ {light} }}\n:root[data-shade="dark"] {{ {dark} }}\n{css}'
+
+
+def _properties(theme: Theme) -> str:
     colours = (field.name for field in fields(theme) if field.name not in ("shade", "map"))
     return " ".join(f"--{name}: {getattr(theme, name)};" for name in colours)
 

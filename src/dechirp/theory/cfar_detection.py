@@ -152,7 +152,7 @@ def cell_averaging_required_snr(
             "detection_probability",
             got=detection_probability,
             need="at most 1 - 1e-9",
-            fix="No target always exceeds an estimated threshold.",
+            fix="Ask for less: no target always exceeds an estimated threshold.",
         )
     law = {"n_training": n_training, "n_summed": n_summed}
     factor = cell_averaging_factor(false_alarm_probability, **law)

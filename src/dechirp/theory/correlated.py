@@ -256,7 +256,7 @@ class _Law:
         return block.reshape(*weights.shape[:-2], self._n_guard, self._n_guard)
 
     def a(self, x: float) -> float:
-        """A of a root x: h(x) - 1."""
+        """Factor over N that belongs to a root x: h(x) - 1."""
         inverse = np.linalg.inv(self._on_guard(1 / (1 + x * self._eigenvalues)))
         return float(inverse[self._cut, self._cut].real - 1)
 

@@ -103,6 +103,11 @@ def direction_std_rad(
         Of azimuth and elevation; 0 for what is known. Infinite where the elements, or too
         many sources for them, do not tell what is unknown.
 
+    Raises
+    ------
+    InvalidSetting
+        If a number is not finite, positions are no rows of three, or the noise is not above 0.
+
     References
     ----------
     See `conditional_information`; for one source on a line it is `bounds.angle_std_rad`.
@@ -119,11 +124,11 @@ def direction_std_rad(
         np.atleast_1d(numbers("azimuth_rad", azimuth_rad)), numbers("elevation_rad", elevation_rad)
     )
     positive_ratios("noise_power", noise_power)
-    power = np.asarray(amplitudes, complex).reshape(len(azimuth), -1)
+    looks = np.asarray(amplitudes, complex).reshape(len(azimuth), -1)
     steering = np.exp(-2j * np.pi * (towards(azimuth, elevation) @ at.T))
     turns = np.moveaxis(slopes(azimuth, elevation)[:, list(tells)] @ at.T, -1, 0)
     information = conditional_information(
-        steering.T, -2j * np.pi * turns * steering.T[..., None], power, noise_power
+        steering.T, -2j * np.pi * turns * steering.T[..., None], looks, noise_power
     )
     out = np.zeros((len(azimuth), 2))
     out[:, list(tells)] = np.sqrt(variances(information)).reshape(len(azimuth), -1)

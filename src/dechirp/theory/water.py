@@ -37,10 +37,10 @@ def permittivity(frequency_hz: float, temperature_k: float) -> complex:
     Int. J. Infrared and Millimeter Waves 12(7), 1991.
     """
     f_ghz = number("frequency_hz", frequency_hz, above=0, at_most=1e12) / 1e9
-    theta = 300 / number("temperature_k", temperature_k, at_least=243, at_most=323) - 1
-    static = 77.66 + 103.3 * theta
+    cooler = 300 / number("temperature_k", temperature_k, at_least=243, at_most=323) - 1
+    static = 77.66 + 103.3 * cooler
     first, second = 0.0671 * static, 3.52
-    principal_ghz = 20.20 - 146 * theta + 316 * theta**2
+    principal_ghz = 20.20 - 146 * cooler + 316 * cooler**2
     slow = (static - first) / (1 - 1j * f_ghz / principal_ghz)
     fast = (first - second) / (1 - 1j * f_ghz / (39.8 * principal_ghz))
     return complex(second + slow + fast)

@@ -1,6 +1,7 @@
 """Where blocks of trials run: processes of this machine, Dask, Slurm, or any executor."""
 
 import shutil
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -198,7 +199,10 @@ def slurm(n_workers: int) -> Iterator[Workers]:
             fix="Run this on the cluster's login node, or leave --cluster out.",
         )
     with _quiet():
-        cluster: Any = SLURMCluster(**_job(dask.config.get("jobqueue.slurm", {})))
+        with warnings.catch_warnings():
+            # Beside another study its dashboard takes another port: nothing of it is needed.
+            warnings.filterwarnings("ignore", r"\s*Port \d+ is already in use")
+            cluster: Any = SLURMCluster(**_job(dask.config.get("jobqueue.slurm", {})))
         try:
             cluster.scale(n_workers)
             client = distributed.Client(cluster, set_as_default=False)

@@ -77,6 +77,7 @@ class Ledger(Record):
     ) -> None:
         super().__init__(out, connection)
         self._lock = lock
+        self._file = self.path.stat().st_ino
         self.doubts = tuple(findings)
         """That it was begun with other libraries or on another processor."""
 
@@ -228,6 +229,14 @@ class Ledger(Record):
         kept = "What was done before is kept. Mend it, and call again to go on."
         with told(self.path, kept), self._transaction():
             yield
+        # A file that was removed takes what is added, and nobody ever reads it.
+        if not self.path.exists() or self.path.stat().st_ino != self._file:
+            raise refused(
+                self.path,
+                got="removed or replaced while the study ran",
+                need="left alone until it ends",
+                fix="Call again to begin anew; what was done is lost.",
+            )
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

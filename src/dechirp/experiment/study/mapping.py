@@ -6,7 +6,7 @@ from decimal import Decimal
 
 from dechirp.config.fields import Slot, words
 from dechirp.config.mistakes import Spot
-from dechirp.config.nearest import did_you_mean
+from dechirp.config.nearest import OR_NONE, did_you_mean
 from dechirp.config.quantities import difference_in, number_in, written
 from dechirp.config.shown import shown
 from dechirp.config.tree import Node
@@ -149,5 +149,5 @@ def unknown(spot: Spot, name: str, node: Node, words: Sequence[str]) -> Mistake:
         f"{spot.path}.{shown(name)}",
         got="not a known name",
         need=f"one of {', '.join(words)}",
-        fix=did_you_mean(name, words),
+        fix=did_you_mean(name, words, OR_NONE),
     )

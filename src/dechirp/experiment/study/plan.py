@@ -123,7 +123,7 @@ class Plan:
                 place = next(places)
                 found.append(None if axis.numbers is None else axis.numbers[place])
             elif self.study.draw is not None:
-                found.append(_rounded(axis, next(draws)))
+                found.append(_rounded(next(draws)))
         return tuple(found)
 
     @property
@@ -144,7 +144,7 @@ class Plan:
         axes = self.drawn_axes
         sequence = np.random.SeedSequence(self.study.seed, spawn_key=(trial, DRAWN_KEY))
         shares = np.random.default_rng(sequence).random(len(axes))
-        return tuple(_rounded(axis, _drawn(axis, u)) for axis, u in zip(axes, shares, strict=True))
+        return tuple(_rounded(_drawn(axis, u)) for axis, u in zip(axes, shares, strict=True))
 
     def scenario(self, point: int, drawn: Mapping[str, str] | None = None) -> Scenario:
         """Scenario of a point, with what is drawn in a trial.
@@ -275,7 +275,7 @@ def _drawn(axis: Drawn, share: Any) -> Any:
     return axis.first + axis.second * ndtri(np.maximum(share, 2.0**-54))
 
 
-def _rounded(axis: Drawn, number: float) -> float:
+def _rounded(number: float) -> float:
     return float(f"{number:.12g}")
 
 

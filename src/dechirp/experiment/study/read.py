@@ -18,7 +18,7 @@ from dechirp.config.fields import Slot, settings
 from dechirp.config.files import in_order, of_tree, text_in, value_of
 from dechirp.config.mistakes import Spot, refused
 from dechirp.config.models import Context
-from dechirp.config.nearest import did_you_mean
+from dechirp.config.nearest import OR_NONE, did_you_mean
 from dechirp.config.overrides import given, override
 from dechirp.config.shown import shown
 from dechirp.config.texts import line
@@ -127,7 +127,7 @@ class _File:
                         dotted("", name),
                         got="not a known name",
                         need=f"one of {', '.join(names)}",
-                        fix=did_you_mean(name, names),
+                        fix=did_you_mean(name, names, OR_NONE),
                     )
                 )
         for name, what in (

@@ -11,7 +11,7 @@ from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -19,10 +19,13 @@ from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.findings import Finding
 from dechirp.experiment.study.block import Failure
 
+T = TypeVar("T")
+
 NAME = "study.sqlite"
 FORMAT_VERSION = 1
 APPLICATION = int.from_bytes(b"FMCW")
 """By which SQLite files of ours are known."""
+_TABLES = {"meta", "blocks", "ended", "theory", "failures", "findings"}
 
 
 class Record:
@@ -85,12 +88,12 @@ class Record:
     @property
     def identity(self) -> dict[str, str]:
         """What the study was said to be when its folder was made."""
-        return dict(json.loads(self._said("identity")))
+        return self._kept("identity", dict)
 
     @property
     def environments(self) -> list[dict[str, str]]:
         """Libraries and processors that it ran on, the first first."""
-        return list(json.loads(self._said("environments")))
+        return self._kept("environments", list)
 
     def done(self) -> np.ndarray:
         """Point and number of every block kept, (n_blocks, 2) int64, in this order."""
@@ -182,7 +185,19 @@ class Record:
 
     def _said(self, key: str) -> str:
         row = self._connection.execute("SELECT said FROM meta WHERE key = ?", (key,)).fetchone()
+        if row is None:
+            raise _damaged(self.path)
         return str(row[0])
+
+    def _kept(self, key: str, kind: type[T]) -> T:
+        """A list or mapping that is kept as JSON."""
+        try:
+            found = json.loads(self._said(key))
+        except ValueError:
+            found = None
+        if not isinstance(found, kind):
+            raise _damaged(self.path)
+        return found
 
 
 def _joined(rows: Sequence[tuple[int, bytes]]) -> np.ndarray:
@@ -216,9 +231,15 @@ def is_ours(connection: sqlite3.Connection, path: Path) -> bool:
         raise _not_ours(path, "a database of something else")
     if not n_tables:  # killed before its tables were made: the next writer makes them
         return False
+    names = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+    if not names >= _TABLES:
+        raise _damaged(path)
     query = "SELECT said FROM meta WHERE key = 'format_version'"
-    (found,) = connection.execute(query).fetchone()
-    if int(found) != FORMAT_VERSION:
+    row = connection.execute(query).fetchone()
+    if row is None:
+        raise _damaged(path)
+    found = row[0]
+    if str(found) != str(FORMAT_VERSION):
         raise refused(
             path,
             got=f"in format {found}",
@@ -233,16 +254,13 @@ def told(path: Path, kept: str) -> Iterator[None]:
     """Say of what SQLite raises where it was, and what is left."""
     try:
         yield
+    except UnicodeDecodeError:
+        raise _damaged(path) from None
     except sqlite3.Error as error:
         if "not a database" in str(error):
             raise _not_ours(path, "no database") from None
         if "malformed" in str(error):
-            raise refused(
-                path,
-                got="damaged",
-                need="whole",
-                fix="Bring back a copy, or name another folder with --out.",
-            ) from None
+            raise _damaged(path) from None
         is_full = "full" in str(error)
         raise refused(
             path.parent,
@@ -250,6 +268,11 @@ def told(path: Path, kept: str) -> Iterator[None]:
             need="a folder with room" if is_full else "one that can be read and written",
             fix=kept,
         ) from None
+
+
+def _damaged(path: Path) -> DechirpError:
+    fix = "Bring back a copy, or name another folder with --out."
+    return refused(path, got="damaged", need="whole", fix=fix)
 
 
 def _not_ours(path: Path, got: str) -> DechirpError:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 import xarray as xr
 
-from dechirp.core.displayed import Displayed, Table, cut, findings, several
-from dechirp.core.findings import Finding
+from dechirp.core.displayed import Displayed, Table, cut, several
+from dechirp.core.findings import Finding, findings
 from dechirp.core.words import NONE, in_unit
 from dechirp.evaluate.score.base import NOTHING, Estimate, Score
 from dechirp.evaluate.score.roc import Curve, Roc

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from dechirp.core.checks import whole
-from dechirp.core.displayed import Displayed, Table, findings
+from dechirp.core.displayed import Displayed, Table
 from dechirp.core.errors import DechirpError, Mistake
-from dechirp.core.findings import Finding
+from dechirp.core.findings import Finding, findings
 from dechirp.core.threads import alone
 from dechirp.evaluate.look import Look
 from dechirp.experiment.run import Result, run
@@ -22,11 +22,12 @@ from dechirp.experiment.study.executors import Workers, given
 from dechirp.experiment.study.layout import Layout
 from dechirp.experiment.study.ledger import Ledger
 from dechirp.experiment.study.plan import Plan, differences
+from dechirp.experiment.study.queue import Enough
 from dechirp.experiment.study.record import NAME as RECORD
 from dechirp.experiment.study.record import Record
 from dechirp.experiment.study.require import Judged, judge
 from dechirp.experiment.study.results import StudyResult, collect, estimate, measured
-from dechirp.experiment.study.running import Enough, Progress, run_blocks
+from dechirp.experiment.study.running import Progress, run_blocks
 from dechirp.experiment.study.study import Study
 from dechirp.experiment.study.trial import check_study, generator, layout_of, prepared, run_block
 

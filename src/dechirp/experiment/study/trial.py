@@ -199,7 +199,7 @@ def check_study(plan: Plan) -> None:
             scenario = plan.scenario(point, plan.drawn(0))
             case = case_of(scenario)
         except DechirpError:  # a point that cannot be: its trials tell so
-            return
+            return None
         try:
             return check_scores(study.scores, scenario, case, sensor=study.sensor)
         except InvalidSetting as error:

@@ -31,10 +31,10 @@ from dechirp.config.fields import Slot
 from dechirp.config.files import in_order, of_tree, text_in, value_of
 from dechirp.config.mistakes import Spot
 from dechirp.config.models import Context
-from dechirp.config.nearest import did_you_mean
+from dechirp.config.nearest import OR_NONE, did_you_mean
 from dechirp.config.quantities import quantity
 from dechirp.config.texts import line
-from dechirp.config.tree import Node, read_tree, repeated
+from dechirp.config.tree import Node, dotted, read_tree, repeated
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
 from dechirp.core.values import value
 from dechirp.evaluate.score.base import Score
@@ -127,10 +127,10 @@ class _Reader:
         for name in [name for name in given if name not in PlainSettings.__dataclass_fields__]:
             self.wrong.append(
                 given.pop(name).named_at.mistake(
-                    name,
+                    dotted("", name),
                     got="not a known name",
                     need=f"one of {', '.join(known)}",
-                    fix=did_you_mean(name, known),
+                    fix=did_you_mean(name, known, OR_NONE),
                 )
             )
         spot = Spot("", replace(tree, content=given, repeated=()), Slot(PlainSettings))
@@ -173,10 +173,10 @@ class _Reader:
         for name, child in given.items():
             self.wrong.append(
                 child.named_at.mistake(
-                    f"{path}.{name}",
+                    dotted(path, name),
                     got="not a known name",
                     need="one of scenario, truth, empty",
-                    fix=did_you_mean(name, ("scenario", "truth", "empty")),
+                    fix=did_you_mean(name, ("scenario", "truth", "empty"), OR_NONE),
                 )
             )
         scene = Scene()
@@ -283,10 +283,10 @@ class _Reader:
             if name not in known:
                 self.wrong.append(
                     given[name].named_at.mistake(
-                        f"aim.{name}",
+                        dotted("aim", name),
                         got="not a known name",
                         need=f"one of {', '.join(known)}",
-                        fix=did_you_mean(name, known),
+                        fix=did_you_mean(name, known, OR_NONE),
                     )
                 )
         ways = [name for name in ("most", "least") if name in given]
@@ -390,7 +390,7 @@ def _at(mistake: Mistake, place: Any, name: str, text: str = "") -> Mistake:
     """The same mistake, in the file of the search."""
     got = mistake.got
     if text:
-        got = text if mistake.setting in name else f"{text}, with {mistake.setting} {got}"
+        got = text if name.endswith(mistake.setting) else f"{text}, with {mistake.setting} {got}"
     made: Mistake = place.mistake(name, got=got, need=mistake.need, fix=mistake.fix)
     return made
 

@@ -12,7 +12,13 @@ it down; the paper is made from that.
     false_alarms    false_alarms_minus10db false_alarm_rate
     resolution      two_targets_resolved
 
+In full `further` adds parts beyond the report:
+
+    every_detector  false alarms of every detector under every window
+    directions      errors and resolution of every direction estimator
+    impaired        every impairment against its formula; measurements are in `impairments`
+
 `looks` has the radar, the reference target and what the chain makes of it, `reference_target`
 the trials that several claims share, `sensitivity` the curves of theory, `published` what the
-report says and its detector.
+report says and its detector, `checksum` what one compares two certificates by.
 """

@@ -52,7 +52,7 @@ class Check:
 
 @value
 class Claim:
-    """One claim of the reference report; the first check is its figure."""
+    """One claim; the first check is its figure."""
 
     id: str
     claim: str
@@ -65,6 +65,17 @@ class Claim:
     def passed(self) -> bool:
         """Whether every check did."""
         return all(check.passed for check in self.checks)
+
+
+@value
+class Part:
+    """Claims on one subject beyond the reference report."""
+
+    id: str
+    title: str
+    how: str
+    """How they were measured, sentences."""
+    claims: tuple[Claim, ...]
 
 
 def share(name: str, hits: np.ndarray, *, at_least: float, limit: float | None = None) -> Check:

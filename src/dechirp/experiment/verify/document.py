@@ -4,9 +4,10 @@ from typing import Any
 
 from dechirp.config.texts import plain
 from dechirp.core.units import SPEED_OF_LIGHT, decibels
-from dechirp.experiment.verify import published, sensitivity
+from dechirp.experiment.verify import every_detector, published, sensitivity
 from dechirp.experiment.verify.certificate import Certificate
-from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
+from dechirp.experiment.verify.checksum import of_code, of_numbers
+from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim, Part
 from dechirp.experiment.verify.estimates import bounds
 from dechirp.experiment.verify.false_alarms import noise_tests
 from dechirp.experiment.verify.looks import QUIET_SNR_DB, REFERENCE, at_mid_frame, radar
@@ -17,13 +18,14 @@ from dechirp.theory.detection import required_snr
 
 def document(certificate: Certificate) -> dict[str, Any]:
     """Everything about a certificate; the figures of a claim are those of its first check."""
-    return {
+    made = {
         "date": certificate.date,
         "seed": certificate.seed,
         "trials": certificate.trials,
         "full": certificate.full,
         "confidence": CONFIDENCE,
         "claims": [_claim(claim) for claim in certificate.claims],
+        "parts": [_part(part) for part in certificate.parts],
         "passed": certificate.passed,
         "corrections": [plain(correction) for correction in certificate.corrections],
         "tables": [plain(table) for table in certificate.tables],
@@ -38,6 +40,17 @@ def document(certificate: Certificate) -> dict[str, Any]:
         "machine": certificate.machine,
         "versions": certificate.versions,
         "timing_s": certificate.timing_s,
+        "code": of_code(),
+    }
+    return {**made, "checksum": of_numbers(made)}
+
+
+def _part(part: Part) -> dict[str, Any]:
+    return {
+        "id": part.id,
+        "title": part.title,
+        "how": part.how,
+        "claims": [_claim(claim) for claim in part.claims],
     }
 
 
@@ -131,6 +144,7 @@ def _numbers() -> dict[str, float]:
         "report_needed_db": float(decibels(sensitivity.needed_by_report())),
         "range_bound_m": bounds(published.LOWEST_SNR_DB).range_m,
         "velocity_bound_m_per_s": bounds(published.LOWEST_SNR_DB).velocity_m_per_s,
+        "every_detector_false_alarm_probability": every_detector.PFA,
         "report_snr_db": published.LOWEST_SNR_DB,
         "quiet_snr_db": QUIET_SNR_DB,
     }

@@ -166,7 +166,8 @@ def claims(results: Mapping[str, np.ndarray], *, full: bool) -> tuple[Claim, ...
     return _beside_target(results["beside the target"]), _rate(results, full=full)
 
 
-def _over_design(name: str, counts: np.ndarray, expected: float) -> Check:
+def over_design(name: str, counts: np.ndarray, expected: float) -> Check:
+    """Check of false alarms in each frame over those expected in it."""
     low, high = intervals.rate(counts, expected, confidence=CONFIDENCE)
     return Check(
         name=name,
@@ -190,7 +191,7 @@ def _beside_target(counts: np.ndarray) -> Claim:
         claim="With the car at -10 dB, false alarms away from it come as often as designed, within"
         " a factor of 1.25.",
         checks=(
-            _over_design(
+            over_design(
                 f"count over that of the design, {design.false_alarm_probability:.0e} a cell",
                 counts[:, 0],
                 design.false_alarm_probability * n_away,
@@ -218,7 +219,7 @@ def _rate(results: Mapping[str, np.ndarray], *, full: bool) -> Claim:
         claim="In noise alone false alarms come as often as asked for, within a factor of 1.25.",
         checks=tuple(
             replace(
-                _over_design(
+                over_design(
                     design.name,
                     results[design.name],
                     design.false_alarm_probability * design.cells_in_frame,

@@ -1,14 +1,15 @@
 """Trials in numbered blocks: the same numbers for any number of workers."""
 
 import zlib
+from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from itertools import islice
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
 
+from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import value
 from dechirp.experiment.verify.claim import CONFIDENCE
 
@@ -17,6 +18,7 @@ Z = float(ndtri((1 + CONFIDENCE) / 2))
 
 MOST_WAITING = 64
 """Blocks that an executor is given at once: enough for as many workers, little to cancel."""
+_MOST_DEATHS = 10
 
 
 @value
@@ -31,6 +33,16 @@ class Job:
     n_each: int = 50
     """Trials in a block: half a second of work or so."""
 
+    @property
+    def n_blocks(self) -> int:
+        """Blocks of all trials, the last of which may be smaller."""
+        return -(-self.n_trials // self.n_each)
+
+
+def n_blocks(jobs: Mapping[str, Job]) -> int:
+    """Of all jobs."""
+    return sum(job.n_blocks for job in jobs.values())
+
 
 def run_all(
     jobs: Mapping[str, Job],
@@ -38,29 +50,45 @@ def run_all(
     seed: int,
     executor: Executor,
     progress: Callable[[int, int], None] | None = None,
+    lost: tuple[type[BaseException], ...] = (BrokenExecutor,),
+    renew: Callable[[], None] | None = None,
 ) -> dict[str, np.ndarray]:
     """Results of all jobs by name, (n_trials, ...) each, in the order of the trials.
 
     The generator of a block follows from the seed, the name of the job and the number of the
     block alone. `progress` is called with the number of blocks done and of all.
+    `lost` are errors that say that a worker died; `renew` starts others, which take its blocks.
+
+    Raises
+    ------
+    DechirpError
+        If workers die and no others can be started, or those die too.
     """
-    blocks = [
-        (name, block)
-        for name, job in jobs.items()
-        for block in range(-(-job.n_trials // job.n_each))
-    ]
+    blocks = [(name, block) for name, job in jobs.items() for block in range(job.n_blocks)]
     parts: dict[str, dict[int, np.ndarray]] = {name: {} for name in jobs}
     running: dict[Future[np.ndarray], tuple[str, int]] = {}
-    next_blocks = iter(blocks)
+    waiting = deque(blocks)
+    n_deaths = 0
     try:
-        for done in range(1, len(blocks) + 1):
-            for name, block in islice(next_blocks, MOST_WAITING - len(running)):
-                running[_submit(executor, jobs[name], seed, name, block)] = name, block
-            first = next(iter(wait(running, return_when=FIRST_COMPLETED).done))
+        while waiting or running:
+            try:
+                while waiting and len(running) < MOST_WAITING:
+                    name, block = waiting[0]
+                    running[_submit(executor, jobs[name], seed, name, block)] = waiting.popleft()
+                first = next(iter(wait(running, return_when=FIRST_COMPLETED).done))
+                part = first.result()
+            except lost as error:
+                n_deaths += 1
+                if renew is None or n_deaths > _MOST_DEATHS:
+                    raise _killed(error) from None
+                waiting.extendleft(running.values())
+                running.clear()
+                renew()
+                continue
             name, block = running.pop(first)
-            parts[name][block] = first.result()
+            parts[name][block] = part
             if progress is not None:
-                progress(done, len(blocks))
+                progress(len(blocks) - len(waiting) - len(running), len(blocks))
     finally:
         for future in running:
             future.cancel()
@@ -68,6 +96,17 @@ def run_all(
         name: np.concatenate([part[block] for block in sorted(part)])
         for name, part in parts.items()
     }
+
+
+def _killed(error: BaseException) -> DechirpError:
+    return DechirpError(
+        Mistake(
+            setting="workers",
+            got=f"killed while they worked ({type(error).__name__})",
+            need="alive",
+            fix="Often memory was short: end other programs, and call again.",
+        )
+    )
 
 
 def _submit(executor: Executor, job: Job, seed: int, name: str, block: int) -> Future[np.ndarray]:

@@ -5,7 +5,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from dechirp.config.nearest import did_you_mean
+from dechirp.config.nearest import OR_NONE, did_you_mean
 from dechirp.config.shown import shown
 from dechirp.config.texts import plain
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
@@ -39,7 +39,7 @@ def read_calibration(path: str | Path) -> Calibration:
     known = {field.name: field for field in fields(Calibration)}
     mistakes = [
         _mistake(file, key, got="not a key", need=f"one of {', '.join(known)}",
-                 fix=did_you_mean(key, list(known)))
+                 fix=did_you_mean(key, list(known), OR_NONE))
         for key in content
         if key not in known
     ]  # fmt: skip

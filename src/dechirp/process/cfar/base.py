@@ -312,23 +312,26 @@ class Cfar:
             If the training cells with the guard do not fit into the map, or the guard is
             too small for the window and the zero padding.
         """
-        return self.estimator.threshold(power, self.ring, self._factor_of_rows(power, noise))
+        return self.estimator.threshold(power, self.ring, self.factor_of_rows(power, noise))
 
     def threshold_at(self, power: np.ndarray, at: np.ndarray, noise: Noise) -> np.ndarray:
         """The same for some cells (n, 2), velocity and range, only: (n,)."""
-        factors = self._factor_of_rows(power, noise)
+        factors = self.factor_of_rows(power, noise)
         return self.estimator.threshold_at(power, at, self.ring, factors)
 
     def exceeds(self, power: np.ndarray, noise: Noise) -> np.ndarray:
         """Which cells of a map exceed their threshold, bool (velocity, range); as `threshold`."""
-        return self.estimator.exceeds(power, self.ring, self._factor_of_rows(power, noise))
+        return self.estimator.exceeds(power, self.ring, self.factor_of_rows(power, noise))
 
     def error(self, noise: Noise) -> float:
         """Standard error of the false-alarm probability, relative; 0 where its law is exact."""
         return 0.0 if self.offset is not None else _factors(self, noise)[1]
 
-    def _factor_of_rows(self, power: np.ndarray, noise: Noise) -> np.ndarray:
-        """Factor for each row of a map, (n_range,)."""
+    def factor_of_rows(self, power: np.ndarray, noise: Noise) -> np.ndarray:
+        """Factor of each row of a map, (n_range,), of which only the size counts.
+
+        Found once, in seconds where it is calibrated; with it the estimator judges maps alone.
+        """
         self.ring.fits(*power.shape)
         if self.offset is not None:
             return np.full(power.shape[1], self.offset, np.float32)

@@ -7,12 +7,15 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis as Ruler
 from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from dechirp.core.words import number, small
 from dechirp.report.figures.style import INK, ORANGE
 
 Axis = Literal["range", "velocity"]
@@ -127,3 +130,16 @@ def edges(centres: np.ndarray) -> tuple[float, float]:
 def half_step(centres: np.ndarray) -> float:
     """Half of a cell."""
     return float(centres[-1] - centres[0]) / max(centres.size - 1, 1) / 2 or 0.5
+
+
+def in_decades(ruler: Ruler) -> None:
+    """Write powers of ten, and where there are fewer than two of them, numbers between as well."""
+    low, high = sorted(ruler.get_view_interval())
+    ruler.set_major_formatter(FuncFormatter(lambda one, _: _tick(one)))
+    n_decades = np.floor(np.log10(high)) - np.ceil(np.log10(low)) + 1
+    between = FuncFormatter(lambda one, _: _tick(one) if f"{one:.0e}"[0] in "235" else "")
+    ruler.set_minor_formatter(between if n_decades < 2 else NullFormatter())
+
+
+def _tick(one: float) -> str:
+    return number(one, 3) if 1e-3 < one < 1e5 else small(one)

@@ -5,19 +5,16 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis as Ruler
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
 from dechirp.core.values import value
-from dechirp.core.words import number, small
+from dechirp.core.words import number
 from dechirp.report.figures import parts
-from dechirp.report.figures.parts import colour_bar
-from dechirp.report.figures.style import BLUE, COLORS, GREEN, INK, MUTED, ORANGE
+from dechirp.report.figures.parts import in_decades
+from dechirp.report.figures.style import INK, LINE_COLORS, MUTED
 
-# Okabe and Ito's, darkened for thin lines; with marks of their own they need no colour.
-_COLORS = (BLUE, ORANGE, GREEN, "#a3487f", "#7a6a00", INK, "#4aa3d8", "#8b5a2b")
 _MARKS = ("o", "s", "D", "^", "v", "P", "X", "*")
-MOST_LINES = len(_COLORS)
+MOST_LINES = len(LINE_COLORS)
 """Lines that one figure tells apart."""
 
 _MOST_MARKS = 40
@@ -105,13 +102,13 @@ def over(
         Those given.
     """
     _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
-    for line, color, mark in zip(lines, _COLORS, _MARKS, strict=False):
+    for line, color, mark in zip(lines, LINE_COLORS, _MARKS, strict=False):
         _measured(axes, line, color=color, mark=mark)
     _across(axes, limits)
     axes.set_xlabel(x.words)
     if x.logarithmic:
         axes.set_xscale("log")
-        _in_decades(axes.xaxis)
+        in_decades(axes.xaxis)
         _few_ticks(axes, lines)
     _legend(axes, lines, title=legend)
     axes.set_label(f"{y.words} over {x.words}")
@@ -132,7 +129,7 @@ def scattered(axes: Axes, lines: Sequence[Line], *, x: Axis, y: Axis, is_ratio: 
         Those given.
     """
     _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
-    for line, color, mark in zip(lines, _COLORS, _MARKS, strict=False):
+    for line, color, mark in zip(lines, LINE_COLORS, _MARKS, strict=False):
         some = slice(None, None, max(-(-line.x.size // _MOST_DRAWN), 1))
         many = line.x.size > _MOST_MARKS
         _bars(
@@ -186,7 +183,7 @@ def columns(
     aslant = sum(map(len, names)) > _MOST_LETTERS
     spread = _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
     width = 0.8 / len(lines)
-    for turn, (line, color, mark) in enumerate(zip(lines, _COLORS, _MARKS, strict=False)):
+    for turn, (line, color, mark) in enumerate(zip(lines, LINE_COLORS, _MARKS, strict=False)):
         at = line.x + (turn - (len(lines) - 1) / 2) * width
         moved = Line(
             name=line.name,
@@ -212,123 +209,6 @@ def columns(
     return axes
 
 
-def heat(
-    axes: Axes,
-    x: np.ndarray,
-    y: np.ndarray,
-    values: np.ndarray,
-    *,
-    axes_words: tuple[Axis, Axis],
-    words: str,
-    is_ratio: bool,
-) -> Axes:
-    """Draw a score over two settings as a map; cells without a value stay grey.
-
-    Parameters
-    ----------
-    axes : Axes
-        To draw on; a colour bar takes of their room.
-    x, y : array (n_x,), (n_y,)
-        Values of the settings, ascending.
-    values : array (n_y, n_x)
-        The score.
-    axes_words : tuple of Axis
-        Of x and y.
-    words : str
-        What the score is, with its unit.
-    is_ratio : bool
-        Whether values are shares or probabilities.
-
-    Returns
-    -------
-    Axes
-        Those given.
-    """
-    spread = spread_of(values, is_ratio=is_ratio)
-    shown = np.where(values > 0, values, np.nan) if spread == "log" else values
-    axes.grid(visible=False)
-    axes.set_facecolor("#e3e6e9")
-    made = axes.pcolormesh(
-        _edges(x, logarithmic=axes_words[0].logarithmic),
-        _edges(y, logarithmic=axes_words[1].logarithmic),
-        np.ma.masked_invalid(shown),
-        cmap=COLORS,
-        norm="log" if spread == "log" else "linear",
-        vmin=0.0 if spread == "shares" else None,
-        vmax=1.0 if spread == "shares" else None,
-        rasterized=values.size > 2000,
-    )
-    made.set_edgecolor("face")
-    for scale, which in zip((axes.set_xscale, axes.set_yscale), axes_words, strict=True):
-        if which.logarithmic:
-            scale("log")
-            _in_decades(axes.xaxis if which is axes_words[0] else axes.yaxis)
-    axes.set_xlabel(axes_words[0].words)
-    axes.set_ylabel(axes_words[1].words)
-    bar = colour_bar(axes, made, words)
-    if spread == "log":
-        _in_decades(bar.ax.yaxis)
-    axes.set_label(f"{words} over {axes_words[0].words} and {axes_words[1].words}")
-    return axes
-
-
-@value
-class Operating:
-    """Probability of detection over that of false alarm, by threshold, (n,) each."""
-
-    name: str
-    false_alarm: np.ndarray
-    detection: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    theory_false_alarm: np.ndarray
-    theory: np.ndarray
-
-
-def operating(axes: Axes, curves: Sequence[Operating], *, x: str, y: str, legend: str = "") -> Axes:
-    """Draw receiver operating characteristics; what no trial raised an alarm at is left out.
-
-    Parameters
-    ----------
-    axes : Axes
-        To draw on.
-    curves : sequence of Operating
-        At most `MOST_LINES`.
-    x, y : str
-        What stands at the axes.
-    legend : str
-        What the names of the curves are values of.
-
-    Returns
-    -------
-    Axes
-        Those given.
-    """
-    for curve, color in zip(curves, _COLORS, strict=False):
-        seen = curve.false_alarm > 0
-        at = curve.false_alarm[seen]
-        axes.fill_between(
-            at, curve.low[seen], curve.high[seen], color=color, alpha=0.2, linewidth=0
-        )
-        axes.plot(at, curve.detection[seen], color=color, linewidth=1.2, label=curve.name or None)
-        told = curve.theory_false_alarm > 0
-        axes.plot(
-            curve.theory_false_alarm[told],
-            curve.theory[told],
-            color=color,
-            linewidth=1.0,
-            linestyle="--",
-        )
-    axes.set_xscale("log")
-    _in_decades(axes.xaxis)
-    axes.set(ylim=(-0.02, 1.05), xlabel=x, ylabel=y)
-    if any(np.isfinite(curve.theory).any() for curve in curves):
-        axes.plot([], [], color=INK, linewidth=1.0, linestyle="--", label="theory")
-    parts.legend(axes, title=legend)
-    axes.set_label(f"{y} over {x}")
-    return axes
-
-
 def _divide(axes: Axes, lines: Sequence[Line], *, is_ratio: bool, y_words: str) -> str:
     """Divide the axis of values, and name it."""
     told = [array for line in lines for array in (line.value, line.theory)]
@@ -339,7 +219,7 @@ def _divide(axes: Axes, lines: Sequence[Line], *, is_ratio: bool, y_words: str) 
     elif spread == "log":
         axes.set_yscale("log", nonpositive="clip")
         axes.set_ylim(*_ends(lines))
-        _in_decades(axes.yaxis)
+        in_decades(axes.yaxis)
     axes.set_ylabel(y_words)
     return spread
 
@@ -408,19 +288,6 @@ def _legend(axes: Axes, lines: Sequence[Line], *, title: str, theory_mark: str =
     parts.legend(axes, title=title)
 
 
-def _in_decades(ruler: Ruler) -> None:
-    """Write powers of ten, and where there are fewer than two of them, numbers between as well."""
-    low, high = sorted(ruler.get_view_interval())
-    ruler.set_major_formatter(FuncFormatter(lambda one, _: _tick(one)))
-    n_decades = np.floor(np.log10(high)) - np.ceil(np.log10(low)) + 1
-    between = FuncFormatter(lambda one, _: _tick(one) if f"{one:.0e}"[0] in "235" else "")
-    ruler.set_minor_formatter(between if n_decades < 2 else NullFormatter())
-
-
-def _tick(one: float) -> str:
-    return number(one, 3) if 1e-3 < one < 1e5 else small(one)
-
-
 def _few_ticks(axes: Axes, lines: Sequence[Line]) -> None:
     """Write the settings themselves at a logarithmic axis where they are few."""
     there = np.unique(np.concatenate([line.x for line in lines]))
@@ -429,16 +296,3 @@ def _few_ticks(axes: Axes, lines: Sequence[Line]) -> None:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda one, _: number(one)))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _edges(centres: np.ndarray, *, logarithmic: bool) -> np.ndarray:
-    """Edges of cells about values, (n + 1,)."""
-    at = np.log(centres) if logarithmic else np.asarray(centres, dtype=float)
-    if at.size == 1:
-        inner = np.zeros(0)
-        first, last = at[0] - 0.5, at[0] + 0.5
-    else:
-        inner = (at[1:] + at[:-1]) / 2
-        first, last = at[0] - (at[1] - at[0]) / 2, at[-1] + (at[-1] - at[-2]) / 2
-    edges = np.concatenate([[first], inner, [last]])
-    return np.exp(edges) if logarithmic else edges

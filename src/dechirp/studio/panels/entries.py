@@ -60,8 +60,13 @@ def entries(whole: Any, path: str) -> Iterator[Entry]:
 
 
 def of_member(family: type[Family], kind: str, path: str) -> list[Entry]:
-    """Knobs of the settings without which a member of a family cannot be, all empty."""
-    cls = members_of(family)[kind]
+    """Knobs of the settings without which a member of a family cannot be, all empty.
+
+    None of a kind that there is not: reading it says so.
+    """
+    cls = members_of(family).get(kind)
+    if cls is None:
+        return []
     return [
         _leaf(_entry(cls, key, one, path, depth=1), one.slot, None)
         for key, one in settings(cls).items()

@@ -83,7 +83,8 @@ class Radar(Panel):
 
     def _take(self, text: str) -> None:
         radar = self.session.scenario.radar
-        if not text or radar is None or text == _row_of(radar):
+        is_listed = text in (_text(*row) for row in _ROWS)  # a browser may say anything
+        if not is_listed or radar is None or text == _row_of(radar):
             return
         n_tx, n_rx = map(int, text.split())
         options, limits = in_a_row(radar, n_tx, n_rx), self.session.limits

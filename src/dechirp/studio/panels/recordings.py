@@ -11,6 +11,7 @@ from bokeh.models import Button, Column, Div, InlineStyleSheet, Row, Select, Sli
 
 from dechirp.core.words import quantity
 from dechirp.experiment.scenario import Scenario
+from dechirp.studio.browser import is_number
 from dechirp.studio.library import MOST_LOOKED, Item, Library, LookedOver, looked_over, opened
 from dechirp.studio.moment import Moment
 from dechirp.studio.panels.base import Panel
@@ -58,7 +59,7 @@ class Recordings(Panel):
         self._again.on_click(self._look)
         self._frame = Slider(title="Frame", start=0, end=1, value=0, step=1, visible=False)
         self._frame.update(sizing_mode="stretch_width", margin=(5, 14, 5, 14))
-        self._frame.on_change("value_throttled", lambda attr, old, new: session.go(int(new)))
+        self._frame.on_change("value_throttled", lambda attr, old, new: self._go(new))
         self._said = Div(disable_math=True, stylesheets=[InlineStyleSheet(css=_CSS)])
         self._said.sizing_mode = "stretch_width"
         buttons = Row(children=[self._open, self._back, self._again], spacing=2)
@@ -102,16 +103,20 @@ class Recordings(Panel):
             self._again.disabled = True
             self._said.text = f"<p>{_NO_FOLDER}</p>"
 
+    def _go(self, frame: float) -> None:
+        if is_number(frame):
+            self.session.go(int(frame))
+
     def _chosen(self) -> None:
-        item = self._items.get(self._file.value)
+        item = self._items.get(str(self._file.value))
         self._open.disabled = item is None or item.kind == "recording"
         self._said.text = ""
         if item is not None and item.kind == "recording":
             self._said.text = '<p class="muted">Looking it over.</p>'
-            self._begin(self._inspecting(item, self._items.get(self._radar.value)))
+            self._begin(self._inspecting(item, self._items.get(str(self._radar.value))))
 
     def _opened(self) -> None:
-        item, radar = (self._items.get(one.value) for one in (self._file, self._radar))
+        item, radar = (self._items.get(str(one.value)) for one in (self._file, self._radar))
         if item is not None:
             limits = self.session.limits
             made = partial(opened, item=item, settings=radar, limits=limits)

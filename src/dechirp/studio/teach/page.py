@@ -18,7 +18,7 @@ from dechirp.report.equations import svg
 from dechirp.studio.browser import Browser, script, text_of
 from dechirp.studio.settings import Limits
 from dechirp.studio.teach.lesson import Lesson, Try
-from dechirp.studio.theme import DARK, LIGHT, of_widgets, variables
+from dechirp.studio.theme import DARK, LIGHT, of_pages, of_widgets
 
 _FRAME_S = 1 / 15
 """Shortest time between frames: enough to see things move, and lessons share one worker."""
@@ -87,8 +87,7 @@ class LessonPage:
             number=number,
             n_lessons=n_lessons,
             formulas=[(svg(tex), words) for tex, words in lesson.formulas],
-            light=variables(LIGHT),
-            dark=variables(DARK),
+            style=of_pages(),
             script=script(),
         )
         document.add_periodic_callback(self._next, round(1000 * max(_FRAME_S, limits.frame_s)))

@@ -1,12 +1,13 @@
 """The beat signal of one chirp, and what is in it: each frequency is a range."""
 
 import numpy as np
-from bokeh.events import PointEvent, Tap
+from bokeh.events import Tap
 from bokeh.models import LinearAxis, PrintfTickFormatter, Range1d, UIElement
 
 from dechirp.core.words import number, power_db, power_of_ten, power_unit
 from dechirp.report.figures.beat import engineering_exponent
 from dechirp.report.figures.style import thinned
+from dechirp.studio.browser import on_place
 from dechirp.studio.moment import Moment
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
@@ -55,7 +56,7 @@ class Beat(View):
             ),
             "above",
         )
-        self.spectrum.figure.on_event(Tap, self._point)
+        on_place(self.spectrum.figure, Tap, self._point)
         self.tile = Switched(
             self.name,
             {_SIGNAL: self.signal.figure, _SPECTRUM: self.spectrum.figure},
@@ -144,8 +145,8 @@ class Beat(View):
             self.show(self.session.moment)
             self.tell(self.session.moment)
 
-    def _point(self, event: PointEvent) -> None:
+    def _point(self, x: float, _: float) -> None:
         moment = self.session.moment
-        if moment is not None and event.x is not None:
-            range_m = moment.radar.frame.chirp.range_m(event.x * 1e6)
+        if moment is not None:
+            range_m = moment.radar.frame.chirp.range_m(x * 1e6)
             self.session.point(moment.cursor._replace(range_m=range_m))

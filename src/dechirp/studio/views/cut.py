@@ -1,7 +1,7 @@
 """Power and threshold along both axes of the map, through the cursor."""
 
 import numpy as np
-from bokeh.events import DoubleTap, PointEvent, Tap
+from bokeh.events import DoubleTap, Tap
 from bokeh.models import UIElement
 
 from dechirp.core.units import decibels
@@ -9,6 +9,7 @@ from dechirp.core.words import fixed, number, power_db, power_unit
 from dechirp.report.figures.cfar import cells_about, stretches
 from dechirp.report.figures.parts import Axis
 from dechirp.report.figures.style import thinned
+from dechirp.studio.browser import on_place
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cut as Line
 from dechirp.studio.pointing import cell_of
@@ -37,7 +38,7 @@ class Cut(View):
         """Title and note of what was shown last."""
         self.drawings = {along: _drawing(_LABELS[along]) for along in _AXES.values()}
         for drawing in self.drawings.values():
-            drawing.figure.on_event(Tap, self._point)
+            on_place(drawing.figure, Tap, self._point)
             drawing.figure.on_event(DoubleTap, lambda _: session.point(None))
         figures = {words: self.drawings[along].figure for words, along in _AXES.items()}
         self.tile = Switched(self.name, figures, on_switch=self._again)
@@ -89,14 +90,14 @@ class Cut(View):
             self.show(self.session.moment)
             self.tell(self.session.moment)
 
-    def _point(self, event: PointEvent) -> None:
+    def _point(self, x: float, _: float) -> None:
         moment = self.session.moment
-        if moment is not None and event.x is not None:
+        if moment is not None:
             at = moment.cursor
             self.session.point(
-                at._replace(range_m=event.x)
+                at._replace(range_m=x)
                 if self._along == "range"
-                else at._replace(velocity_m_per_s=event.x)
+                else at._replace(velocity_m_per_s=x)
             )
 
 

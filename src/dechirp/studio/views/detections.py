@@ -83,10 +83,6 @@ def columns_of(moment: Moment) -> dict[str, np.ndarray]:
     return columns | {"snr": decibels(columns["snr"])}
 
 
-def _strongest_first(moment: Moment) -> np.ndarray:
-    return np.argsort(-moment.detections.snr.values, kind="stable")
-
-
 def _said(targets: np.ndarray, moment: Moment) -> str:
     """How many there are, and how many of them are of targets."""
     n = targets.size

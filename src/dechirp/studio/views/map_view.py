@@ -5,7 +5,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 
 import numpy as np
-from bokeh.events import DoubleTap, Pan, PointEvent, Tap
+from bokeh.events import DoubleTap, Pan, Tap
 from bokeh.models import (
     BasicTicker,
     ColorBar,
@@ -20,6 +20,7 @@ from bokeh.models import (
 from dechirp.core.units import from_decibels
 from dechirp.core.words import power_db, power_unit
 from dechirp.report.figures.range_doppler import reduced
+from dechirp.studio.browser import on_place
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
@@ -64,7 +65,7 @@ class MapView(View):
         self.figure.add_layout(self._upright)
         self.figure.add_layout(self._level)
         for event in (Tap, Pan):
-            self.figure.on_event(event, self._point)
+            on_place(self.figure, event, self._point)
         self.figure.on_event(DoubleTap, lambda _: session.point(None))
 
     @property
@@ -150,9 +151,9 @@ class MapView(View):
                     line_width=width,
                 )
 
-    def _point(self, event: PointEvent) -> None:
-        if event.x is not None and event.y is not None:
-            self.session.point(self.cursor_at(event.x, event.y))
+    def _point(self, x: float, y: float) -> None:
+        if self.session.moment is not None:
+            self.session.point(self.cursor_at(x, y))
 
 
 def edges(centres: np.ndarray) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from functools import partial
 
 import numpy as np
-from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, PointEvent, Tap
+from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, Tap
 from bokeh.models import UIElement
 
 from dechirp.core.errors import InvalidSetting, Mistake
@@ -12,6 +12,7 @@ from dechirp.experiment.scenario import Scenario
 from dechirp.report.figures.ground import magnified, round_down
 from dechirp.scene.folding import Place, on_map
 from dechirp.scene.scene import Scene as Targets
+from dechirp.studio.browser import on_place
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
@@ -54,11 +55,12 @@ class Scene(View):
         for event, heard in (
             (PanStart, self._hold),
             (Pan, self._drag),
-            (PanEnd, self._let_go),
+            (PanEnd, self._drag),
             (Tap, self._point),
-            (DoubleTap, lambda _: session.point(None)),
         ):
-            self.ground.figure.on_event(event, heard)
+            on_place(self.ground.figure, event, heard)
+        self.ground.figure.on_event(PanEnd, lambda _: self._let_go())
+        self.ground.figure.on_event(DoubleTap, lambda _: session.point(None))
         session.on_settings.append(self._settle)
         session.on_trouble.append(self._give_up)
 
@@ -144,29 +146,29 @@ class Scene(View):
 
     # Pointing and dragging.
 
-    def _near(self, event: PointEvent) -> int | None:
+    def _near(self, x: float, y: float) -> int | None:
         """The target at a place of the picture, if there is one."""
-        away_m = np.hypot(*(self._there.places_m - (event.y, event.x)).T)
+        away_m = np.hypot(*(self._there.places_m - (y, x)).T)
         if not away_m.size or away_m.min() > _NEAR * self.ground.reach_m:
             return None
         return int(away_m.argmin())
 
-    def _point(self, event: PointEvent) -> None:
-        moment, near = self.session.moment, self._near(event)
+    def _point(self, x: float, y: float) -> None:
+        moment, near = self.session.moment, self._near(x, y)
         if moment is None:
             return
-        cursor = Cursor(float(np.hypot(event.x, event.y)), moment.cursor.velocity_m_per_s)
+        cursor = Cursor(float(np.hypot(x, y)), moment.cursor.velocity_m_per_s)
         if near is not None and moment.truth is not None:
             there = (moment.truth[of].values.ravel()[near] for of in ("range", "velocity"))
             cursor = Cursor(*map(float, on_map(Place(*there), moment.radar)))
         self.session.point(cursor)
 
-    def _hold(self, event: PointEvent) -> None:
-        near = self._near(event)
+    def _hold(self, x: float, y: float) -> None:
+        near = self._near(x, y)
         if near is not None:
-            self._held, self._is_let_go = (self._there.names[near], (event.y, event.x)), False
+            self._held, self._is_let_go = (self._there.names[near], (y, x)), False
 
-    def _drag(self, event: PointEvent) -> None:
+    def _drag(self, x: float, y: float) -> None:
         moment, scene = self.session.moment, self.session.scenario.scene
         if self._held is None or self._is_let_go or moment is None or scene is None:
             return
@@ -176,17 +178,16 @@ class Scene(View):
             return
         path = f"scene.targets.{label(scene, name)}.position"
         try:
-            at_m = start_m(scene, name, (event.y, event.x), moment.time_s)
+            at_m = start_m(scene, name, (y, x), moment.time_s)
         except InvalidSetting as error:
             self._held = None
             self.session.edit(path, partial(_refuse, error))
             return
-        self._held = name, (event.y, event.x)
+        self._held = name, (y, x)
         self._show_targets()
         self.session.change(path, written(at_m))
 
-    def _let_go(self, event: PointEvent) -> None:
-        self._drag(event)
+    def _let_go(self) -> None:
         self._is_let_go = True
 
     def _settle(self, _: Scenario) -> None:

@@ -37,7 +37,8 @@ class Switched:
     @property
     def chosen(self) -> str:
         """What the switch says."""
-        return list(self._figures)[self.switch.active or 0]
+        names, at = list(self._figures), self.switch.active
+        return names[at] if at in range(len(names)) else names[0]  # a browser may say anything
 
     def say(self, title: str, note: str) -> None:
         """Say what is seen, and in a smaller line what its marks mean, with numbers."""

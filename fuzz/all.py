@@ -1,0 +1,33 @@
+"""Every fuzzer, one after the other: readers of files, every entry point, and the studio.
+
+    python fuzz/all.py                   60 s for each of some thirty kinds
+    python fuzz/all.py --seconds 600
+
+The readers need atheris (`pip install -e ".[fuzz]"`, Linux), and are passed over without it.
+"""
+
+import argparse
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seconds", type=int, default=60)
+    asked = parser.parse_args()
+    scripts = ["readers.py", "entries.py", "studio.py"]
+    if importlib.util.find_spec("atheris") is None:
+        print("readers: passed over, atheris is not installed")
+        scripts.remove("readers.py")
+    here, seconds = Path(__file__).parent, ["--seconds", str(asked.seconds)]
+    ended = [
+        subprocess.run([sys.executable, here / script, *seconds], check=False).returncode
+        for script in scripts
+    ]
+    raise SystemExit(max(ended))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,182 @@
+"""Fuzzing of every entry point, from the corpora of `tests/bad_input`, each in its own process.
+
+Any bytes must give a value, or one of our errors that says where, what was got, what is needed and
+how to mend it; another exception, 20 s for one input or 2 GiB of memory beside the libraries
+ends with status 1, and leaves the input in `fuzz-found/`. What is mended goes to the corpus.
+
+    python fuzz/entries.py                           every entry point, 60 s each
+    python fuzz/entries.py --seconds 600 dbc udp     some, longer
+    python fuzz/entries.py --seed 7 --seconds 60     other mutations
+
+Coverage guides it where atheris is installed (Linux); elsewhere it mutates by chance of the seed.
+"""
+
+import argparse
+import hashlib
+import importlib.util
+import os
+import random
+import re
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from mutate import mutated
+
+ROOT = Path(__file__).resolve().parents[1]
+FOUND = Path("fuzz-found").absolute()
+SECONDS_EACH, MORE_BYTES = 20, 2 * 2**30
+sys.path.insert(0, str(ROOT / "tests"))
+
+
+def one_input(entry: str, folder: Path) -> Callable[[bytes, str], None]:
+    """What is called with the bytes and the suffix of each input."""
+    from bad_input.entries import replayed
+
+    count = iter(range(10**12))
+
+    def tried(content: bytes, suffix: str) -> None:
+        place = folder / str(next(count))
+        scratch = place / "scratch"
+        scratch.mkdir(parents=True)
+        file = place / f"input{suffix}"
+        file.write_bytes(content)
+        replayed(entry, file, scratch)
+        for path in sorted(place.rglob("*"), reverse=True):
+            path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
+        place.rmdir()
+
+    return tried
+
+
+def child(entry: str, seconds: int, seed: int) -> None:
+    """Fuzz one entry point; ends the process."""
+    from bad_input.entries import CORPUS
+
+    files = sorted((CORPUS / entry).iterdir())
+    by_suffix: dict[str, list[bytes]] = {}
+    for file in files:
+        by_suffix.setdefault("".join(file.suffixes[-2:]), []).append(file.read_bytes())
+    with tempfile.TemporaryDirectory() as name:
+        tried = one_input(entry, Path(name))
+        for suffix, contents in by_suffix.items():
+            for content in contents:
+                tried(content, suffix)
+        _limit_memory()
+        if importlib.util.find_spec("atheris"):
+            _guided(entry, by_suffix, tried, Path(name), seconds)
+        else:
+            _by_chance(entry, by_suffix, tried, seconds, seed)
+
+
+def _limit_memory() -> None:
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGESIZE")
+    resource.setrlimit(resource.RLIMIT_AS, (used + MORE_BYTES, resource.RLIM_INFINITY))
+
+
+def _by_chance(
+    entry: str,
+    by_suffix: dict[str, list[bytes]],
+    tried: Callable[[bytes, str], None],
+    seconds: int,
+    seed: int,
+) -> None:
+    """Mutate until the time is over; each way to fail, by its last lines of code, is kept once."""
+    rng = random.Random(f"{seed} {entry}")
+    signal.signal(signal.SIGALRM, _too_long)
+    end, n, ways = time.monotonic() + seconds, 0, set()
+    while time.monotonic() < end:
+        suffix = rng.choice(list(by_suffix))
+        content = mutated(rng, by_suffix[suffix])
+        signal.alarm(SECONDS_EACH)
+        try:
+            tried(content, suffix)
+        except (Exception, SystemExit) as error:
+            way = _way(error)
+            if way not in ways:
+                ways.add(way)
+                digest = hashlib.sha256(content).hexdigest()[:8]
+                (FOUND / f"{entry}-{digest}{suffix}").write_bytes(content)
+                print(f"-- {entry}-{digest}{suffix}", file=sys.stderr)
+                traceback.print_exception(error, limit=-4)
+        signal.alarm(0)
+        n += 1
+    print(f"executed_units: {n}", file=sys.stderr)
+    raise SystemExit(1 if ways else 0)
+
+
+def _way(error: BaseException) -> str:
+    """By which one way to fail is told from another."""
+    code = traceback.extract_tb(error.__traceback__)[-2:]
+    message = re.sub(r"[\W\d_]+", " ", str(error))[:20]
+    return f"{type(error).__name__} {message} {[(one.filename, one.lineno) for one in code]}"
+
+
+def _too_long(_number: int, _frame: object) -> NoReturn:
+    raise TimeoutError(f"more than {SECONDS_EACH} s")
+
+
+def _guided(
+    entry: str,
+    by_suffix: dict[str, list[bytes]],
+    tried: Callable[[bytes, str], None],
+    folder: Path,
+    seconds: int,
+) -> None:
+    """Let atheris mutate; the first byte chooses the suffix."""
+    import atheris
+
+    corpus, suffixes = folder / "corpus", list(by_suffix)
+    corpus.mkdir()
+    for which, contents in enumerate(by_suffix.values()):
+        for at, content in enumerate(contents):
+            (corpus / f"{which}-{at}").write_bytes(bytes([which]) + content)
+    atheris.instrument_all()
+
+    def one(content: bytes) -> None:
+        tried(content[1:], suffixes[content[0] % len(suffixes)] if content else suffixes[0])
+
+    limits = [f"-timeout={SECONDS_EACH}", "-rss_limit_mb=3000", "-max_len=65536"]
+    found, runs = f"-artifact_prefix={FOUND}/{entry}-", f"-max_total_time={seconds}"
+    atheris.Setup([sys.argv[0], *limits, "-print_final_stats=1", found, runs, str(corpus)], one)
+    atheris.Fuzz()
+
+
+def main() -> None:
+    from bad_input.entries import ENTRIES
+
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("entries", nargs="*", default=list(ENTRIES))
+    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.child:
+        child(asked.entries[0], asked.seconds, asked.seed)
+        return
+    FOUND.mkdir(exist_ok=True)
+    failed = False
+    for entry in asked.entries:
+        options = ["--seconds", str(asked.seconds), "--seed", str(asked.seed)]
+        command = [sys.executable, __file__, "--child", entry, *options]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        said = re.findall(r"executed_units: *(\d+)", done.stderr)
+        verdict = "failed" if done.returncode else "passed"
+        print(f"{entry}: {verdict}, {''.join(said) or 'no'} inputs", flush=True)
+        if done.returncode:
+            failed = True
+            print(done.stderr[-20000:])
+    if not failed and not any(FOUND.iterdir()):
+        FOUND.rmdir()
+    raise SystemExit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,347 @@
+"""Every way by which foreign bytes come in, and what each owes them: a value, or one of our errors.
+
+An entry is a function of a file and of an empty folder to work in. `replayed` calls it and judges:
+it may return, or raise a `DechirpError` whose mistakes each say where, what was got, what is
+needed and how to mend it.
+"""
+
+import contextlib
+import io
+import json
+import os
+import struct
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from functools import cache
+from itertools import chain
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+
+from dechirp.core.errors import DechirpError
+from dechirp.core.findings import PhysicsWarning
+
+CORPUS = Path(__file__).with_name("corpus")
+Entry = Callable[[Path, Path], object]
+
+RADAR_YAML = """\
+frame:
+  chirp: {start_frequency: 77 GHz, slope: 30 MHz/us, ramp_duration: 30 us,
+          sample_rate: 10 MHz, n_samples: 8, sampling: complex}
+  n_chirps: 2
+  interval: 40 us
+"""
+
+
+def replayed(entry: str, file: Path, scratch: Path) -> None:
+    """Give a file to an entry point; raises whatever it must not."""
+    before = set(file.parent.iterdir())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.simplefilter("ignore", PhysicsWarning)
+            ENTRIES[entry](file, scratch)
+    except DechirpError as error:
+        must_say_all(error)
+    assert set(file.parent.iterdir()) == before, "left something behind"
+
+
+def must_say_all(error: DechirpError) -> None:
+    """Check that an error says where, what was got, what is needed and how to mend it."""
+    assert error.mistakes, "an error without a mistake"
+    for one in error.mistakes:
+        assert one.setting.strip(), f"no place: {one!r}"
+        assert str(one.got).strip(), f"nothing got: {one!r}"
+        assert one.need.strip(), f"nothing needed: {one!r}"
+        assert one.fix.strip().endswith((".", "?", "!")), f"no sentence that mends it: {one!r}"
+        assert len(str(one)) < 6000, f"nobody reads that much: {str(one)[:300]}"
+        assert "\n" not in str(one), f"more than a line: {one!r}"
+        assert all(c.isprintable() for c in str(one)), f"not to be printed: {str(one)!r}"
+    assert "Traceback" not in str(error)
+
+
+# Settings
+
+
+def _scenario(file: Path, _: Path) -> object:
+    import dechirp as dc
+
+    return dc.load(file)
+
+
+def _study(file: Path, _: Path) -> object:
+    import dechirp as dc
+
+    return dc.load_study(file)
+
+
+def _tune(file: Path, _: Path) -> object:
+    import dechirp as dc
+
+    return dc.load_tune(file)
+
+
+def _radar(file: Path, _: Path) -> object:
+    from dechirp.formats.settings.read import read_radar
+
+    return read_radar(file)
+
+
+def _requirements(file: Path, _: Path) -> object:
+    from dechirp.config import files
+    from dechirp.radar.design import design
+    from dechirp.radar.requirements import Requirements
+
+    return design(files.read(file, Requirements))
+
+
+def _calibration(file: Path, _: Path) -> object:
+    from dechirp.formats.settings.calibration import read_calibration
+
+    return read_calibration(file)
+
+
+def _mesh(file: Path, _: Path) -> object:
+    import dechirp as dc
+
+    return dc.Mesh(path=str(file))
+
+
+def _option(file: Path, _: Path) -> object:
+    """`--set`, an option a line: on a scenario, on a study, and as typed into the studio."""
+    import dechirp as dc
+    from dechirp.studio.settings import Limits, changed
+
+    options = file.read_bytes().decode("utf-8", "surrogateescape").split("\n")
+    try:
+        changed(dc.reference(), options, Limits())
+    except DechirpError as error:
+        must_say_all(error)
+    return dc.reference(options)
+
+
+def _studio_text(file: Path, _: Path) -> object:
+    """The settings of a page of the studio, as a text."""
+    from dechirp.studio.settings import Limits, parsed
+
+    return parsed(file.read_bytes().decode("utf-8", "replace"), Limits())
+
+
+# Files of samples, objects and results
+
+
+@cache
+def _told_radar() -> object:
+    from dechirp.config import files
+    from dechirp.radar.radar import Radar
+
+    return files.parse(RADAR_YAML, Radar)
+
+
+def _recording(file: Path, _: Path) -> object:
+    import dechirp as dc
+    from formats.any_bytes import gives_a_cube_or_says_why
+
+    told = {"format": {".txt": "text", ".urad": "urad"}.get(file.suffix)}
+    told = {key: one for key, one in told.items() if one}
+    with contextlib.suppress(DechirpError):
+        dc.open(file)
+    return gives_a_cube_or_says_why(file, radar=_told_radar(), **told)
+
+
+def _description(file: Path, scratch: Path) -> object:
+    """The JSON that our files have beside their samples."""
+    import dechirp as dc
+
+    text = file.read_bytes().decode("utf-8", "replace")
+    made = scratch / "described.npz"
+    cube = np.zeros((1, 2, 1, 8), np.complex64)
+    np.savez(made, cube=cube, dechirp=np.array(text))
+    opened = dc.open(made)
+    return opened, list(opened.frames()), opened.points
+
+
+def _objects(file: Path, _: Path) -> object:
+    import dechirp as dc
+
+    return dc.read_objects(file)
+
+
+def _dbc(file: Path, scratch: Path) -> object:
+    from dechirp.objects.can_logs import read_can_log, write_can_log
+    from objects_made import objects_at
+
+    made = scratch / "made.log"
+    try:
+        write_can_log(objects_at(2), made, dbc=file)
+    except DechirpError:
+        assert not list(scratch.iterdir()), "half a log"
+        raise
+    return read_can_log(made, dbc=file)
+
+
+def _table(file: Path, _: Path) -> object:
+    from dechirp.store.parquet import read_parquet
+
+    return read_parquet(file)
+
+
+def _vectors(file: Path, scratch: Path) -> object:
+    """Words of a bench as they are, and the description of a folder of them."""
+    import dechirp as dc
+
+    if file.suffix == ".hex":
+        return dc.read_words(file, bits=16, signed=True)
+    (scratch / "vectors.json").write_bytes(file.read_bytes())
+    (scratch / "words.hex").write_text("0001\nffff\n")
+    return dc.read_vectors(scratch)
+
+
+def _record(file: Path, scratch: Path) -> object:
+    """The record of a study."""
+    from dechirp.experiment.study.record import NAME, Record
+
+    (scratch / NAME).write_bytes(file.read_bytes())
+    with Record.read(scratch) as record:
+        return record.identity, record.environments, record.done(), record.failures()
+
+
+# The network
+
+
+def udp_packets(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Senders and packets in a file: size (uint16), sender (uint8), bytes."""
+    at = 0
+    while at + 3 <= len(content):
+        size, sender = struct.unpack_from("<HB", content, at)
+        yield sender, content[at + 3 : at + 3 + size]
+        at += 3 + size
+
+
+def _udp(file: Path, _: Path) -> object:
+    """Packets as a DCA1000 sends them, or anything else, put in their places."""
+    from dechirp.live.places import Window
+    from dechirp.live.taking import Slots
+
+    packets = list(udp_packets(file.read_bytes()))
+    content = np.zeros((len(packets), 1472), np.uint8)
+    for row, (_sender, packet) in zip(content, packets, strict=True):
+        row[: len(packet)] = np.frombuffer(packet[:1472], np.uint8)
+    sizes = np.array([len(packet) for _, packet in packets], np.int64)
+    senders = np.array([sender for sender, _ in packets], np.int64)
+    window = Window(4096, most_lost=1000)
+    last = -1
+    placed = window.place(Slots(content, sizes, senders))
+    for frame in chain(placed, window.up_to(2**40)):
+        assert frame.number > last, "a frame came twice, or late"
+        last = frame.number
+        assert frame.arrived.any(), "a frame of nothing"
+        assert not frame.content[~frame.arrived].any(), "what was lost is not zero"
+    assert window.lost_bytes >= 0
+    return last
+
+
+# The command line
+
+
+def _command_line(file: Path, scratch: Path) -> None:
+    """Words of a call, one a line; what would last (servers, certificates) ends where it begins."""
+    words = [os.fsdecode(line) for line in file.read_bytes().split(b"\n")]
+    called(words, scratch)
+
+
+def called(words: list[str], folder: Path) -> int:
+    """Status of a call from a folder; what it prints must go with it."""
+    from dechirp.cli.main import main
+
+    out, err = io.StringIO(), io.StringIO()
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            contextlib.ExitStack() as stack,
+        ):
+            for name in _LASTING:
+                stack.enter_context(patch(name, side_effect=_no_further))
+            main(words)
+    except _NoFurther:
+        return 0
+    except SystemExit as ended:
+        status = int(ended.code or 0)
+    finally:
+        os.chdir(here)
+    said = out.getvalue() + err.getvalue()
+    assert "Traceback" not in said, said
+    assert status in (0, 1, 2), f"{words}: {status}"
+    if status == 2:
+        _must_be_told(words, out.getvalue(), err.getvalue())
+    return status
+
+
+def _must_be_told(words: list[str], out: str, err: str) -> None:
+    """Check that a call which was refused says why, and says it once."""
+    if any(word.startswith("--json") for word in words):
+        found = json.loads(out)["errors"]
+        assert found, words
+        assert all(one[key] for one in found for key in ("setting", "got", "need", "fix")), found
+        return
+    lines = err.splitlines()
+    assert lines, f"{words}: refused without a word"
+    said = [line for line in lines if ", but must be " in line]
+    assert said, lines
+    assert all(line.rstrip().endswith((".", "?", "!")) for line in said), lines
+
+
+class _NoFurther(Exception):
+    """The call was right, and would now take long."""
+
+
+def _no_further(*given: object, **_: object) -> None:
+    for one in given:  # a server that has its port
+        getattr(one, "_socket", contextlib.nullcontext()).__exit__(None, None, None)
+    raise _NoFurther
+
+
+_LASTING = (
+    "dechirp.experiment.verify.certificate.verify",
+    "dechirp.experiment.study.executors.chosen",
+    "dechirp.cli.study._replay",
+    "dechirp.experiment.run.run",
+    "dechirp.experiment.run.one_frame",
+    "dechirp.experiment.twin.twin.twin",
+    "dechirp.experiment.inspection.inspect",
+    "dechirp.process.calibration.calibrate.calibrate",
+    "dechirp.exchange.convert.write",
+    "dechirp.cli.studio._serve",
+    "dechirp.cli.followed.followed",
+)
+"""What commands call once the call and its files are read."""
+
+ENTRIES: dict[str, Entry] = {
+    "scenario": _scenario,
+    "study": _study,
+    "tune": _tune,
+    "radar": _radar,
+    "requirements": _requirements,
+    "calibration": _calibration,
+    "mesh": _mesh,
+    "option": _option,
+    "studio-text": _studio_text,
+    "recording": _recording,
+    "description": _description,
+    "objects": _objects,
+    "dbc": _dbc,
+    "table": _table,
+    "vectors": _vectors,
+    "record": _record,
+    "udp": _udp,
+    "command-line": _command_line,
+}
+"""By the names of the folders of the corpus."""
+
+if str(CORPUS.parents[1]) not in sys.path:
+    sys.path.insert(0, str(CORPUS.parents[1]))  # helpers of the other tests, for the fuzzers

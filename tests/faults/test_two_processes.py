@@ -1,0 +1,58 @@
+"""Two processes that write to one place: each is told, or the last one wins; never a mixture."""
+
+import json
+
+from dechirp.store.whole import whole_file, whole_folder
+from faults.conftest import shell
+from nightly import nightly
+
+
+def test_of_two_folders_the_last_is_whole(tmp_path):
+    out = tmp_path / "out"
+    with whole_folder(out) as first:
+        (first / "mine").write_text("first")
+        with whole_folder(out) as second:
+            (second / "mine").write_text("second")
+        (first / "also").write_text("first")
+
+    assert {path.name: path.read_text() for path in out.iterdir()} == {
+        "mine": "first",
+        "also": "first",
+    }
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_of_two_files_the_last_is_whole(tmp_path):
+    out = tmp_path / "out.json"
+    with whole_file(out) as first:
+        first.write_text("first, and longer")
+        with whole_file(out) as second:
+            second.write_text("second")
+
+    assert out.read_text() == "first, and longer"
+    assert list(tmp_path.iterdir()) == [out]
+
+
+@nightly
+def test_runs_at_once_leave_the_results_of_one(folder):
+    line = " ".join(f'"$@" --seed {seed} & p{seed}=$!;' for seed in range(4))
+    line += " ".join(f"wait $p{seed}; echo $?;" for seed in range(4))
+    ended = shell(line, "run", "small.yaml", "--out", "out", "--quiet")
+
+    statuses = [int(word) for word in ended.stdout.split()]
+    assert set(statuses) <= {0, 2}
+    assert 0 in statuses
+    assert len(ended.stderr.splitlines()) == statuses.count(2)
+    seed = json.loads((folder / "out" / "run.json").read_text())["seed"]
+    assert f"seed: {seed}\n" in (folder / "out" / "scenario.yaml").read_text()
+    assert not [path for path in folder.iterdir() if path.name.startswith(".")]
+
+
+@nightly
+def test_a_second_study_is_refused_and_the_first_goes_on(folder):
+    line = '("$@" & first=$!; "$@"; echo $?; wait $first; echo $?) | sort'
+    asked = ("study", "study.yaml", "--workers", "1", "--out", "out", "--quiet")
+    ended = shell(line, *asked, "--set", "trials.at_most=400")
+
+    assert ended.stdout.split() == ["0", "2"]
+    assert "in use by another study that runs now" in ended.stderr

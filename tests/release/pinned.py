@@ -1,0 +1,25 @@
+"""The pinned requirements, and what pyproject.toml says."""
+
+import re
+import tomllib
+from functools import cache
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def text_of(name: str) -> str:
+    return (ROOT / "requirements" / name).read_text(encoding="utf-8")
+
+
+@cache
+def pins(name: str) -> list[tuple[Requirement, list[str]]]:
+    """Each pin with its hashes."""
+    entry = r"^([A-Za-z0-9][^\\\n]*?) \\\n((?: +--hash=\S+(?: \\)?\n)+)"
+    return [
+        (Requirement(pin), re.findall(r"--hash=(\S+)", hashes))
+        for pin, hashes in re.findall(entry, text_of(name), re.MULTILINE)
+    ]
