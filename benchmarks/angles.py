@@ -25,11 +25,11 @@ from typing import Any
 arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 arguments.add_argument("--trials", type=int, default=2000)
 arguments.add_argument("--kind", default="")
-asked = arguments.parse_args()
+asked = arguments.parse_args(None if __name__ == "__main__" else [])
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
-from scipy.linalg import blas, lapack
+from sides.plain_angles import beams, covariances, solves
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.process.angle.aperture import Aperture
@@ -140,12 +140,7 @@ def time_each(estimator: Any, seen: Aperture, n: int) -> str:
 def bare_solves(covariances: np.ndarray, steering: np.ndarray) -> None:
     """Cholesky's factor of each covariance, and it solved for all steering vectors."""
     for covariance in covariances:
-        factor, _ = lapack.cpotrf(covariance.T, lower=1)
-        blas.ctrsm(1, factor, steering, lower=1)
-
-
-def bare_beams(x: np.ndarray, steering: np.ndarray) -> np.ndarray:
-    return np.abs(x[:, 0] @ steering.conj().T) ** 2
+        solves(covariance, steering)
 
 
 def compare(
@@ -165,8 +160,7 @@ def times() -> None:
         seen = Aperture(line(n_elements))
         x = one_source(seen, n)
         towards = seen.steering(np.arcsin(np.linspace(-1, 1, 181))).astype(np.complex64)
-        covariances = np.swapaxes(x, 1, 2) * x.conj() + np.eye(n_elements, dtype=np.complex64)
-        bare = partial(bare_solves, covariances, np.asfortranarray(towards.T))
+        bare = partial(bare_solves, covariances(x[:, 0], 1.0), np.asfortranarray(towards.conj().T))
         for member in (Capon(), Music()):
             ours = partial(member.directions, x, seen, np.ones(n))
             compare(f"{member.kind()}, {n_elements} channels", ours, bare, n, bar)
@@ -174,7 +168,7 @@ def times() -> None:
         compare(
             f"beams of 1,000, {n_elements} channels",
             partial(beam_power, many, towards),
-            partial(bare_beams, many, towards),
+            partial(beams, many[:, 0], towards),
             1,
             {12: 0.31, 192: 1.8}[n_elements],  # the fastest of other packages
         )

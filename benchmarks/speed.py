@@ -33,104 +33,26 @@ from time import perf_counter
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(pool, "1")
 
-import numba
 import numpy as np
-import scipy.fft
-import xarray as xr
-from scipy.ndimage import uniform_filter
+from sides.frames import frame_of
+from sides.plain_maps import (
+    GUARD,
+    N_RING,
+    TRAINING,
+    plain_cell_averaging,
+    plain_chain,
+    plain_map,
+    plain_ordered_statistic,
+    tapers,
+)
 
 import dechirp as dc
 from dechirp.process.cfar.base import Ring
 from dechirp.process.spectrum import Transform, mean_power
 
-TRAINING, GUARD = (8, 10), (4, 4)  # velocity, range: each side
-WIDTH = tuple(2 * (t + g) + 1 for t, g in zip(TRAINING, GUARD, strict=True))
-INNER = tuple(2 * g + 1 for g in GUARD)
-N_RING = WIDTH[0] * WIDTH[1] - INNER[0] * INNER[1]
 FACTOR = 13.965
 # Rank 3 / 4 of 644 cells at 1e-6: log 4 = 1.386 times the mean, within 1 %.
-RANK, RANK_FACTOR = 483, 10.13
-
-
-def plain_map(samples: np.ndarray, taper: np.ndarray, n_bins: int) -> np.ndarray:
-    """Power map as one writes it with SciPy, velocity first, (chirp, sample)."""
-    spectrum = scipy.fft.fft(samples * taper, axis=0, overwrite_x=True)
-    spectrum = scipy.fft.fft(spectrum, n_bins, axis=1, overwrite_x=True)
-    return np.asarray(scipy.fft.fftshift(spectrum.real**2 + spectrum.imag**2, axes=0))
-
-
-def plain_chain(samples: np.ndarray, taper: np.ndarray) -> np.ndarray:
-    """Window to CFAR mask as one writes it with NumPy and SciPy, (chirp, channel, sample)."""
-    spectrum = scipy.fft.fft(samples * taper[:, None], axis=2)
-    spectrum = scipy.fft.fftshift(scipy.fft.fft(spectrum, axis=0), axes=0)
-    power = (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
-    box = uniform_filter(power, WIDTH, mode="wrap") * (WIDTH[0] * WIDTH[1])
-    guard = uniform_filter(power, INNER, mode="wrap") * (INNER[0] * INNER[1])
-    return power > FACTOR / N_RING * (box - guard)
-
-
-@numba.njit
-def box_sums(power: np.ndarray, n_v: int, n_r: int) -> np.ndarray:
-    """Sums over boxes by running sums along each axis; boxes that do not fit are left out."""
-    rows, columns = power.shape
-    along = np.zeros((rows, columns), np.float32)
-    for v in range(rows):
-        total = np.float32(0.0)
-        for j in range(n_r):
-            total += power[v, j]
-        along[v, n_r // 2] = total
-        for j in range(n_r, columns):
-            total += power[v, j] - power[v, j - n_r]
-            along[v, j - n_r // 2] = total
-    out = np.zeros((rows, columns), np.float32)
-    running = np.zeros(columns, np.float32)
-    for v in range(rows):
-        for j in range(columns):
-            running[j] += along[v, j]
-        if v >= n_v:
-            for j in range(columns):
-                running[j] -= along[v - n_v, j]
-        if v >= n_v - 1:
-            for j in range(columns):
-                out[v - n_v // 2, j] = running[j]
-    return out
-
-
-@numba.njit
-def plain_cell_averaging(power: np.ndarray, factor: float) -> np.ndarray:
-    """Mask of a cell-averaging CFAR by plain running sums, edges left out."""
-    n_v, n_r, g_v, g_r = 25, 29, 9, 9
-    scale = np.float32(factor / (n_v * n_r - g_v * g_r))
-    box, guard = box_sums(power, n_v, n_r), box_sums(power, g_v, g_r)
-    mask = np.zeros(power.shape, np.bool_)
-    for v in range(n_v // 2, power.shape[0] - n_v // 2):
-        for j in range(n_r // 2, power.shape[1] - n_r // 2):
-            mask[v, j] = power[v, j] > scale * (box[v, j] - guard[v, j])
-    return mask
-
-
-@numba.njit
-def plain_ordered_statistic(power: np.ndarray, factor: float, rank: int) -> np.ndarray:
-    """Mask of an ordered-statistic CFAR by counting until it is decided, edges left out."""
-    half_v, half_r, g_v, g_r = 12, 14, 4, 4
-    n_ring = 25 * 29 - 81
-    mask = np.zeros(power.shape, np.bool_)
-    for v in range(half_v, power.shape[0] - half_v):
-        for j in range(half_r, power.shape[1] - half_r):
-            limit = power[v, j] / np.float32(factor)
-            n_under = n_over = 0
-            for dv in range(-half_v, half_v + 1):
-                for dr in range(-half_r, half_r + 1):
-                    if abs(dv) <= g_v and abs(dr) <= g_r:
-                        continue
-                    if power[v + dv, j + dr] < limit:
-                        n_under += 1
-                    else:
-                        n_over += 1
-                if n_under >= rank or n_over > n_ring - rank:
-                    break
-            mask[v, j] = n_under >= rank
-    return mask
+RANK, RANK_FACTOR = 3 * N_RING // 4, 10.13
 
 
 def compare(
@@ -161,11 +83,6 @@ def fastest(work: Callable[[], object]) -> float:
         work()
         times.append(perf_counter() - start)
     return min(times)
-
-
-def tapers(shape: tuple[int, int]) -> np.ndarray:
-    hann = [0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n) for n in shape]
-    return np.outer(*hann).astype(np.float32)
 
 
 def of_map() -> dict[str, dict[str, float]]:
@@ -213,43 +130,6 @@ def of_detectors() -> dict[str, dict[str, float]]:
     return found
 
 
-def frame_of(
-    n_samples: int, n_chirps: int, n_tx: int, n_rx: int, *, n_targets: int
-) -> tuple[xr.DataArray, dc.Radar]:
-    """Targets in noise, before transmitters that take turns."""
-    chirp = dc.Chirp(
-        start_frequency_hz=77e9,
-        slope_hz_per_s=10e12,
-        adc_start_s=3e-6,
-        ramp_duration_s=5e-6 + n_samples / 20e6,
-        sample_rate_hz=20e6,
-        n_samples=n_samples,
-        sampling="complex",
-    )
-    spacing_m = chirp.wavelength_m / 2
-    turns = dc.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None
-    radar = dc.Radar(
-        frame=dc.Frame(
-            chirp=chirp,
-            n_chirps=n_chirps,
-            interval_s=chirp.ramp_duration_s + 2e-6,
-            multiplexing=turns,
-        ),
-        array=dc.Array(
-            tx_m=[(0, n_rx * spacing_m * k, 0) for k in range(n_tx)],
-            rx_m=[(0, spacing_m * k, 0) for k in range(n_rx)],
-        ),
-        hardware=dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10.0),
-    )
-    targets = [
-        dc.Target(
-            position_m=(20 + 7 * k, 3 * (k % 5) - 6, 0), velocity_m_per_s=(k - 5, 0, 0), rcs_m2=10.0
-        )
-        for k in range(n_targets)
-    ]
-    return dc.simulate(dc.Scene(targets=targets), radar, seed=1), radar
-
-
 def of_frames() -> dict[str, dict[str, float]]:
     found = {}
     sizes = (
@@ -269,7 +149,7 @@ def of_frames() -> dict[str, dict[str, float]]:
         for told, chain in chains.items():
             name = f"frame {size}, {told.split()[0]}"
             work, more = (partial(dc.detect, frames, radar, chain) for frames in (cube, crowded))
-            found[name] = compare(name, work, partial(plain_chain, samples, taper), bar)
+            found[name] = compare(name, work, partial(plain_chain, samples, taper, FACTOR), bar)
             n_more = more().sizes["detection"] - work().sizes["detection"]
             spent = median(fastest(more) - fastest(work) for _ in range(15)) / n_more
             found[name]["each_further_detection_ms"] = spent * 1e3

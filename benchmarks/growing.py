@@ -1,0 +1,207 @@
+"""What `growth.py` measures: jobs of growing size, and how their time should grow.
+
+A law is what a count of operations gives. It is the growth of the largest sizes: constant parts
+flatten the small ones, and so does a kernel that is bound by memory there.
+"""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import NamedTuple
+
+import angles
+import numpy as np
+import study_machinery
+import xarray as xr
+from sides.frames import frame_of
+from sides.scenes import centred, cube_a
+
+import dechirp as dc
+from dechirp.echoes.engine import Engine
+from dechirp.echoes.kernels import choice
+from dechirp.process.angle.aperture import Aperture
+from dechirp.process.angle.base import DirectionEstimator
+from dechirp.process.cfar.base import NoiseEstimator, Ring
+from dechirp.process.cluster import cluster
+from dechirp.process.refine import refine
+from dechirp.process.spectrum import Transform, mean_power
+from dechirp.theory.correlated import correlated_factor
+
+Work = Callable[[], object]
+
+FACTOR = 13.965  # 1e-6 by 644 training cells
+
+LAWS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "1": lambda n: n**0,
+    "n": lambda n: n,
+    "n log n": lambda n: n * np.log(n),
+    "n^2": lambda n: n**2,
+    "n^3": lambda n: n**3,
+}
+
+
+class Job(NamedTuple):
+    """A work of any size, and the law of its time."""
+
+    name: str
+    along: str
+    """What grows."""
+    law: str
+    sizes: tuple[int, ...]
+    make: Callable[[int], Work]
+
+
+def jobs() -> Iterator[Job]:
+    """All of them."""
+    yield from _echoes()
+    yield from _maps()
+    yield from _detectors()
+    yield from _estimates()
+    yield Job("clusters, of one density", "detections", "n log n", doubled(1000, 5), _clusters)
+    yield Job("study, its ledger", "trials", "n", tuple(50 * n for n in doubled(25, 4)), _study)
+
+
+def doubled(first: int, count: int) -> tuple[int, ...]:
+    """Sizes, each twice the one before."""
+    return tuple(first << k for k in range(count))
+
+
+def _echoes() -> Iterator[Job]:
+    def work(
+        kernel: str, n: int = 8, *, n_chirps: int = 128, n_rx: int = 1, n_samples: int = 2200
+    ) -> Work:
+        scatterers, sent, _ = cube_a(n, 200.0, np.random.default_rng(1))
+        half_wave_m = np.arange(n_rx)[:, None] * [0.0, 1.9e-3, 0.0]
+        sent = sent._replace(
+            starts_s=centred(n_chirps, sent.starts_s[1] - sent.starts_s[0]),
+            weights=np.ones((n_chirps, 1), complex),
+            rx_m=half_wave_m,
+        )
+        scatterers = scatterers._replace(rx_gains=np.ones((n_rx, n)))
+        out = np.zeros((n_chirps, n_rx, n_samples), np.complex64)
+        engine = Engine(kernel=kernel)
+        return lambda: choice.add(out, scatterers, sent, engine=engine)
+
+    for kernel, first in (("direct", 2), ("product", 8), ("nonuniform", 8000)):
+        named = partial(work, kernel)
+        yield Job(f"echoes, {kernel}", "scatterers", "n", doubled(first, 5), named)
+    for kernel in ("direct", "product"):
+        yield Job(
+            f"echoes, {kernel}", "chirps", "n", doubled(32, 5),
+            lambda m, kernel=kernel: work(kernel, n_chirps=m),
+        )  # fmt: skip
+        yield Job(
+            f"echoes, {kernel}", "channels", "n", doubled(1, 5),
+            lambda m, kernel=kernel: work(kernel, n_chirps=32, n_rx=m),
+        )  # fmt: skip
+
+
+def _maps() -> Iterator[Job]:
+    def work(n_chirps: int = 128, n_channels: int = 1, n_samples: int = 512) -> Work:
+        rng = np.random.default_rng(1)
+        shape = (n_chirps, n_channels, n_samples)
+        samples = rng.normal(size=(2, *shape)).astype(np.float32)
+        cube = (samples[0] + 1j * samples[1]).astype(np.complex64)
+        over_range, over_velocity = (
+            Transform(window="hann", n_points=n, n_bins=n) for n in (n_samples, n_chirps)
+        )
+        return lambda: mean_power(cube, "complex", over_range, over_velocity)
+
+    yield Job("map", "chirps", "n log n", doubled(64, 5), lambda n: work(n_chirps=n))
+    yield Job("map", "samples", "n log n", doubled(256, 5), lambda n: work(n_samples=n))
+    yield Job("map", "channels", "n", doubled(1, 5), lambda n: work(n_channels=n))
+
+    def frame(**counts: int) -> Work:
+        shape = {"n_samples": 256, "n_chirps": 64, "n_tx": 1, "n_rx": 1} | counts
+        cube, radar = frame_of(**shape, n_targets=3)
+        chain = dc.Chain(angle=None)
+        return lambda: dc.detect(cube, radar, chain)
+
+    yield Job("detect", "chirps", "n log n", doubled(64, 5), lambda n: frame(n_chirps=n))
+    yield Job("detect", "channels", "n", doubled(1, 5), lambda n: frame(n_rx=n))
+
+
+def _detectors() -> Iterator[Job]:
+    rng = np.random.default_rng(1)
+
+    def work(
+        estimator: NoiseEstimator, n_cells: int, *, n_velocity: int = 128, n_training: int = 8
+    ) -> Work:
+        shape = (n_velocity, n_cells // n_velocity)
+        power = rng.exponential(size=shape).astype(np.float32)
+        ring = Ring(
+            n_training=dc.Cells(range=n_training, velocity=n_training),
+            n_guard=dc.Cells(range=4, velocity=4),
+        )
+        factors = np.full(power.shape[1], FACTOR, np.float32)
+        return lambda: estimator.exceeds(power, ring, factors)
+
+    def of_ring(estimator: NoiseEstimator, n: int) -> Work:
+        # So many cells on each side that the ring less its guard of 9 x 9 holds about n.
+        half = round((np.sqrt(n + 81) - 1) / 2)
+        # A large map: cells at the ends of range, as many as the ring is wide, take longer.
+        return work(estimator, 2**20, n_velocity=512, n_training=half - 4)
+
+    for kind, member in NoiseEstimator.members().items():
+        estimator = member()
+        yield Job(f"CFAR, {kind}", "cells", "n", doubled(2**16, 4), partial(work, estimator))
+        yield Job(
+            f"CFAR, {kind}", "training cells", RING_LAWS.get(kind, "n"), doubled(256, 4),
+            partial(of_ring, estimator),
+        )  # fmt: skip
+
+    def exact(n: int) -> Work:
+        noise = dc.Chain().noise(dc.reference().radar)
+        ring = Ring(
+            n_training=dc.Cells(range=10, velocity=8),
+            n_guard=dc.Cells(range=n // 9 // 2, velocity=4),
+        )
+        box = ring.box(noise, ring.half_range)
+        return lambda: correlated_factor(1e-6, box)
+
+    yield Job("CFAR factor, exact", "guard cells", "n^3", (81, 171, 351, 711), exact)
+
+
+# Running sums and halves forget how wide the ring is; the others look at its cells.
+RING_LAWS = dict.fromkeys(("cell-averaging", "greatest-of", "smallest-of"), "1")
+
+
+def _estimates() -> Iterator[Job]:
+    def tones(n: int) -> Work:
+        rng = np.random.default_rng(1)
+        samples = rng.normal(size=(128, 1, 512, 2)).astype(np.float32).view(np.complex64)[..., 0]
+        slow, fast = rng.uniform(0, 2 * np.pi, (2, n))
+        return lambda: refine(samples, slow, fast, np.ones(n))
+
+    yield Job("refinement", "detections", "n", doubled(32, 5), tones)
+
+    def directions(kind: str, n: int) -> Work:
+        seen = Aperture(angles.line(n))
+        estimator, x = DirectionEstimator.members()[kind](), angles.one_source(seen, 100)
+        return lambda: estimator.directions(x, seen, np.ones(100))
+
+    # A grid as fine as the beam times a product for each of its points; or eigenvectors.
+    for kind, law in (("bartlett", "n^2"), ("capon", "n^3"), ("music", "n^3")):
+        yield Job(f"directions, {kind}", "channels", law, doubled(16, 4), partial(directions, kind))
+
+
+def _clusters(n: int) -> Work:
+    """So many detections in frames of 100."""
+    rng = np.random.default_rng(1)
+    columns = {
+        "frame": np.arange(n) // 100,
+        "range": rng.uniform(5, 200, n),
+        "velocity": rng.uniform(-20, 20, n),
+        "snr": rng.uniform(10, 1000, n),
+    }
+    detections = xr.Dataset({name: ("detection", column) for name, column in columns.items()})
+    radar = dc.reference().radar
+    return lambda: cluster(detections, radar)
+
+
+def _study(n: int) -> Work:
+    def work() -> None:
+        with ThreadPoolExecutor(1) as one, study_machinery.given(one) as workers:
+            study_machinery.study(workers, n // study_machinery.BLOCK, 0)
+
+    return work

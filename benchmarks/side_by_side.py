@@ -1,0 +1,179 @@
+"""Every job beside plain code and beside other packages: speed in turns, and how right each is.
+
+Sides: ours; plain, as one writes it with NumPy, SciPy, numba and FINUFFT; other packages, each in
+a virtual environment of its own that is made where it is missing (pip must reach an index); and
+GNU Octave with the chain of the report, a loop over cells. Each side is a process. All load the
+same arrays, do the job once (imports and compilation), and then take turns A B C A B C, so that a
+busy moment hits all. A turn is the fastest of the calls that fit into 50 ms, one at least; one
+thread each. A ratio is the median over turns, with its quartiles. What cannot be run says why.
+
+How right: echoes, root mean square error of samples against the direct sum in double precision,
+a common scale taken out; map, relative deviation of cells from double precision; detectors, false
+alarms over design where the window fits and at the edges, on noise; directions, error over the
+Cramer-Rao bound; clusters, adjusted Rand index; tracks, GOSPA.
+
+Where another side is faster, the least time that bytes and operations take at the rates of this
+machine, measured in the run, stands below the table.
+
+    python benchmarks/side_by_side.py [--quick] [--peers all|none|xwr,octave] [--jobs echoes]
+        [--environments DIR] [--json FILE] [--markdown FILE]
+"""
+
+import argparse
+import json
+import os
+import tempfile
+import warnings
+from datetime import UTC, datetime
+from pathlib import Path
+
+asked_by = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+asked_by.add_argument("--quick", action="store_true", help="5 turns instead of 15")
+asked_by.add_argument("--peers", default="all", help="all, none, or names with commas")
+asked_by.add_argument("--jobs", default="", help="only jobs whose name contains this")
+asked_by.add_argument("--threads", type=int, default=1)
+asked_by.add_argument("--patience", type=float, default=20.0, help="seconds for a call of others")
+asked_by.add_argument(
+    "--environments", type=Path, default=Path.home() / ".cache" / "dechirp-side-by-side"
+)
+asked_by.add_argument("--json", type=Path)
+asked_by.add_argument("--markdown", type=Path)
+asked = asked_by.parse_args()
+for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
+    os.environ[f"{pool}_NUM_THREADS"] = str(asked.threads)
+
+import numpy as np
+from scipy.io import loadmat, savemat
+from sides import accuracy, environments, machine, sides_of, told
+from sides.jobs import Job, Needs, jobs
+from sides.turns import Absent, NoAnswer, Side, interleaved, say
+
+from dechirp.core.findings import PhysicsWarning
+
+TURN_S = 0.05
+
+
+def peers() -> list[str]:
+    every = [*environments.names(), "octave"]
+    if asked.peers in ("all", "none"):
+        return every if asked.peers == "all" else []
+    chosen = asked.peers.split(",")
+    unknown = sorted(set(chosen) - set(every))
+    if unknown:
+        asked_by.error(f"no such peers: {', '.join(unknown)}; there are {', '.join(every)}")
+    return chosen
+
+
+def stored(inputs: dict[str, np.ndarray], folder: Path, sides: list[Side]) -> dict[str, Path]:
+    """Inputs of a job as each side reads them."""
+    arrays, matlab = folder / "inputs.npz", folder / "inputs.mat"
+    np.savez(arrays, **inputs)
+    if any(side.name == "octave" for side in sides):
+        savemat(
+            matlab, {k: v.astype(float) if v.dtype.kind in "iu" else v for k, v in inputs.items()}
+        )
+    return {side.name: matlab if side.name == "octave" else arrays for side in sides}
+
+
+def judged(job: Job, side: Side, inputs: dict[str, np.ndarray], folder: Path) -> dict[str, float]:
+    """How right the last result of a side is, or what it returns of the inputs for that."""
+    if job.judged_by is not None:
+        inputs = job.judged_by()
+        np.savez(folder / "judged.npz", **inputs)
+        side.ask("load", job.kind, str(folder / "judged.npz"), patience_s=120.0)
+    if side.name == "octave":
+        side.ask("save", str(folder / "result.mat"))
+        found = loadmat(folder / "result.mat")["mask"].astype(bool)
+    else:
+        side.ask("save", str(folder / "result.npy"))
+        found = np.load(folder / "result.npy")
+    return accuracy.OF_KIND[job.kind](inputs, found)
+
+
+def measured(job: Job, sides: list[Side], folder: Path, too_slow: set[str]) -> list[told.Row]:
+    """Rows of a job; sides that gave no answer join those that are too slow for its kind."""
+    inputs = job.make()
+    files = stored(inputs, folder, sides)
+    times, absent = interleaved(sides, job.kind, files, 5 if asked.quick else 15, TURN_S)
+    rows = []
+    for side in sides:
+        if side.name in times:
+            one = told.row(
+                job.name, side.name, times["ours"].turns_s, times[side.name].turns_s, job.each
+            )
+            try:
+                one |= {"first_s": times[side.name].first_s}
+                one |= {"accuracy": judged(job, side, inputs, folder)}
+            except Absent as why:
+                one |= {"accuracy": {}, "not_judged": str(why)}
+            rows.append(one)
+        else:
+            rows.append({"job": job.name, "side": side.name, "absent": str(absent[side.name])})
+            if isinstance(absent[side.name], NoAnswer):
+                too_slow.add(side.name)
+    return rows
+
+
+def slower(job: Job, rows: list[told.Row], rates: machine.Machine) -> list[str]:
+    """Sides that are faster than ours, by three quarters of turns, and the limit of the machine."""
+    ours_ms = next(row["ms"] for row in rows if row["side"] == "ours")
+    n_bytes, n_operations, of = job.needs
+    of_one = Needs(n_bytes / job.each, n_operations / job.each, of)
+    limit_s, what = machine.limit_s(of_one, rates)
+    limit_ms = 1e3 * limit_s
+    return [
+        f"{job.name}: {row['side']} takes {row['ms']:.3g} ms, ours {ours_ms:.3g};"
+        f" no code takes less than {limit_ms:.2g} ms here ({what})"
+        + (f"; ours does also: {job.ours_also}" if job.ours_also else "")
+        for row in rows
+        if row.get("ratio_low", 0.0) > 1.0
+    ]
+
+
+def main() -> None:
+    warnings.simplefilter("ignore", PhysicsWarning)
+    rates = machine.measured()
+    say("\n".join(told.machine_lines(rates)))
+    sides, missing, versions = sides_of.made(
+        peers(), asked.environments, threads=asked.threads, patience_s=asked.patience
+    )
+    rows: list[told.Row] = []
+    behind: list[str] = []
+    too_slow: dict[str, set[str]] = {}
+    with tempfile.TemporaryDirectory() as place:
+        for job in jobs():
+            if asked.jobs not in job.name:
+                continue
+            say(job.name)
+            slow = too_slow.setdefault(job.kind, set())
+            passed_over = [
+                {"job": job.name, "side": name, "absent": "not tried: no answer to a job before"}
+                for name in sorted(slow)
+            ]
+            able = [
+                side for side in sides if sides_of.does(side, job.kind) and side.name not in slow
+            ]
+            now = measured(job, able, Path(place), slow)
+            rows += now + passed_over
+            behind += slower(job, now, rates)
+    for side in sides:
+        side.end()
+    rows += [{"job": "all", "side": name, "absent": why} for name, why in missing.items()]
+    found = {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "threads": asked.threads,
+        "machine": rates,
+        "versions": versions,
+        "rows": rows,
+        "slower": behind,
+    }
+    print(told.plain_text(rows))
+    print("\n".join(behind))
+    if asked.json:
+        asked.json.write_text(json.dumps(found, indent=1))
+    if asked.markdown:
+        asked.markdown.write_text(told.markdown(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""Radars with one transmitter or several in turn, and frames of a few targets in noise."""
+
+from pathlib import Path
+
+import xarray as xr
+
+import dechirp as dc
+
+CROSSING = Path(__file__).parents[2] / "examples" / "crossing-tracks.yaml"
+
+
+def radar_of(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> dc.Radar:
+    """Transmitters that take turns, a line of elements half a wavelength apart."""
+    chirp = dc.Chirp(
+        start_frequency_hz=77e9,
+        slope_hz_per_s=10e12,
+        adc_start_s=3e-6,
+        ramp_duration_s=5e-6 + n_samples / 20e6,
+        sample_rate_hz=20e6,
+        n_samples=n_samples,
+        sampling="complex",
+    )
+    spacing_m = chirp.wavelength_m / 2
+    turns = dc.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None
+    return dc.Radar(
+        frame=dc.Frame(
+            chirp=chirp,
+            n_chirps=n_chirps,
+            interval_s=chirp.ramp_duration_s + 2e-6,
+            multiplexing=turns,
+        ),
+        array=dc.Array(
+            tx_m=[(0, n_rx * spacing_m * k, 0) for k in range(n_tx)],
+            rx_m=[(0, spacing_m * k, 0) for k in range(n_rx)],
+        ),
+        hardware=dc.Hardware(transmit_power_w=0.01, antenna_gain=10.0, noise_factor=10.0),
+    )
+
+
+def frame_of(
+    n_samples: int, n_chirps: int, n_tx: int, n_rx: int, *, n_targets: int
+) -> tuple[xr.DataArray, dc.Radar]:
+    """Targets in noise."""
+    radar = radar_of(n_samples, n_chirps, n_tx, n_rx)
+    return dc.simulate(dc.Scene(targets=targets(n_targets)), radar, seed=1), radar
+
+
+def targets(n: int) -> list[dc.Target]:
+    return [
+        dc.Target(
+            position_m=(20 + 7 * k, 3 * (k % 5) - 6, 0), velocity_m_per_s=(k - 5, 0, 0), rcs_m2=10.0
+        )
+        for k in range(n)
+    ]

@@ -1,0 +1,190 @@
+"""What all sides are given of each job: arrays alone, so that any package can read them."""
+
+import numpy as np
+
+import dechirp as dc
+from dechirp.config import files
+from dechirp.echoes.kernels.base import Scatterers, Sent
+from dechirp.evaluate.track_trial import TrackTrial, draw
+from dechirp.process.angle.aperture import Aperture
+from dechirp.process.centroids import placed
+from dechirp.process.cfar.base import Ring
+from dechirp.process.cluster import Reach
+from dechirp.theory.direction_bounds import direction_std_rad
+from sides import scenes
+from sides.frames import CROSSING, frame_of, radar_of, targets
+from sides.kinds import Inputs
+from sides.plain_maps import GUARD, N_RING, TRAINING
+
+SNR = 100.0
+
+
+def echoes(case: scenes.Case) -> Inputs:
+    scatterers, sent, (_, _, n_samples) = case
+    shared: list[dict[str, object]] = [scatterers._asdict(), sent._asdict()]
+    kept = {k: np.asarray(v) for named in shared for k, v in named.items() if v is not None}
+    return kept | {"n_samples": np.array(n_samples)}
+
+
+def case_of(x: Inputs) -> tuple[Scatterers, Sent]:
+    """Back to scatterers, and what is sent at them."""
+    numbers = ("start_frequency_hz", "slope_hz_per_s", "adc_start_s", "sample_rate_hz")
+    return (
+        Scatterers(x["path_m"], x["amplitudes"], x["tx_gains"], x["rx_gains"]),
+        Sent(
+            x["starts_s"],
+            x["weights"],
+            x["tx_m"],
+            x["rx_m"],
+            *(float(x[name]) for name in numbers),
+        ),
+    )
+
+
+def power_map(n_chirps: int, n_samples: int, n_bins: int) -> Inputs:
+    cube, _ = frame_of(n_samples, n_chirps, 1, 1, n_targets=3)
+    return {"samples": in_noise(cube.values)[0, :, 0], "n_bins": np.array(n_bins)}
+
+
+def in_noise(samples: np.ndarray) -> np.ndarray:
+    """In units of the noise, large enough for those who add 1 to a power."""
+    return np.ascontiguousarray(samples * np.float32(1e3 / np.median(abs(samples))))
+
+
+def noise_maps(n_maps: int, n_velocity: int, n_range: int, pfa: float, step: float = 1) -> Inputs:
+    """Exponential power, and what plain code needs to be told of the window."""
+    rng = np.random.default_rng(1)
+    power = rng.exponential(size=(n_maps, n_velocity, n_range)).astype(np.float32)
+    power[..., n_range // 2 :] *= step
+    ring = Ring(
+        n_training=dc.Cells(velocity=TRAINING[0], range=TRAINING[1]),
+        n_guard=dc.Cells(velocity=GUARD[0], range=GUARD[1]),
+    )
+    rank = 3 * N_RING // 4
+    middle = ring.offsets(ring.half_range)
+    factors = [
+        estimator.independent_factor(pfa, middle, n_channels=1)
+        for estimator in (dc.CellAveraging(), dc.OrderedStatistic(rank=rank))
+    ]
+    return {
+        "power": power,
+        "false_alarm_probability": np.array(pfa),
+        "mean_factor": np.array(factors[0]),
+        "rank_factor": np.array(factors[1]),
+        "rank": np.array(rank),
+        "n_training": np.array(TRAINING),
+        "n_guard": np.array(GUARD),
+    }
+
+
+def frame(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> Inputs:
+    """Three targets in noise, channels side by side, (chirp, channel, sample)."""
+    cube, radar = frame_of(n_samples, n_chirps, n_tx, n_rx, n_targets=3)
+    at = np.array([one.position_m for one in targets(3)], float)
+    speed = np.array([one.velocity_m_per_s for one in targets(3)], float)
+    range_m = np.linalg.norm(at, axis=1)
+    pfa = dc.Chain().cfar.false_alarm_probability
+    middle = noise_maps(1, 2, 2, pfa)
+    return {
+        "samples": in_noise(cube.values).reshape(n_chirps, n_tx * n_rx, n_samples),
+        "sizes": np.array([n_tx, n_rx, n_chirps, n_samples]),
+        "mean_factor": middle["mean_factor"],
+        "n_training": middle["n_training"],
+        "n_guard": middle["n_guard"],
+        "target_range_m": range_m,
+        "target_velocity": np.sum(at * speed, axis=1) / range_m,
+        "range_step_m": np.array(radar.frame.chirp.range_resolution_m),
+        "velocity_step": np.array(radar.frame.velocity_resolution_m_per_s),
+    }
+
+
+def snapshots(n: int, n_elements: int) -> Inputs:
+    """A source in each snapshot of a line half a wavelength apart, 20 dB above the noise."""
+    rng = np.random.default_rng(3)
+    seen = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
+    azimuth = rng.uniform(-1, 1, n)
+    noise = rng.normal(size=(2, n, n_elements)) / np.sqrt(2)
+    x = np.sqrt(SNR) * seen.steering(azimuth) + noise[0] + 1j * noise[1]
+    sines = np.linspace(-1, 1, 181)
+    bound = direction_std_rad(
+        positions=seen.positions,
+        azimuth_rad=[0.0],
+        elevation_rad=[0.0],
+        amplitudes=[np.sqrt(SNR)],
+        noise_power=1.0,
+        tells=seen.tells,
+    )[0, 0]
+    return {
+        "snapshots": x.astype(np.complex64),
+        "towards": seen.steering(np.arcsin(sines)).astype(np.complex64),
+        "sines": sines,
+        "load": np.array(1.0),
+        "azimuth_rad": azimuth,
+        "bound_rad": bound / np.cos(azimuth),
+    }
+
+
+def points(n: int) -> Inputs:
+    """Detections, ten of an object; places are scaled so that neighbours are within 1 on each axis.
+
+    Objects are more than twice the reach apart, and smaller than it.
+    """
+    rng = np.random.default_rng(5)
+    radar = radar_of(256, 128, 3, 4)
+    cell_m_per_s = radar.frame.velocity_resolution_m_per_s
+    middle = np.array(
+        [
+            (r, v * cell_m_per_s, s)
+            for r in range(20, 290, 15)
+            for v in (-12, -4, 4, 12)
+            for s in np.linspace(-0.75, 0.75, 7)
+        ]
+    )
+    owner = np.arange(n) % (n // 10)
+    range_m, velocity, sine = middle[owner].T
+    told = {
+        "frame": np.zeros(n, int),
+        "range": range_m + 0.8 * rng.normal(size=n),
+        "velocity": velocity + 0.3 * cell_m_per_s * rng.normal(size=n),
+        "azimuth": np.arcsin(sine) + 0.01 * rng.normal(size=n),
+        "snr": 100 * rng.exponential(size=n),
+    }
+    unknown = {"elevation": np.full(n, np.nan), "fold": np.full(n, np.nan)}
+    cells = placed(told | unknown, radar).cells / Reach().of_axes
+    return {f"detections_{name}": values for name, values in told.items()} | {
+        "places": cells[:, :3],
+        "owner": owner,
+    }
+
+
+def tracking(n_frames: int) -> Inputs:
+    """The first frames of the example in which ten targets cross."""
+    trial = files.read(CROSSING, TrackTrial)
+    drawn = draw(trial, 0)
+    kept = drawn.detections.isel(detection=drawn.detections.frame.values < n_frames)
+    area = np.prod([high - low for low, high in trial.false_alarms.bounds])
+    truth = np.stack([drawn.truth.x.values, drawn.truth.y.values], axis=-1)
+    return {f"detections_{name}": kept[name].values for name in kept if name != "target"} | {
+        "times_s": trial.times_s[:n_frames],
+        "truth_m": np.swapaxes(truth, 0, 1)[:n_frames],
+        "process_noise_m2_per_s3": np.array(trial.tracker.process_noise_m2_per_s3),
+        "detection_probability": np.array(trial.tracker.detection_probability),
+        "gate_probability": np.array(trial.tracker.gate_probability),
+        "speed_std_m_per_s": np.array(trial.tracker.speed_std_m_per_s),
+        "false_alarm_density": np.array(trial.false_alarms.per_frame / area),
+        "confirm_after": np.array(trial.tracker.confirm_after),
+        "drop_after": np.array(trial.tracker.drop_after),
+    }
+
+
+def words(n_chirps: int, n_rx: int, n_samples: int) -> Inputs:
+    """A frame as a DCA1000 writes two lanes: I I Q Q, one receiver after the other."""
+    rng = np.random.default_rng(7)
+    shape = (n_chirps, n_rx, n_samples)
+    codes = rng.integers(-(2**15), 2**15, (*shape, 2), dtype=np.int16)
+    groups = codes.reshape(-1, 2, 2).swapaxes(1, 2)
+    return {
+        "words": np.ascontiguousarray(groups).reshape(-1),
+        "shape": np.array(shape),
+        "samples": (codes[..., 0] + 1j * codes[..., 1]).astype(np.complex64) / 32768,
+    }

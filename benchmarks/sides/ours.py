@@ -1,0 +1,151 @@
+"""Our side: each job by the functions of the package."""
+
+import warnings
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import xarray as xr
+
+import dechirp as dc
+from dechirp.config import files
+from dechirp.core.findings import PhysicsWarning
+from dechirp.echoes.engine import Engine
+from dechirp.echoes.kernels import choice
+from dechirp.evaluate.track_trial import TrackTrial
+from dechirp.formats.samples.layouts import Code, TwoLanes
+from dechirp.process.angle.aperture import Aperture
+from dechirp.process.angle.bartlett import beam_power
+from dechirp.process.angle.capon import Capon
+from dechirp.process.angle.music import Music
+from dechirp.process.cfar.base import NoiseEstimator, Ring
+from dechirp.process.cluster import Dbscan, cluster
+from dechirp.radar.cube import labelled_cube
+from dechirp.tracking.tracks import track
+from sides.frames import CROSSING, radar_of
+from sides.inputs import case_of
+from sides.kinds import Inputs, Timed
+from sides.plain_maps import GUARD, TRAINING
+
+warnings.simplefilter("ignore", PhysicsWarning)
+
+
+def echoes(x: Inputs) -> Timed:
+    scatterers, sent = case_of(x)
+    engine = Engine()
+    shape = (len(sent.starts_s), len(sent.rx_m), int(x["n_samples"]))
+    samples = np.zeros(shape, np.complex64)
+
+    def add() -> np.ndarray:
+        samples[:] = 0
+        choice.add(samples, scatterers, sent, engine=engine)
+        return samples
+
+    return add
+
+
+def power_map(x: Inputs) -> Timed:
+    n_chirps, n_samples = x["samples"].shape
+    radar = radar_of(n_samples, n_chirps, 1, 1)
+    cube = labelled_cube(x["samples"][None, :, None], radar, units="sqrt(W)").isel(frame=0)
+    chain = dc.Chain(n_range_bins=int(x["n_bins"]))
+    return lambda: dc.power_map(cube, radar, chain).values
+
+
+def cell_averaging(x: Inputs) -> Timed:
+    return masks(dc.CellAveraging(), x)
+
+
+def ordered_statistic(x: Inputs) -> Timed:
+    return masks(dc.OrderedStatistic(rank=int(x["rank"])), x)
+
+
+def masks(estimator: NoiseEstimator, x: Inputs) -> Timed:
+    """Edges with factors of their own: fewer guard cells fit into a box at the end of the map."""
+    training, guard = (dc.Cells(velocity=n[0], range=n[1]) for n in (TRAINING, GUARD))
+    ring = Ring(n_training=training, n_guard=guard)
+    places = ring.places(x["power"].shape[2])
+    factors = {
+        place: estimator.independent_factor(
+            float(x["false_alarm_probability"]), ring.offsets(place), n_channels=1
+        )
+        for place in np.unique(places).tolist()
+    }
+    of_rows = np.array([factors[place] for place in places.tolist()], np.float32)
+    return lambda: [estimator.exceeds(power, ring, of_rows) for power in x["power"]]
+
+
+def frame(x: Inputs) -> Timed:
+    """All of `detect`: peaks, refinement and labels too, directions where there is an array."""
+    n_tx, n_rx, n_chirps, n_samples = x["sizes"].tolist()
+    radar = radar_of(n_samples, n_chirps, n_tx, n_rx)
+    samples = x["samples"].reshape(1, n_chirps * n_tx, n_rx, n_samples)
+    cube = labelled_cube(samples, radar, units="sqrt(W)")
+
+    def places() -> np.ndarray:
+        found = dc.detect(cube, radar)
+        return np.column_stack([found.range.values, found.velocity.values])
+
+    return places
+
+
+def bartlett(x: Inputs) -> Timed:
+    return partial(beam_power, x["snapshots"][:, None], x["towards"])
+
+
+def capon(x: Inputs) -> Timed:
+    return azimuths(Capon(), x)
+
+
+def music(x: Inputs) -> Timed:
+    return azimuths(Music(), x)
+
+
+def azimuths(estimator: Capon | Music, x: Inputs) -> Timed:
+    """Directions with their standard errors."""
+    n, n_elements = x["snapshots"].shape
+    seen = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
+    looks, noise = x["snapshots"][:, None], np.ones(n)
+    return lambda: estimator.directions(looks, seen, noise).azimuth_rad[:, 0]
+
+
+def dbscan(x: Inputs) -> Timed:
+    """Clusters, and their centroids."""
+    detections = table(x, "detections_")
+    radar = radar_of(256, 128, 3, 4)
+    return lambda: cluster(detections, radar, Dbscan())[0].cluster.values
+
+
+def tracking(x: Inputs) -> Timed:
+    """Positions of confirmed tracks in each frame, NaN where there is none."""
+    detections, times_s = table(x, "detections_"), x["times_s"]
+    tracker = replace(files.read(CROSSING, TrackTrial).tracker, association="nearest")
+
+    def positions() -> np.ndarray:
+        found = track(detections, times_s, tracker)
+        at = np.stack([found.x.values, found.y.values], axis=-1)
+        at[found.status.values != "confirmed"] = np.nan
+        return np.swapaxes(at, 0, 1)
+
+    return positions
+
+
+def table(x: Inputs, prefix: str) -> xr.Dataset:
+    return xr.Dataset(
+        {
+            name.removeprefix(prefix): ("detection", values)
+            for name, values in x.items()
+            if name.startswith(prefix)
+        }
+    )
+
+
+def decode(x: Inputs) -> Timed:
+    words, out = x["words"], np.empty(tuple(x["shape"]), np.complex64)
+
+    def samples() -> np.ndarray:
+        # Words are sorted in place: a reader hands over the bytes that it has read.
+        TwoLanes().decode(words.copy().reshape(len(out), -1), out, Code())
+        return out
+
+    return samples

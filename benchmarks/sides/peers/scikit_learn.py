@@ -1,0 +1,12 @@
+"""scikit-learn: DBSCAN."""
+
+from sides.kinds import Inputs, Timed
+
+REQUIRES = ("scikit-learn==1.9.1",)
+
+
+def dbscan(x: Inputs) -> Timed:
+    from sklearn.cluster import DBSCAN
+
+    found = DBSCAN(eps=1.0, min_samples=1, metric="chebyshev")
+    return lambda: found.fit(x["places"]).labels_

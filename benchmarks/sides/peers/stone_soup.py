@@ -1,0 +1,110 @@
+"""Stone Soup: its tracker of several targets, as its tutorials put it together."""
+
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from sides.kinds import Inputs, Timed
+
+REQUIRES = ("stonesoup==1.9.1",)
+BEGIN = datetime(2000, 1, 1)
+
+
+def tracking(x: Inputs) -> Timed:
+    from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
+    from stonesoup.deleter.time import UpdateTimeStepsDeleter
+    from stonesoup.hypothesiser.distance import DistanceHypothesiser
+    from stonesoup.initiator.simple import MultiMeasurementInitiator
+    from stonesoup.measures import Mahalanobis
+    from stonesoup.models.transition.linear import (
+        CombinedLinearGaussianTransitionModel,
+        ConstantVelocity,
+    )
+    from stonesoup.predictor.kalman import KalmanPredictor
+    from stonesoup.tracker.simple import MultiTargetTracker
+    from stonesoup.types.state import GaussianState
+    from stonesoup.updater.kalman import UnscentedKalmanUpdater
+
+    stds = [x[f"detections_{name}_std"][0] for name in ("azimuth", "range", "velocity")]
+    seen = reversible()(
+        ndim_state=4, mapping=(0, 2), velocity_mapping=(1, 3), noise_covar=np.diag(stds) ** 2
+    )
+    noise = ConstantVelocity(float(x["process_noise_m2_per_s3"]))
+    predictor = KalmanPredictor(CombinedLinearGaussianTransitionModel([noise, noise]))
+    updater = UnscentedKalmanUpdater(seen)
+    prior = GaussianState(
+        np.zeros(4), np.diag([0.0, 1.0, 0.0, 1.0]) * float(x["speed_std_m_per_s"]) ** 2
+    )
+    # The gate of three measurements that holds 0.999: 4.03 standard deviations.
+    hypothesiser = DistanceHypothesiser(predictor, updater, Mahalanobis(), missed_distance=4.03)
+    associator = GNNWith2DAssignment(hypothesiser)
+    hits, frames = x["confirm_after"].tolist()
+    every = detections(x, seen)
+
+    def positions() -> np.ndarray:
+        tracker = MultiTargetTracker(
+            initiator=MultiMeasurementInitiator(
+                prior,
+                UpdateTimeStepsDeleter(frames - hits),
+                associator,
+                updater,
+                seen,
+                min_points=hits,
+            ),
+            deleter=UpdateTimeStepsDeleter(int(x["drop_after"])),
+            detector=every,
+            data_associator=associator,
+            updater=updater,
+        )
+        at = [[t.state_vector[[0, 2], 0] for t in tracks] for _, tracks in tracker]
+        found = np.full((len(every), max(map(len, at)), 2), np.nan)
+        for frame, tracks in enumerate(at):
+            found[frame, : len(tracks)] = np.reshape(tracks, (-1, 2)).astype(float)
+        return found
+
+    return positions
+
+
+def reversible() -> Any:
+    """Azimuth, range and velocity as it has them, and back, for the first state of a track."""
+    from stonesoup.models.base import ReversibleModel
+    from stonesoup.models.measurement.nonlinear import CartesianToBearingRangeRate2D
+    from stonesoup.types.array import StateVector
+
+    class Seen(CartesianToBearingRangeRate2D, ReversibleModel):
+        def inverse_function(self, detection: Any, **kwargs: Any) -> Any:
+            azimuth, range_m, velocity = (float(one) for one in detection.state_vector[:, 0])
+            towards = np.array([np.cos(azimuth), np.sin(azimuth)])
+            place, speed = range_m * towards, velocity * towards
+            return StateVector([place[0], speed[0], place[1], speed[1]])
+
+    return Seen
+
+
+def detections(x: Inputs, seen: Any) -> list[tuple[datetime, set[Any]]]:
+    """Of each frame, with its time."""
+    from stonesoup.types.angle import Bearing
+    from stonesoup.types.detection import Detection
+
+    every = []
+    for frame, time_s in enumerate(x["times_s"]):
+        rows = np.flatnonzero(x["detections_frame"] == frame)
+        at = BEGIN + timedelta(seconds=float(time_s))
+        found = {
+            Detection(
+                np.array(
+                    [
+                        [Bearing(x["detections_azimuth"][i])],
+                        [x["detections_range"][i]],
+                        [x["detections_velocity"][i]],
+                    ],
+                    dtype=object,
+                ),
+                timestamp=at,
+                measurement_model=seen,
+            )
+            for i in rows
+        }
+        every.append((at, found))
+    return every

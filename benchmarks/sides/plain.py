@@ -1,0 +1,78 @@
+"""The plain side: each job as one writes it with NumPy, SciPy, numba and FINUFFT."""
+
+from functools import partial
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from sides import plain_angles, plain_echoes, plain_maps
+from sides.inputs import case_of
+from sides.kinds import Inputs, Timed
+
+
+def echoes(x: Inputs) -> Timed:
+    scatterers, sent = case_of(x)
+    n_samples = int(x["n_samples"])
+    work = plain_echoes.fastest(scatterers, len(sent.rx_m))
+    shape = (len(sent.starts_s), len(sent.rx_m), n_samples)
+    return lambda: work(scatterers, sent, n_samples).reshape(shape)
+
+
+def power_map(x: Inputs) -> Timed:
+    n_chirps, n_samples = x["samples"].shape
+    taper = plain_maps.tapers((n_chirps, n_samples))
+    return partial(plain_maps.plain_map, x["samples"], taper, int(x["n_bins"]))
+
+
+def cell_averaging(x: Inputs) -> Timed:
+    factor = float(x["mean_factor"])
+    return lambda: [plain_maps.plain_cell_averaging(power, factor) for power in x["power"]]
+
+
+def ordered_statistic(x: Inputs) -> Timed:
+    factor, rank = float(x["rank_factor"]), int(x["rank"])
+    return lambda: [plain_maps.plain_ordered_statistic(power, factor, rank) for power in x["power"]]
+
+
+def frame(x: Inputs) -> Timed:
+    n_chirps, _, n_samples = x["samples"].shape
+    taper = plain_maps.tapers((n_chirps, n_samples))
+    return partial(plain_maps.plain_chain, x["samples"], taper, float(x["mean_factor"]))
+
+
+def bartlett(x: Inputs) -> Timed:
+    return partial(plain_angles.beams, x["snapshots"], x["towards"])
+
+
+def capon(x: Inputs) -> Timed:
+    return partial(plain_angles.capon, x["snapshots"], x["towards"], x["sines"], float(x["load"]))
+
+
+def music(x: Inputs) -> Timed:
+    return partial(plain_angles.music, x["snapshots"], x["towards"], x["sines"])
+
+
+def dbscan(x: Inputs) -> Timed:
+    places = x["places"]
+
+    def labels() -> np.ndarray:
+        first, second = KDTree(places).query_pairs(1.0, p=np.inf, output_type="ndarray").T
+        links = coo_array((np.ones(len(first)), (first, second)), shape=(len(places),) * 2)
+        return connected_components(links, directed=False)[1]
+
+    return labels
+
+
+def decode(x: Inputs) -> Timed:
+    words, shape = x["words"], tuple(x["shape"])
+
+    def samples() -> np.ndarray:
+        groups = words.reshape(-1, 2, 2)
+        out = np.empty((len(groups), 2), np.complex64)
+        out.real, out.imag = groups[:, 0], groups[:, 1]
+        out *= np.float32(1 / 32768)
+        return out.reshape(shape)
+
+    return samples
