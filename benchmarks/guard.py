@@ -56,11 +56,11 @@ def last_release(folder: Path = RELEASES) -> dict[str, Any]:
 
 def guarded() -> Iterator["Job"]:
     """Jobs that are measured."""
+    from sides import plain
     from sides.jobs import echoes, jobs
-    from sides.turns import has
 
     yield echoes(10)
-    yield from (job for job in jobs() if job.kind != "echoes" and has("sides.plain", job.kind))
+    yield from (job for job in jobs() if job.kind != "echoes" and hasattr(plain, job.kind))
 
 
 def measured() -> Ratios:
