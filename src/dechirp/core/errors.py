@@ -28,6 +28,8 @@ class Mistake:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part)
         where = f"{place}: {self.setting}" if place else self.setting
         text = f"{where} is {self.got}, but must be {self.need}. {self.fix}"
+        if text.isprintable():
+            return text
         # Names of files and foreign bytes may hold anything, a terminal's commands among them.
         return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
