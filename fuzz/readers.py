@@ -131,7 +131,7 @@ def sound() -> bytes:
     with wave.open(out, "wb") as file:
         file.setnchannels(2)
         file.setsampwidth(2)
-        file.setframerate(44100)
+        file.setframerate(10_000_000)
         sync = np.where(np.arange(400) % 40 < 20, 9000, -9000)
         file.writeframes(np.stack([np.arange(400), sync], axis=-1).astype("<i2").tobytes())
     return out.getvalue()
@@ -161,7 +161,9 @@ def mmwave() -> bytes:
     profile = {"profileId": 0, "startFreqConst_GHz": 77, "idleTimeConst_usec": 10}
     profile |= {"adcStartTimeConst_usec": 6, "rampEndTime_usec": 60, "freqSlopeConst_MHz_usec": 30}
     profile |= {"numAdcSamples": 8, "digOutSampleRate": 5000, "rxGain_dB": "0x1E"}
-    chirp = {"chirpStartIdx": 0, "chirpEndIdx": 0, "profileId": 0, "txEnable": "0x1"}
+    varied = ("startFreqVar_MHz", "freqSlopeVar_KHz_usec", "idleTimeVar_usec")
+    chirp = dict.fromkeys((*varied, "adcStartTimeVar_usec"), 0) | {"txEnable": "0x1"}
+    chirp |= {"chirpStartIdx": 0, "chirpEndIdx": 0, "profileId": 0}
     frame = {"chirpStartIdx": 0, "chirpEndIdx": 0, "numLoops": 16, "numFrames": 8}
     radio = {
         "waveformType": "legacyFrameChirp",
@@ -176,6 +178,11 @@ def mmwave() -> bytes:
     return json.dumps({"mmWaveDevices": [device]}).encode()
 
 
+def saved(name: str) -> Callable[[], bytes]:
+    """Give a recording of the corpus."""
+    return (ROOT / "tests" / "bad_input" / "corpus" / "recording" / name).read_bytes
+
+
 FREE = {"axes": "frame,chirp,rx,sample", "encoding": "full-scale"}
 RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     "dca1000": (bare, {}),
@@ -185,12 +192,16 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     "npz": (npz, FREE),
     "matlab": (matlab, FREE),
     "hdf5": (hdf5, FREE),
-    "text": (text, {"format": "text", "axes": "chirp,sample,iq", "encoding": "int16"}),
+    "kept": (saved("kept.h5"), {}),
+    "mcap": (saved("mcap.mcap"), {}),
+    "text": (text, {"format": "text", "axes": "frame,chirp,sample,iq", "encoding": "int16"}),
     "urad": (urad, {"format": "urad"}),
     "sync-wav": (sound, {"format": "sync-wav"}),
     "sirad": (sirad, {}),
     "ti-uart": (serial, {}),
 }
+OF_THEMSELVES = {"kept", "mcap", "sirad", "ti-uart"}
+"""Recordings that say what their radar was."""
 SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
     "cfg": (CFG.encode, "x.cfg"),
     "log": (LOG.encode, "x_LogFile.txt"),
@@ -199,14 +210,21 @@ SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
+def radar_of(kind: str, folder: Path) -> object:
+    """Radar of a recording of a kind; leaves its settings in a folder."""
+    from dechirp.formats.settings.read import read_settings
+
+    file = folder / "radar.yaml"
+    file.write_text(RADAR_YAML.replace("complex", "real") if kind == "sync-wav" else RADAR_YAML)
+    return read_settings(file).radar
+
+
 def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
     """What is called with each mutation."""
     from dechirp.core.errors import InvalidFile, RecordingError
     from dechirp.formats.settings.read import read_settings
     from formats.any_bytes import gives_a_cube_or_says_why
 
-    radar = folder / "radar.yaml"
-    radar.write_text(RADAR_YAML.replace("complex", "real") if kind == "sync-wav" else RADAR_YAML)
     if kind in SETTINGS:
         file = folder / SETTINGS[kind][1]
 
@@ -219,7 +237,7 @@ def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
 
         return settings
     told = RECORDINGS[kind][1]
-    own = {} if kind in ("sirad", "ti-uart") else {"radar": read_settings(radar).radar}
+    own = {} if kind in OF_THEMSELVES else {"radar": radar_of(kind, folder)}
 
     def recording(content: bytes) -> None:
         (folder / "capture").write_bytes(content)

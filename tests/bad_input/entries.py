@@ -133,22 +133,48 @@ def _studio_text(file: Path, _: Path) -> object:
 
 
 @cache
-def _told_radar() -> object:
+def _radar_of(sampling: str) -> object:
     from dechirp.config import files
     from dechirp.radar.radar import Radar
 
-    return files.parse(RADAR_YAML, Radar)
+    return files.parse(RADAR_YAML.replace("complex", sampling), Radar)
+
+
+_FREE = {"axes": "frame,chirp,rx,sample", "encoding": "full-scale"}
+_TOLD: dict[str, dict[str, str]] = {
+    ".txt": {"format": "text", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
+    ".urad": {"format": "urad"},
+    **dict.fromkeys((".npy", ".npz", ".mat", ".h5"), _FREE),
+}
+
+
+def told_of(file: Path) -> dict[str, object]:
+    """What a recording of the corpus does not say itself."""
+    radar = _radar_of("real" if file.suffix == ".wav" else "complex")
+    return {"radar": radar, **_TOLD.get(file.suffix, {})}
 
 
 def _recording(file: Path, _: Path) -> object:
+    from formats.any_bytes import gives_a_cube_or_says_why
+
+    try:
+        gives_a_cube_or_says_why(file)
+    except DechirpError as error:
+        must_say_all(error)
+    return gives_a_cube_or_says_why(file, **told_of(file))
+
+
+def _bag(file: Path, scratch: Path) -> object:
+    """A file of a bag of ROS 2, its messages or what it tells of them, beside a good other one."""
     import dechirp as dc
     from formats.any_bytes import gives_a_cube_or_says_why
 
-    told = {"format": {".txt": "text", ".urad": "urad"}.get(file.suffix)}
-    told = {key: one for key, one in told.items() if one}
-    with contextlib.suppress(DechirpError):
-        dc.open(file)
-    return gives_a_cube_or_says_why(file, radar=_told_radar(), **told)
+    kinds = {".db3": "drive.db3", ".yaml": "metadata.yaml"}
+    for suffix, name in kinds.items():
+        chosen = file if file.suffix == suffix else CORPUS / "bag" / f"good{suffix}"
+        (scratch / name).write_bytes(chosen.read_bytes())
+    gives_a_cube_or_says_why(scratch)
+    return dc.open(scratch)
 
 
 def _description(file: Path, scratch: Path) -> object:
@@ -205,7 +231,9 @@ def _record(file: Path, scratch: Path) -> object:
 
     (scratch / NAME).write_bytes(file.read_bytes())
     with Record.read(scratch) as record:
-        return record.identity, record.environments, record.done(), record.failures()
+        numbers = [(record.trials(point), record.theory(point)) for point, _ in record.all_sums()]
+        told = record.failures(), record.findings(), record.ended(), record.seconds()
+        return record.identity, record.environments, record.done(), numbers, told
 
 
 # The network
@@ -332,6 +360,7 @@ ENTRIES: dict[str, Entry] = {
     "option": _option,
     "studio-text": _studio_text,
     "recording": _recording,
+    "bag": _bag,
     "description": _description,
     "objects": _objects,
     "dbc": _dbc,

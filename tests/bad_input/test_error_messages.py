@@ -142,6 +142,7 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
 
 OF_OTHERS = {
     "UnknownElement": "for who adds to the template of reports: a test of the PDF reads it",
+    "_FailsLater": "of a candidate, whose mistakes become warnings where it is caught",
     "_NoCode": "caught in the file that raises it",
     "Stopped": "ends a loop, and reaches nobody",
 }

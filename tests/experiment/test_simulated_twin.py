@@ -108,6 +108,19 @@ def test_two_points_closer_than_a_lobe_give_the_same_two_peaks(small):
     assert made.is_within(dc.TwinBar())
 
 
+def test_noise_moves_a_peak_by_more_cells_of_a_padded_map(small):
+    strong = recorded(small, replace(NEAR, rcs_m2=300.0))
+    stds = []
+    # A factor that is said needs no calibration, which takes seconds.
+    plain = dc.Chain(cfar=dc.Cfar(estimator=dc.CellAveraging(), offset=15.0))
+    for chain in (plain, replace(plain, n_velocity_bins=128)):
+        found = dc.twin(strong, chain=chain, most_peaks=1).differences
+        stds.append(float(found.cells_std[0] * np.sqrt(found.snr[0])))
+
+    # 64 velocities become 128: a cell is half a bin.
+    assert stds[1] == pytest.approx(2 * stds[0], rel=0.01)
+
+
 def test_leakage_is_told_from_targets_with_its_power(small):
     leakage = dc.Leakage(isolation=1e9, extra_length_m=1.1)
 

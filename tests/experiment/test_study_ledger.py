@@ -5,6 +5,7 @@ import sqlite3
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,14 @@ import pytest
 
 import tiny_study
 from dechirp.core.errors import DechirpError
+from dechirp.core.findings import Finding
 from dechirp.experiment.study.block import Block, Failure
 from dechirp.experiment.study.executors import given
 from dechirp.experiment.study.ledger import LOCK, Ledger
 from dechirp.experiment.study.record import NAME, Record
 from tiny_study import ENVIRONMENT, IDENTITY
+
+NUMBERS = np.array([0.5, np.nan])
 
 
 def opened(out: Path, **told) -> Ledger:
@@ -155,6 +159,53 @@ def test_a_damaged_record_is_said_to_be_damaged(tmp_path):
     (tmp_path / NAME).write_bytes(content)
     with pytest.raises(DechirpError, match="damaged"):
         opened(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "tampered",
+    [
+        "UPDATE blocks SET sums = x'00'",
+        "UPDATE blocks SET sums = 'a text'",
+        "UPDATE blocks SET n_trials = 'three'",
+        "UPDATE blocks SET n_trials = 0",
+        "UPDATE blocks SET point = -1 WHERE number = 1",
+        "UPDATE blocks SET first = 9223372036854775807",
+        "UPDATE theory SET numbers = x'0011'",
+        "UPDATE theory SET numbers = 7.5",
+        "UPDATE failures SET message = x'ff'",
+        "UPDATE findings SET level = 'nothing'",
+        "INSERT INTO ended VALUES (0, 'all')",
+        "UPDATE meta SET said = x'00' WHERE key = 'environments'",
+        "UPDATE meta SET said = '[]' WHERE key = 'environments'",
+        "UPDATE meta SET said = '[1]' WHERE key = 'environments'",
+        "UPDATE meta SET said = '{\"name\": 5}' WHERE key = 'identity'",
+        "DROP TABLE ended",
+        "ALTER TABLE blocks RENAME COLUMN sums TO other",
+    ],
+)
+def test_rows_that_are_not_ours_are_said_to_be_damage(tampered, tmp_path):
+    with opened(tmp_path) as ledger:
+        said = Finding(level="note", setting="a", got="b", need="c", fix="D.")
+        failure = Failure(0, "ValueError: no")
+        ledger.add([*blocks(2), Block(1, 0, 0, np.ones((3, 2)), 0.5, (failure,), (said,), NUMBERS)])
+    with closing(sqlite3.connect(tmp_path / NAME)) as connection, connection:
+        connection.execute(tampered)
+    with pytest.raises(DechirpError, match="damaged"):
+        opened(tmp_path)
+    with pytest.raises(DechirpError, match="damaged"), Record.read(tmp_path) as record:
+        assert not (record.identity, record.environments)
+
+
+def test_trials_of_other_sums_and_points_of_other_theory_are_damage(tmp_path):
+    with opened(tmp_path) as ledger:
+        ledger.add([Block(0, 0, 0, np.ones((3, 2)), 0.5, theory=NUMBERS)])
+        ledger.must_have(n_columns=2, n_laws=2)
+        for n_columns, n_laws in ((3, 2), (2, 1)):
+            with pytest.raises(DechirpError, match="damaged"):
+                ledger.must_have(n_columns=n_columns, n_laws=n_laws)
+        ledger.add([Block(0, 1, 3, np.ones((3, 5)), 0.5)])
+        with pytest.raises(DechirpError, match="damaged"):
+            ledger.sums(0)
 
 
 def test_a_record_of_a_later_format_is_refused(tmp_path):

@@ -1,7 +1,7 @@
 """A search finds what is better, says by how much and how surely, and goes on where it stopped."""
 
 import json
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +12,7 @@ import pytest
 import dechirp as dc
 from dechirp.cli import tune as command
 from dechirp.experiment.study import executors
+from dechirp.experiment.study.block import Failure
 from dechirp.experiment.study.case import case_of
 from dechirp.experiment.study.executors import Workers
 from dechirp.experiment.tune.document import document
@@ -145,6 +146,46 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_result(folder, tuned, tmp
     assert document(again) == document(tuned)
     nothing_left = run(asked, tmp_path / "out", workers=here(at_most=0))
     assert document(nothing_left) == document(tuned)
+
+
+def test_settings_whose_workers_died_leave_the_trials_of_others_theirs(folder, tuned, tmp_path):
+    asked = load_tune(folder / "tune.yaml")
+
+    class Dies(Here):
+        def submit(self, fn, /, *args, **kwargs):
+            if args[0].chain == tuned.scenarios[0].chain:
+                raise BrokenExecutor
+            return super().submit(fn, *args, **kwargs)
+
+    without = run(asked, tmp_path / "out", workers=Workers(Dies(), lambda: 1))
+    (failed,) = [one for one in without.candidates if one.failure]
+    assert failed.number == tuned.best.number and "dead, 1 time" in failed.failure
+    # The last is chosen by what the others came to: another one, in a record that has both.
+    assert without.candidates[-1].scores != tuned.candidates[-1].scores
+    assert document(run(asked, tmp_path / "out", workers=here())) == document(tuned)
+
+
+def test_settings_that_fail_in_fresh_trials_are_not_taken(tmp_path):
+    text = TUNE.replace("candidates: 12", "candidates: 4").replace("fresh_looks: 80", "")
+    asked = load_tune(written(tmp_path, text + "fresh_looks: 4\n"))
+
+    class FailsLater(Here):
+        def submit(self, fn, /, *args, **kwargs):
+            future = super().submit(fn, *args, **kwargs)
+            if kwargs["trials"].start < asked.looks or args[0] == asked.scenarios[0]:
+                return future
+            failure = Failure(kwargs["trials"].start, "ValueError: singular")
+            failing: Future = Future()
+            failing.set_result(replace(future.result(), failures=(failure,)))
+            return failing
+
+    found = run(asked, tmp_path / "out", workers=Workers(FailsLater(), lambda: 1))
+
+    assert found.best.number == 0  # as they are: all that is left within the limit
+    assert not any(one.failure for one in found.candidates)
+    (told,) = [one for one in found.findings if one.setting.startswith("candidate")]
+    assert "ValueError: singular" in told.got
+    assert document(run(asked, tmp_path / "out", workers=here(at_most=0))) == document(found)
 
 
 def test_another_search_in_the_same_folder_is_refused(folder, tuned, tmp_path):
@@ -281,6 +322,14 @@ def test_a_recording_without_an_empty_part_tells_no_false_alarms(tmp_path):
         run(load_tune(path), tmp_path / "out", workers=here())
 
 
+@pytest.mark.parametrize(("score", "said"), [("roc", "a map of noise"), ("track_held", "tracks")])
+def test_scores_that_a_recording_cannot_tell_are_refused(tmp_path, score, said):
+    path = recorded(tmp_path)
+    path.write_text(path.read_text().replace("most: detection_probability", f"most: {score}"))
+    with pytest.raises(dc.DechirpError, match=rf"aim is {score}, .*{said}.*or scenarios"):
+        run(load_tune(path), tmp_path / "out", workers=here())
+
+
 WRONG = {
     ("n_training.range:", "n_trainig.range:"): ("search.chain.cfar.n_trainig", "n_training?"),
     ("from: 0, to: 9", "from: 9, to: 0"): ("search.chain.cfar.n_training.range", "below to"),
@@ -304,6 +353,8 @@ WRONG = {
     ),
     ("[weak.yaml]", "[strong.yaml]"): ("strong.yaml", "not there"),
     ("[weak.yaml]", "weak.yaml"): ("scenarios", "in brackets"),
+    ("[weak.yaml]", "[{recording: {path: a.npy}}]"): ("scenarios", "under recordings"),
+    ("_probability: 1e-3}", "_probability: 3}"): ("aim.at_most.false_alarm", "between 0 and 1"),
     ("looks: 40", "looks: 1"): ("looks", "from 2"),
     ("candidates: 12", "candidate: 12"): ("candidate", "candidates?"),
     ("aim: {", "# {"): ("aim", "absent"),

@@ -14,7 +14,7 @@ from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.echoes.impairments.typical_77ghz import Typical77Ghz
 from dechirp.evaluate.match import Matcher
 from dechirp.experiment.link import added_noise_w
-from dechirp.experiment.scenario import Scenario
+from dechirp.experiment.scenario import Scenario, Source
 from dechirp.experiment.statistical.sensor import Sensor, sense
 from dechirp.process.cfar.base import Cells, Cfar
 from dechirp.process.cfar.cell_averaging import CellAveraging
@@ -282,6 +282,15 @@ def test_what_is_not_modelled_is_told_or_refused():
     scenario = scenario_of(radar_of(1))
     with pytest.raises(InvalidSetting, match="white noise"):
         Sensor(replace(scenario, impairments=()))
+    recorded = Scenario(radar=scenario.radar, recording=Source(path="a.bin"))
+    with pytest.raises(InvalidSetting, match=r"scenario.recording is a recording.*Give a scene"):
+        Sensor(recorded)
+    frame = replace(scenario.radar.frame, modulation=dc.Triangular(), interval_s=30e-6)
+    with pytest.raises(InvalidSetting, match=r"frame.modulation is triangular.*Simulate samples"):
+        Sensor(replace(scenario, radar=replace(scenario.radar, frame=frame)))
+    frame = replace(scenario.radar.frame, interval_s=(15e-6, 17e-6), period_s=2e-3)
+    with pytest.raises(InvalidSetting, match=r"frame.interval is intervals in turn"):
+        Sensor(replace(scenario, radar=replace(scenario.radar, frame=frame)))
     with pytest.warns(PhysicsWarning, match="know nothing of"):
         Sensor(replace(scenario, impairments=(Typical77Ghz(),)))
     with warnings.catch_warnings():

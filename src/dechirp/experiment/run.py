@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from time import perf_counter
 
@@ -152,8 +153,7 @@ def run(
             if progress is not None:
                 progress(n_simulated + done, n_simulated + len(numbers))
 
-    with warnings.catch_warnings(record=True) as crowded:
-        warnings.simplefilter("always", PhysicsWarning)
+    with crowds() as crowded:
         detections = detect_each(
             counted(), radar, scenario.chain, first=numbers.start, took_out=took_out.append
         )
@@ -176,6 +176,20 @@ def run(
             "process": detected - opened + made.timing_s["process"],
         },
     )
+
+
+@contextmanager
+def crowds() -> Iterator[list[str]]:
+    """Hear of frames with more peaks than are kept, one text each; all else is passed on."""
+    found: list[str] = []
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always", PhysicsWarning)
+        yield found
+    for one in warned:
+        if issubclass(one.category, PhysicsWarning):
+            found.append(str(one.message))
+        else:
+            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
 
 
 @value

@@ -1,6 +1,5 @@
 """A stream from start to end: frames are processed as they come, and their samples let go."""
 
-import warnings
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,9 +10,9 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
-from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.findings import Finding
 from dechirp.core.values import value
-from dechirp.experiment.run import Found, Result, concluded
+from dechirp.experiment.run import Found, Result, concluded, crowds
 from dechirp.experiment.scenario import Scenario, Source, called, check_chain, check_following
 from dechirp.live.follow import follow
 from dechirp.live.stream import Stream
@@ -101,8 +100,7 @@ def watch(
             came, number = perf_counter(), stream.number
             if first is None:
                 first, numbers = cube, range(number, number)
-            with warnings.catch_warnings(record=True) as crowded:
-                warnings.simplefilter("always", PhysicsWarning)
+            with crowds() as crowded:
                 found = detected_columns(
                     [cube], radar, scenario.chain, first=number, took_out=took_out.append
                 )

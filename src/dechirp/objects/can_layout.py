@@ -247,8 +247,8 @@ def _codes(path: Path, message: str, signal: Any, need: Wanted) -> Codes:
         (limit - offset) / scale for limit in (signal.minimum, signal.maximum) if limit is not None
     )
     if len(ends) == 2:  # a DBC without limits writes [0|0], which is none here
-        low = max(low, int(np.ceil(ends[0] - 1e-6)))
-        high = min(high, int(np.floor(ends[1] + 1e-6)))
+        first, last = np.clip(ends, low, high)  # small scales make large limits infinite
+        low, high = int(np.ceil(first - 1e-6)), int(np.floor(last + 1e-6))
     texts = {str(text): int(code) for code, text in (signal.choices or {}).items()}
     not_told = next((texts[text] for text in _NOT_TOLD if text in texts), None)
     if not_told is not None:

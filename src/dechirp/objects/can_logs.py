@@ -163,6 +163,11 @@ def receive_can(
     """Receive object lists from a bus of python-can until it is idle for `idle_s`.
 
     It ends after `at_most_s` all the same; what is wrong with lists is told as by `read_can_log`.
+
+    Raises
+    ------
+    InvalidSetting
+        If the bus or the DBC cannot be used, or time goes backwards.
     """
     _must_be_bus(bus)
     number("idle_s", idle_s, above=0.0, at_most=1e6)
@@ -190,8 +195,11 @@ def _ours(log: Iterable[Any], found: Layout) -> tuple[int, list[Frame]]:
 
 def _heard(bus: Any, idle_s: float, at_most_s: float) -> Iterator[Frame]:
     end_s = time.monotonic() + at_most_s
-    while time.monotonic() < end_s and (message := bus.recv(idle_s)) is not None:
-        yield _frame(message)
+    try:
+        while time.monotonic() < end_s and (message := bus.recv(idle_s)) is not None:
+            yield _frame(message)
+    except library("can").CanError as error:
+        raise _not_a_bus(f"one that says: {error}") from None
 
 
 def _must_be_bus(bus: object) -> None:

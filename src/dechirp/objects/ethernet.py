@@ -132,7 +132,8 @@ def _address(host: str, port: int) -> tuple[int, tuple[object, ...]]:
         found = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError, TypeError) as error:
         raise _unreachable(host, port, error) from None
-    kind, _, _, _, address = found[0]
+    # IPv4 first, on which `listen` listens as a rule: of UDP nobody hears that it went elsewhere.
+    kind, _, _, _, address = min(found, key=lambda one: one[0] != socket.AF_INET)
     return kind, address
 
 

@@ -1,6 +1,5 @@
 """Moments of one scenario, step after step; all of it on the worker."""
 
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
@@ -10,9 +9,9 @@ import xarray as xr
 
 from dechirp.core.checks import whole
 from dechirp.core.conventions import axis
-from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.findings import Finding
 from dechirp.experiment.followed import grouped, tracked_rows
-from dechirp.experiment.run import Found, about_chain, about_found
+from dechirp.experiment.run import Found, about_chain, about_found, crowds
 from dechirp.experiment.scenario import Scenario
 from dechirp.process.angle_maps import range_azimuth_map
 from dechirp.process.chain import Chain
@@ -164,8 +163,7 @@ class _Made:
         radar = self.frames.radar
         maps: list[np.ndarray] = []
         took_out: list[tuple[Removed, ...]] = []
-        with warnings.catch_warnings(record=True) as crowded:
-            warnings.simplefilter("always", PhysicsWarning)
+        with crowds() as crowded:
             columns = detected_columns(
                 [cube],
                 radar,

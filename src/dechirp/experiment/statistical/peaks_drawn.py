@@ -29,13 +29,14 @@ _SUMMED = 4.0
 
 
 class Rings(NamedTuple):
-    """What the detector takes of rings."""
+    """What the detector takes of rings: their law, and where they lie."""
 
     statistic: np.ndarray
+    """(n_draws,), this and the next two as in `ring_law.RingLaw`."""
     corners: np.ndarray
     sensitivity: float
     factors: np.ndarray
-    """(n_rows,), infinite where nothing is searched."""
+    """(n_rows,), threshold over statistic; infinite where nothing is searched."""
     n_training: np.ndarray
     """(n_rows,) cells in the ring."""
     shifts: np.ndarray
@@ -61,9 +62,10 @@ class Alarms(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """Peaks of all frames, strongest first in each; noise powers are 1."""
+    """Peaks of all frames, (n,), strongest first in each; noise powers are 1."""
 
     frame: np.ndarray
+    """Number of each, from the first frame of the block."""
     slow: np.ndarray
     """Radians per chirp, from the first bin."""
     fast: np.ndarray
@@ -173,6 +175,7 @@ def draw_peaks(
         What is sent back, and what is known of the axes, the rings and the cells of noise over
         threshold.
     searched : bool array (n_velocity, n_rows)
+        Cells in which a peak may be.
     ring_of : array (n_candidates,)
         Which draw of the ring each candidate takes.
     white : float32 array (n_candidates + n_alarms, n)

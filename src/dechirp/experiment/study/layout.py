@@ -34,6 +34,11 @@ class Layout:
         """Columns of a block."""
         return sum(self.widths)
 
+    @property
+    def n_laws(self) -> int:
+        """Numbers that theory gives for a point, see `theory_of`."""
+        return sum(max(len(names), 1) for names in self.subjects)
+
     def index(self, label: str) -> int:
         """Place of a score in the list, by its label; raises `ValueError` without it."""
         return self._labels.index(label)

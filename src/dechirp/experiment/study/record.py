@@ -11,7 +11,7 @@ from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 
@@ -19,13 +19,33 @@ from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.findings import Finding
 from dechirp.experiment.study.block import Failure
 
-T = TypeVar("T")
-
 NAME = "study.sqlite"
 FORMAT_VERSION = 1
 APPLICATION = int.from_bytes(b"FMCW")
 """By which SQLite files of ours are known."""
-_TABLES = {"meta", "blocks", "ended", "theory", "failures", "findings"}
+
+
+def _counts(*columns: str) -> str:
+    return " AND ".join(f"typeof({one}) = 'integer' AND {one} >= 0" for one in columns)
+
+
+def _texts(*columns: str) -> str:
+    return " AND ".join(f"typeof({one}) = 'text'" for one in columns)
+
+
+# SQLite keeps what it is given in any column: what each row of ours is.
+_ROWS = {
+    "meta": _texts("key", "said"),
+    "blocks": _counts("point", "number", "first", "n_trials")
+    + " AND n_trials > 0 AND first < 1 << 53 AND typeof(seconds) = 'real'"
+    " AND typeof(sums) = 'blob' AND length(sums) % (8 * n_trials) = 0",
+    "ended": _counts("point", "n_blocks"),
+    "theory": _counts("point") + " AND typeof(numbers) = 'blob' AND length(numbers) % 8 = 0",
+    "failures": _counts("point", "number", "trial") + " AND " + _texts("message"),
+    "findings": _counts("point")
+    + " AND level IN ('note', 'warning', 'error') AND "
+    + _texts("level", "setting", "got", "need", "fix"),
+}
 
 
 class Record:
@@ -85,40 +105,61 @@ class Record:
         """Close the file; what was added is on disk already."""
         self._connection.close()
 
+    def must_have(self, *, n_columns: int, n_laws: int = 0) -> None:
+        """Raise `DechirpError` if there is a trial of other sums, or a point of other theory.
+
+        Parameters
+        ----------
+        n_columns : int
+            Numbers of a trial in `sums`.
+        n_laws : int, optional
+            Numbers of a point in `theory`.
+        """
+        other = "SELECT 1 FROM blocks WHERE length(sums) != 8 * n_trials * ?"
+        theory = "SELECT 1 FROM theory WHERE length(numbers) != 8 * ?"
+        for _ in self._rows(f"{other} UNION ALL {theory} LIMIT 1", n_columns, n_laws):
+            raise _damaged(self.path)
+
     @property
     def identity(self) -> dict[str, str]:
         """What the study was said to be when its folder was made."""
-        return self._kept("identity", dict)
+        found = self._kept("identity")
+        if not _is_words(found):
+            raise _damaged(self.path)
+        return found
 
     @property
     def environments(self) -> list[dict[str, str]]:
         """Libraries and processors that it ran on, the first first."""
-        return self._kept("environments", list)
+        found = self._kept("environments")
+        if not isinstance(found, list) or not found or not all(map(_is_words, found)):
+            raise _damaged(self.path)
+        return found
 
     def done(self) -> np.ndarray:
         """Point and number of every block kept, (n_blocks, 2) int64, in this order."""
-        rows = self._connection.execute("SELECT point, number FROM blocks ORDER BY point, number")
+        rows = self._rows("SELECT point, number FROM blocks ORDER BY point, number")
         flat = np.fromiter((number for row in rows for number in row), np.int64)
         return flat.reshape(-1, 2)
 
     def ended(self) -> dict[int, int]:
         """Number of blocks of the points that had enough before their last, by point."""
-        return dict(self._connection.execute("SELECT point, n_blocks FROM ended"))
+        return dict(self._rows("SELECT point, n_blocks FROM ended"))
 
     def sums(self, point: int) -> np.ndarray:
         """Sums of the trials of a point in their order, (n_trials, n_columns) float64.
 
         A study that was interrupted may lack blocks between others: see `trials`.
         """
-        rows = self._connection.execute(
-            "SELECT n_trials, sums FROM blocks WHERE point = ? ORDER BY number", (point,)
+        rows = self._rows(
+            "SELECT n_trials, sums FROM blocks WHERE point = ? ORDER BY number", point
         )
-        return _joined(list(rows))
+        return self._joined(list(rows))
 
     def trials(self, point: int) -> np.ndarray:
         """Number of the trial of each row of `sums`, (n_trials,) int64."""
-        rows = self._connection.execute(
-            "SELECT first, n_trials FROM blocks WHERE point = ? ORDER BY number", (point,)
+        rows = self._rows(
+            "SELECT first, n_trials FROM blocks WHERE point = ? ORDER BY number", point
         )
         numbers = [np.arange(first, first + n, dtype=np.int64) for first, n in rows]
         return np.concatenate([np.empty(0, np.int64), *numbers])
@@ -126,35 +167,31 @@ class Record:
     def all_sums(self) -> Iterator[tuple[int, np.ndarray]]:
         """Point and sums of every point that has any, one at a time, in their order."""
         # In the order of the file, where a point's blocks are near each other.
-        rows = self._connection.execute(
-            "SELECT point, n_trials, sums FROM blocks ORDER BY point, number"
-        )
+        rows = self._rows("SELECT point, n_trials, sums FROM blocks ORDER BY point, number")
         for point, of_point in groupby(rows, itemgetter(0)):
-            yield point, _joined([row[1:] for row in of_point])
+            yield point, self._joined([row[1:] for row in of_point])
 
     def theory(self, point: int) -> np.ndarray | None:
         """What theory gives for a point, (n,) float64, see `Layout.theory_of`.
 
         None before its first block.
         """
-        row = self._connection.execute("SELECT numbers FROM theory WHERE point = ?", (point,))
-        found = row.fetchone()
-        return None if found is None else np.frombuffer(found[0], "<f8").astype(float)
+        for (numbers,) in self._rows("SELECT numbers FROM theory WHERE point = ?", point):
+            return np.frombuffer(numbers, "<f8").astype(float)
+        return None
 
     def n_failures(self) -> int:
         """Trials that raised."""
-        return int(self._connection.execute("SELECT count(*) FROM failures").fetchone()[0])
+        return int(self._number("SELECT count(*) FROM failures"))
 
     def failures(self) -> list[tuple[int, Failure]]:
         """Point and failure of all trials that raised, in their order."""
-        rows = self._connection.execute(
-            "SELECT point, trial, message FROM failures ORDER BY point, trial"
-        )
+        rows = self._rows("SELECT point, trial, message FROM failures ORDER BY point, trial")
         return [(point, Failure(trial, message)) for point, trial, message in rows]
 
     def findings(self) -> list[tuple[int, Finding]]:
         """Point and finding of all that was warned of, in the order of the points."""
-        rows = self._connection.execute(
+        rows = self._rows(
             "SELECT point, level, setting, got, need, fix FROM findings ORDER BY point, rowid"
         )
         return [
@@ -172,39 +209,51 @@ class Record:
         query = "SELECT point, number, content FROM items"
         if number is not None:
             query += f" WHERE number = {int(number)}"
-        yield from self._connection.execute(f"{query} ORDER BY point, number")
+        yield from self._rows(f"{query} ORDER BY point, number")
 
     def seconds(self) -> float:
         """Time that all blocks took, added."""
-        return float(self._connection.execute("SELECT total(seconds) FROM blocks").fetchone()[0])
+        return float(self._number("SELECT total(seconds) FROM blocks"))
 
     @property
     def _has_items(self) -> bool:
         query = "SELECT count(*) FROM sqlite_master WHERE name = 'items'"
-        return bool(self._connection.execute(query).fetchone()[0])
+        return bool(self._number(query))
 
     def _said(self, key: str) -> str:
-        row = self._connection.execute("SELECT said FROM meta WHERE key = ?", (key,)).fetchone()
-        if row is None:
-            raise _damaged(self.path)
-        return str(row[0])
+        for (said,) in self._rows("SELECT said FROM meta WHERE key = ?", key):
+            return str(said)
+        raise _damaged(self.path)
 
-    def _kept(self, key: str, kind: type[T]) -> T:
-        """A list or mapping that is kept as JSON."""
+    def _kept(self, key: str) -> Any:
+        """What is kept as JSON."""
         try:
-            found = json.loads(self._said(key))
-        except ValueError:
-            found = None
-        if not isinstance(found, kind):
+            return json.loads(self._said(key))
+        except (ValueError, RecursionError):
+            raise _damaged(self.path) from None
+
+    def _joined(self, rows: Sequence[tuple[int, bytes]]) -> np.ndarray:
+        """Rows of trials of blocks one below the other."""
+        if len({len(sums) // n_trials for n_trials, sums in rows}) > 1:
             raise _damaged(self.path)
-        return found
+        n_trials = sum(n_trials for n_trials, _ in rows)
+        flat = np.frombuffer(b"".join([sums for _, sums in rows]), "<f8")
+        return flat.reshape(n_trials, -1) if n_trials else np.empty((0, 0))
+
+    def _number(self, query: str) -> float:
+        ((number,),) = self._rows(query)
+        return float(number)
+
+    def _rows(self, query: str, *given: object) -> Iterator[tuple[Any, ...]]:
+        """Answer a query, a row at a time."""
+        with told(self.path, "Nothing was changed."):
+            # `yield from` would close the rows too, which fails once the file is closed.
+            for row in self._connection.execute(query, given):  # noqa: UP028
+                yield row
 
 
-def _joined(rows: Sequence[tuple[int, bytes]]) -> np.ndarray:
-    """Rows of trials of blocks one below the other."""
-    n_trials = sum(row[0] for row in rows)
-    flat = np.frombuffer(b"".join([row[1] for row in rows]), "<f8")
-    return flat.reshape(n_trials, -1) if n_trials else np.empty((0, 0))
+def _is_words(found: object) -> bool:
+    return isinstance(found, dict) and all(isinstance(one, str) for one in found.values())
 
 
 def read_only(path: Path) -> sqlite3.Connection:
@@ -232,7 +281,7 @@ def is_ours(connection: sqlite3.Connection, path: Path) -> bool:
     if not n_tables:  # killed before its tables were made: the next writer makes them
         return False
     names = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
-    if not names >= _TABLES:
+    if not names >= set(_ROWS):
         raise _damaged(path)
     query = "SELECT said FROM meta WHERE key = 'format_version'"
     row = connection.execute(query).fetchone()
@@ -246,6 +295,9 @@ def is_ours(connection: sqlite3.Connection, path: Path) -> bool:
             need=f"in format {FORMAT_VERSION}, which this version of dechirp writes",
             fix="Go on with the version that began it, or name another folder with --out.",
         )
+    others = (f"SELECT 1 FROM {table} WHERE NOT ({row})" for table, row in _ROWS.items())
+    if connection.execute(f"{' UNION ALL '.join(others)} LIMIT 1").fetchone():
+        raise _damaged(path)
     return True
 
 
@@ -259,7 +311,7 @@ def told(path: Path, kept: str) -> Iterator[None]:
     except sqlite3.Error as error:
         if "not a database" in str(error):
             raise _not_ours(path, "no database") from None
-        if "malformed" in str(error):
+        if "malformed" in str(error) or "no such" in str(error):
             raise _damaged(path) from None
         is_full = "full" in str(error)
         raise refused(

@@ -222,7 +222,7 @@ def measured(plan: "Plan", layout: Layout, record: "Record") -> Iterator[Measure
     failures, findings = _by_point(record.failures()), _by_point(record.findings())
     kept = record.all_sums()
     at, sums = next(kept, (plan.n_points, _EMPTY))
-    untold = np.full(sum(max(len(names), 1) for names in layout.subjects), np.nan)
+    untold = np.full(layout.n_laws, np.nan)
     for point in range(plan.n_points):
         theory = record.theory(point)
         yield Measured(

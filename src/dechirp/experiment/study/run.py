@@ -102,7 +102,14 @@ def open_ledger(study: Study, out: Path) -> Ledger:
         data_set.check(plan)
         if not (out / RECORD).exists():  # a folder of a study that is refused is not begun
             data_set.check_room(data_set.data_bytes(plan), out)
-    return Ledger.open(out, identity=identity, environment=environment())
+    ledger = Ledger.open(out, identity=identity, environment=environment())
+    try:
+        layout = layout_of(plan)
+        ledger.must_have(n_columns=layout.n_columns, n_laws=layout.n_laws)
+    except BaseException:
+        ledger.close()
+        raise
+    return ledger
 
 
 def _must_be_same(out: Path, identity: Mapping[str, str]) -> None:

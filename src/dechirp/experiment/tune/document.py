@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dechirp.config.quantities import text_of
+from dechirp.config.texts import plain
 from dechirp.core.kinds import KINDS
 from dechirp.evaluate.score.base import Estimate
 from dechirp.experiment.study.text import unit_of
@@ -44,11 +45,7 @@ def document(tuned: Tuned) -> dict[str, Any]:
         "refuted": [_confirmed(tuned, one) for one in tuned.refuted],
         "importances": dict(tuned.importances),
         "trials": [_candidate(one) for one in tuned.candidates],
-        "findings": [
-            {"level": one.level, "setting": one.setting, "got": one.got, "need": one.need}
-            | {"fix": one.fix}
-            for one in tuned.findings
-        ],
+        "findings": [plain(one) for one in tuned.findings],
     }
 
 

@@ -336,10 +336,11 @@ class _Reader:
                 continue
             try:
                 bound = quantity(child.text, unit_of(score), setting=path)
+                limit = Limit(score=score, **{side: bound})
             except InvalidSetting as error:
                 self.wrong += [_at(one, child.place, path) for one in error.mistakes]
                 continue
-            yield Limit(score=score, **{side: bound})
+            yield limit
 
     def _score(self, path: str, node: Node, label: str) -> Score | None:
         members: Mapping[str, type] = Score.members()

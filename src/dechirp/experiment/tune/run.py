@@ -4,13 +4,15 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from hashlib import blake2b
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from dechirp.config.texts import dump
+from dechirp.core.displayed import several
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding
 from dechirp.evaluate.score.base import Estimate, Score
@@ -33,14 +35,16 @@ _MOST_DEATHS = 3
 _MOST_FRESH = 5
 """Candidates that are tried on fresh trials, the best first, until one keeps the limits."""
 
+Settings: TypeAlias = tuple[tuple[str, str], ...]
+"""Path and text of each; none: as they are."""
+
 
 class Candidate(NamedTuple):
     """A choice of settings, and what it came to in the trials of the search."""
 
     number: int
     """0: the settings as they are."""
-    settings: tuple[tuple[str, str], ...]
-    """Path and text of each; none: as they are."""
+    settings: Settings
     scores: Mapping[str, Estimate]
     """By label, over all sources; empty where it failed."""
     failure: str | None
@@ -68,7 +72,7 @@ class Tuned(NamedTuple):
     """In the order in which they were tried, the settings as they are first."""
     default: Confirmed
     best: Confirmed | None
-    """None: every candidate was shown to be beyond a limit."""
+    """None: every candidate was shown to be beyond a limit, or failed."""
     refuted: tuple[Confirmed, ...]
     """Better in the search, but beyond a limit in fresh trials."""
     gain: Gain | None
@@ -180,6 +184,10 @@ def _written(source: Scenario | Recorded) -> str:
     return text
 
 
+class _FailsLater(DechirpError):
+    """Settings that worked in the trials of the search fail in fresh ones."""
+
+
 class _Search:
     """One search and its record."""
 
@@ -194,6 +202,7 @@ class _Search:
         self.sources = _sources(tune)
         self.variants = [Variants(scenario_of(one)) for one in self.sources]
         self.scores: tuple[Score, ...] = tuple(dict.fromkeys(tune.aim.scores))
+        ledger.must_have(n_columns=sum(score.n_sums for score in self.scores))
         self.kept = {(int(point), int(number)) for point, number in ledger.done()}
         # Of a recording, the first half of the frames is searched on, the other is fresh.
         self.parts = tuple(
@@ -249,9 +258,13 @@ class _Search:
     ) -> Tuned:
         tune = self.tune
         default, default_sums = self._fresh(candidates[0])
-        best, gain, refuted = None, None, list[Confirmed]()
+        best, gain, refuted, failing = None, None, list[Confirmed](), list[Finding]()
         for candidate in _promising(tune, candidates)[:_MOST_FRESH]:
-            found, sums = self._fresh(candidate)
+            try:
+                found, sums = self._fresh(candidate)
+            except _FailsLater as error:
+                failing += [_warning(mistake) for mistake in error.mistakes]
+                continue
             if "not met" in found.verdicts:
                 refuted.append(found)
                 continue
@@ -276,15 +289,15 @@ class _Search:
                 sum(len(first) for first, _ in self.parts),
                 sum(len(second) for _, second in self.parts),
             ),
-            findings=(*self.ledger.doubts, *_coarse(tune, candidates[0])),
+            findings=(*self.ledger.doubts, *_coarse(tune, candidates[0]), *failing),
         )
 
-    def _candidate(self, number: int, settings: tuple[tuple[str, str], ...]) -> Candidate:
+    def _candidate(self, number: int, settings: Settings) -> Candidate:
         try:
-            sums = self._rows(number, settings, fresh=False)
+            sums = self._rows(settings, fresh=False)
         except DechirpError as error:
             return Candidate(number, settings, {}, str(error), False)
-        failure = self._failure(number)
+        failure = self._failure(settings, fresh=False)
         if failure is not None:
             return Candidate(number, settings, {}, failure, False)
         scores = self._estimates(_added(sums))
@@ -296,10 +309,10 @@ class _Search:
 
     def _fresh(self, candidate: Candidate) -> tuple[Confirmed, np.ndarray]:
         """What a candidate comes to in fresh trials, and their sums."""
-        sums = self._rows(candidate.number, candidate.settings, fresh=True)
-        failure = self._failure(candidate.number)
+        sums = self._rows(candidate.settings, fresh=True)
+        failure = self._failure(candidate.settings, fresh=True)
         if failure is not None:
-            raise DechirpError(
+            raise _FailsLater(
                 Mistake(
                     setting=f"candidate {candidate.number}",
                     got=f"failing in trials after those of the search ({failure})",
@@ -339,17 +352,20 @@ class _Search:
             for score, end in zip(self.scores, ends, strict=True)
         }
 
-    def _failure(self, number: int) -> str | None:
-        points = range(number * len(self.sources), (number + 1) * len(self.sources))
-        told = (one.message for point, one in self.ledger.failures() if point in points)
-        return next(told, None)
+    def _failure(self, settings: Settings, *, fresh: bool) -> str | None:
+        """What the first trial said that failed, of those of the search or of the fresh ones."""
+        failed = {(point, one.trial): one.message for point, one in self.ledger.failures()}
+        asked = (
+            (_point(settings, at), trial)
+            for at, part in enumerate(self.parts)
+            for trial in part[fresh]
+        )
+        return next((failed[one] for one in asked if one in failed), None) if failed else None
 
-    def _rows(
-        self, number: int, settings: tuple[tuple[str, str], ...], *, fresh: bool
-    ) -> list[np.ndarray]:
+    def _rows(self, settings: Settings, *, fresh: bool) -> list[np.ndarray]:
         """Sums of the trials of each source, those that are not kept yet tried now."""
         wanted = [part[fresh] for part in self.parts]
-        points = [number * len(self.sources) + at for at in range(len(self.sources))]
+        points = [_point(settings, at) for at in range(len(self.sources))]
         jobs = [
             (at, point, block) for at, point in enumerate(points) for block in _blocks(wanted[at])
         ]
@@ -384,7 +400,7 @@ class _Search:
                     raise DechirpError(
                         Mistake(
                             setting="workers",
-                            got=f"dead, {deaths} times ({type(error).__name__})",
+                            got=f"dead, {several(deaths, 'time')} ({type(error).__name__})",
                             need="workers that live: they may lack memory",
                             fix="Take fewer with --workers, and call again to go on.",
                         )
@@ -438,7 +454,27 @@ def _added(sums: Sequence[np.ndarray]) -> np.ndarray:
     return added
 
 
-def _settings(tune: Tune, choice: Choice) -> tuple[tuple[str, str], ...]:
+def _point(settings: Settings, source: int) -> int:
+    """Where the record keeps the trials of settings on a source: a number of 63 bits.
+
+    By the settings, not by the number of the candidate: one that failed for want of memory or of
+    room on the disk may work in the next call, after which others are chosen.
+    """
+    words = "\n".join([str(source), *(f"{path}={text}" for path, text in settings)])
+    return int.from_bytes(blake2b(words.encode(), digest_size=8).digest()) >> 1
+
+
+def _warning(mistake: Mistake) -> Finding:
+    return Finding(
+        level="warning",
+        setting=mistake.setting,
+        got=mistake.got,
+        need=mistake.need,
+        fix=mistake.fix,
+    )
+
+
+def _settings(tune: Tune, choice: Choice) -> Settings:
     both = zip(tune.search, choice, strict=True)
     return tuple((one.path, one.texts[at]) for one, at in both)
 

@@ -45,6 +45,7 @@ class PreparedRecording:
         self._truth = truth(recorded.truth, self.radar, n_frames=last + 1, noise_power_w=np.nan)
         first = self._case(0)
         for score in scores:
+            _must_be_told_by_frames(score)
             score.check(first)
         self.layout = Layout.of_case(scores, first)
         self._needs = frozenset().union(*(score.needs for score in scores))
@@ -54,13 +55,6 @@ class PreparedRecording:
                 got="absent",
                 need="ranges where nothing was, to count false alarms in",
                 fix="Give empty: [20 m, 60 m], or leave false alarms out of the aim.",
-            )
-        if "tracks" in self._needs:
-            raise InvalidSetting(
-                "aim",
-                got="a score of tracks",
-                need="one of single frames, for recordings",
-                fix="Take scores of detections or clusters, or scenarios.",
             )
 
     def sums(self, trial: int) -> np.ndarray:
@@ -99,16 +93,16 @@ class PreparedRecording:
             detections=columns,
             match=Matcher(case.truth, self.radar, self.recorded.truth)(columns),
             maps=None if power is None else (power.values,),
-            noise=self._empty(power, columns["range"]) if "noise" in self._needs else None,
+            noise=self._empty(power, columns["range"], number) if "noise" in self._needs else None,
             clusters=clusters,
             processing_s=processing_s,
         )
 
-    def _empty(self, power: xr.DataArray | None, detected_m: np.ndarray) -> NoiseMap:
-        """The part of a map where nothing was, counted."""
+    def _empty(self, power: xr.DataArray | None, detected_m: np.ndarray, number: int) -> NoiseMap:
+        """The part of the map of a frame where nothing was, counted."""
         assert power is not None and self.recorded.empty_m is not None
         nearest_m, furthest_m = self.recorded.empty_m
-        threshold = threshold_map(power, self.radar, self.chain)
+        threshold = threshold_map(power, self.radar.at(number), self.chain)
         rows = (power.range.values >= nearest_m) & (power.range.values <= furthest_m)
         within = power.transpose("velocity", "range").values[:, rows]
         over = threshold.transpose("velocity", "range").values[:, rows]
@@ -119,6 +113,22 @@ class PreparedRecording:
             n_over=int((within > over).sum()),
             n_peaks=int(inside.sum()),
         )
+
+
+def _must_be_told_by_frames(score: Score) -> None:
+    """Raise `InvalidSetting` where frames of a recording, one by one, cannot tell a score."""
+    if "tracks" in score.needs:
+        of = "tracks"
+    elif score.needs >= {"maps", "noise"}:
+        of = "a map of noise beside the one of targets"
+    else:
+        return
+    raise InvalidSetting(
+        "aim",
+        got=f"{score.label()}, of {of}",
+        need="scores that single frames tell, for recordings",
+        fix="Take scores of detections or clusters, or scenarios.",
+    )
 
 
 def scenario_of(source: Scenario | Recorded) -> Scenario:

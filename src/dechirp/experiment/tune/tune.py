@@ -155,6 +155,13 @@ class Tune:
                 need="scenarios to try settings on, or recordings, or both",
                 fix="Name a scenario.",
             )
+        if any(one.recording is not None for one in self.scenarios):
+            raise InvalidSetting(
+                "Tune.scenarios",
+                got="with one of a recording",
+                need="scenarios with a scene, which is simulated again and again",
+                fix="Name it under recordings, as scenario: FILE, beside its truth.",
+            )
         if not self.search:
             raise InvalidSetting(
                 "Tune.search",

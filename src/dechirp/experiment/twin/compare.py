@@ -19,10 +19,11 @@ from dechirp.experiment.twin.measure import (
 )
 from dechirp.experiment.twin.start import detected
 
-# Standard deviation of a peak's place, in cells, times the root of its ratio: sqrt(6) / 2 pi of a
-# tone's frequency in bins. Reading it off a Hann-windowed map instead costs the noise bandwidths of
-# both windows, which the ratio in a cell is already less by.
-_CELLS_STD = 0.39
+# Standard deviation of a peak's place, in bins of the samples (a padded map has more cells), times
+# the root of its ratio: sqrt(6) / 2 pi, the bound of a tone's frequency. Reading it off a
+# Hann-windowed map instead costs the noise bandwidths of both windows, which the ratio in a cell is
+# already less by.
+_BINS_STD = 0.39
 
 
 def differences(recorded: Seen, clean: Seen, twin: Seen, points: Echoes) -> xr.Dataset:
@@ -62,6 +63,9 @@ def differences(recorded: Seen, clean: Seen, twin: Seen, points: Echoes) -> xr.D
     # |tone + noise|^2, a mean of so many channels; of the difference of two, three times that.
     power_std = np.sqrt((2 * snr + 1) / n_channels) / (snr + 1)
     lost = wandering(recorded, cells, 3 * np.sqrt(2) * power_std)
+    noise = recorded.chain.noise(recorded.radar)
+    per_bin = max(one.n_bins / one.n_points for one in (noise.over_velocity, noise.over_range))
+    cells_std = _BINS_STD * per_bin / np.sqrt(snr * n_channels)
     told = ~echoes.leaks & (recorded.chain.angle is not None)
     columns = {
         "range": (echoes.range_m, "m"),
@@ -79,7 +83,7 @@ def differences(recorded: Seen, clean: Seen, twin: Seen, points: Echoes) -> xr.D
         "azimuth_difference": (_turned(twin, echoes, told), "rad"),
         "velocity_cells_clean": (without.slow - own.slow, "1"),
         "power_std": (power_std, "1"),
-        "cells_std": (np.maximum(_CELLS_STD / np.sqrt(snr * n_channels), lost), "1"),
+        "cells_std": (np.maximum(cells_std, lost), "1"),
         "leaks": (echoes.leaks, "1"),
         "searched": (searched(recorded, cells), "1"),
     }

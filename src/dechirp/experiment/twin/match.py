@@ -4,7 +4,7 @@ Echoes of neighbours lie in each other's cells, so their powers cannot be read o
 one. What each point adds to each peak's cell is simulated, and amplitudes and phases follow from
 linear equations: at each peak the twin has the recorded power and the phase that fits best. A phase
 is a quarter of a wavelength of range at most, far below a cell; places are corrected by whole half
-wavelengths, which leave phases as they are. Three to six rounds do.
+wavelengths, which leave phases as they are. Three to eight rounds do.
 """
 
 import warnings

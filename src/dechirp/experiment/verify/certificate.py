@@ -107,8 +107,8 @@ def verify(
     full : bool
         10,000 trials where `trials` does not say, false alarms at 1e-6 over 3e9 cells, and
         beyond the report false alarms of every detector under every window over 1e9 cells each,
-        errors of every direction estimator, and every impairment against its formula: half an
-        hour on two cores. Without it, under two minutes.
+        errors of every direction estimator, and every impairment against its formula: a quarter
+        of an hour on two cores. Without it, under two minutes.
     seed : int
         The same seed gives the same numbers, for any number of workers.
     executor : Executor, optional
