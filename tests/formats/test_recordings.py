@@ -738,6 +738,8 @@ ABSURD = "{{'descr': '<c8', 'fortran_order': False, 'shape': {} }}\n"
         ("capture.bin", b"\x89PNG\r\n\x1a\n" + bytes(64), "a PNG picture"),
         ("capture.jpg", b"\xff\xd8\xff\xe0" + bytes(64), "a JPEG picture"),
         ("cube.npy", bytes(range(64)), "bytes without a mark"),
+        ("capture.pcapng", b"\n\r\r\n" + bytes(64), "a network capture (pcapng)"),
+        ("cube.nc", b"CDF\1" + bytes(64), "a netCDF file of version 3"),
         ("cube.npy", b"\x93NUMPY\x01", "header is damaged"),
         ("cube.npy", header("{'descr': "), "header is damaged"),
         ("cube.npy", header("(" * 9000), "header is damaged"),

@@ -108,6 +108,7 @@ def test_frames_of_one_ramp_are_the_chirps_of_one_frame(tmp_path):
     assert "119 GHz" in said["radar.frame.chirp.start_frequency"]
     assert "40 frames of one chirp" in said["radar.frame.n_chirps"]
     assert "12 bits" in said["encoding"]
+    assert contents.scale == 1 / 2048
 
 
 def told_radar(n_chirps, n_samples=32, sampling="complex"):

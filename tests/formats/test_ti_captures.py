@@ -16,7 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dechirp.cli.main import main
+from dechirp.config.texts import dump
 from dechirp.core.errors import RecordingError
+from dechirp.echoes.codes import is_coded
 from dechirp.experiment.run import run
 from dechirp.experiment.scenario import Scenario, Source
 from dechirp.formats.dca1000 import _headers
@@ -532,6 +534,19 @@ def test_four_chips_of_a_cascade_are_one_cube(tmp_path, cascade_radar):
         assert recording.format == "ti-cascade"
         np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
         assert recording.cube.transmitter.values[:13].tolist() == [*range(12), 0]
+        assert is_coded(recording.cube)
+
+
+def test_a_cascade_says_which_file_told_how_its_samples_lie(tmp_path, cascade_radar):
+    frame = cascade_radar.frame
+    numbers = np.zeros((1, frame.n_sent, 16, frame.chirp.n_samples, 2), np.int16)
+    cascade(tmp_path, numbers, cascade_radar)
+    told = tmp_path / "capture.yaml"
+    told.write_text(dump(cascade_radar))
+
+    held = open_recording(tmp_path, radar=told, device="cascade", iq="iq").contents
+
+    assert (held.settings_path, held.device) == (told, "cascade")
 
 
 def test_the_parts_of_a_sample_have_one_order_in_all_chips_of_a_cascade(tmp_path, cascade_radar):

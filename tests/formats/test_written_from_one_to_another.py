@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from formats.containers import (
     EVERY_CASE,
     must_be_equal,
@@ -217,3 +217,20 @@ def test_files_of_two_recordings_never_lie_together(tmp_path, monkeypatch, name,
     assert len(seen) > 3
     # Without the first of them nobody reads the other.
     assert {pair for pair in seen if pair[0] is not None} == {after}
+
+
+@pytest.mark.parametrize(
+    ("change", "got"),
+    [
+        (lambda cube: cube.values, "a ndarray over no named axes"),
+        (lambda cube: cube.isel(frame=0), "a DataArray over chirp, rx, sample"),
+        (lambda cube: cube.expand_dims("trial"), "over chirp, frame, rx, sample, trial"),
+        (lambda cube: cube.isel(frame=slice(0)), "0 frames of"),
+        (lambda cube: cube.assign_coords(gap=cube.frame > 0), "a cube whose gap is over frame"),
+    ],
+)
+def test_what_is_no_cube_is_no_recording(change, got):
+    recording = of_complex_samples()
+
+    with pytest.raises(InvalidSetting, match=got):
+        dc.recording_of(change(recording.cube.drop_vars("gap", errors="ignore")), recording.radar)

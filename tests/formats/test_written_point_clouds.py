@@ -280,8 +280,8 @@ def write_bag(path, sent):
 
 @pytest.mark.parametrize("write", [write_mcap, write_bag])
 def test_points_of_another_radar_become_detections_and_say_what_was_taken(tmp_path, write):
-    fields = ("x", "y", "z", "Doppler", "snr", "rcs")
-    rows = [(3.0, 4.0, 0.0, -2.0, 20.0, 1.5), (UNKNOWN,) * 6]
+    fields = ("x", "y", "z", "Doppler", "snr", "rcs", "gain")
+    rows = [(3.0, 4.0, 0.0, -2.0, 20.0, 1.5, 0.0), (UNKNOWN,) * 7]
     lidar = foreign_cloud([(1.0, 1.0, 1.0)], fields=("x", "y", "z"), topic="/lidar")
     sent = [
         text_message("/notes", "rain"),
@@ -296,6 +296,7 @@ def test_points_of_another_radar_become_detections_and_say_what_was_taken(tmp_pa
     assert read.n_frames == 2
     assert read.contents.radar is None
     points = read.points
+    assert [*points][-2:] == ["rcs", "gain"]
     np.testing.assert_allclose(points.range, [5.0, 5.0])
     np.testing.assert_allclose(points.azimuth, [np.arctan2(4, 3)] * 2)
     np.testing.assert_allclose(points.velocity, [-2.0, -2.0])
@@ -369,6 +370,21 @@ def test_samples_alone_are_refused_with_the_way_to_detections(tmp_path):
         dc.write(recording(truth=TRUTH), tmp_path / "drive.mcap")
 
     assert not list(tmp_path.iterdir())
+
+
+def test_a_table_of_one_number_a_frame_comes_back_as_it_was(tmp_path):
+    ego = xr.Dataset({"range": ("frame", np.arange(5.0)), "frame": ("frame", np.arange(5))})
+    for name in NAMES:
+        dc.write(recording(detections=DETECTIONS, ego=ego), tmp_path / name)
+
+        xr.testing.assert_identical(dc.open(tmp_path / name).tables["ego"], ego)
+
+
+def test_detections_that_are_no_rows_of_one_axis_are_refused(tmp_path):
+    wrong = xr.Dataset({"range": (("frame", "place"), np.ones((5, 2))), "frame": np.arange(5)})
+    for one in (wrong, wrong.isel(place=0), DETECTIONS.rename(detection="row")):
+        with pytest.raises(DechirpError, match="no rows of one axis"):
+            dc.write(recording(detections=one), tmp_path / "drive.mcap")
 
 
 def test_detections_out_of_the_order_of_frames_are_refused(tmp_path):

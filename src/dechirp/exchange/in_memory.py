@@ -39,18 +39,20 @@ def recording_of(
     Raises
     ------
     InvalidSetting
-        If the cube is not that radar's.
+        If it is no cube, or not that radar's.
     """
+    _must_be_cube(cube)
     samples = cube.transpose(*CUBE_AXES).values
     must_be_sampled_as(radar.frame.chirp, samples, where="cube")
     frame = radar.frame
     need = (frame.n_sent, radar.array.n_rx, frame.chirp.n_samples)
     units = cube.attrs.get("units")
-    if samples.shape[1:] != need or units not in UNITS:
+    if samples.shape[1:] != need or not len(samples) or units not in UNITS:
         raise InvalidSetting(
             "cube",
-            got=f"frames of {samples.shape[1:]} in units of {units!r}",
-            need=f"of {need} (chirp, rx, sample), as the radar has them, in {' or '.join(UNITS)}",
+            got=f"{len(samples)} frames of {samples.shape[1:]} in units of {units!r}",
+            need=f"at least one, of {need} (chirp, rx, sample), as the radar has them, in"
+            f" {' or '.join(UNITS)}",
             fix="Give the radar that the cube was made with; set cube.attrs['units'].",
         )
 
@@ -70,4 +72,21 @@ def recording_of(
     )
     return Recording(
         path=Path(name), format="memory", contents=contents, frame_numbers=range(len(samples))
+    )
+
+
+def _must_be_cube(cube: object) -> None:
+    """Raise `InvalidSetting` unless it has the axes of a cube, and gaps those of its chirps."""
+    axes = {str(axis) for axis in cube.dims} if isinstance(cube, xr.DataArray) else set()
+    got = f"a {type(cube).__name__} over {', '.join(sorted(axes)) or 'no named axes'}"
+    if isinstance(cube, xr.DataArray) and axes == set(CUBE_AXES):
+        gap = cube.coords.get("gap")
+        if gap is None or set(gap.dims) == {"frame", "chirp"}:
+            return
+        got = f"a cube whose gap is over {', '.join(map(str, gap.dims)) or 'no axis'}"
+    raise InvalidSetting(
+        "cube",
+        got=got,
+        need=f"a DataArray over {', '.join(CUBE_AXES)}, whose gap, if any, is over frame, chirp",
+        fix="Label the samples, with labelled_cube of dechirp.radar.cube.",
     )

@@ -56,10 +56,12 @@ def must_have_detections(recording: Recording) -> None:
             need="a recording with detections: clouds of points hold no samples",
             fix="Run it first: dechirp run IN --out FOLDER; then: dechirp convert FOLDER OUT.",
         )
-    if _parts(tables[DETECTIONS], recording.n_frames) is None:
+    detections = tables[DETECTIONS]
+    in_rows = "range" in detections and detections["range"].dims == ("detection",)
+    if not in_rows or _parts(detections, recording.n_frames) is None:
         raise _refused(
             recording,
-            got="with detections that are out of the order of its frames",
+            got="with detections that are no rows of one axis, or out of the order of its frames",
             need="with detections over `detection`, their `frame` ascending from 0",
             fix="Sort them: detections.sortby('frame').",
         )
@@ -105,14 +107,17 @@ def messages(recording: Recording, progress: Progress | None = None) -> Iterator
 
 
 def _parts(table: xr.Dataset, n_frames: int) -> list[Any] | None:
-    """Where the rows of each frame lie; None for a table without ranges in these frames."""
+    """Where the rows of each frame lie; None for a table without ranges in these frames.
+
+    One number a frame is no row of points: such a table is kept as arrays.
+    """
     if "range" not in table or "frame" not in table.variables:
         return None
     over = table["range"].dims
     if "frame" in over:
         whole = [slice(None)] * len(over)
         place = over.index("frame")
-        if table.sizes["frame"] != n_frames:
+        if len(over) == 1 or table.sizes["frame"] != n_frames:
             return None
         return [(*whole[:place], i, *whole[place + 1 :]) for i in range(n_frames)]
     numbers = table["frame"].values

@@ -122,7 +122,13 @@ _MAGIC = {
     b"\xff\xd8\xff": "a JPEG picture",
     b"%PDF": "a PDF document",
     b"MATLAB": "a MATLAB file",
-    b"\xd4\xc3\xb2\xa1": "a network capture (pcap)",
+    **dict.fromkeys((b"CDF\1", b"CDF\2", b"CDF\5"), "a netCDF file of version 3"),
+    b"\x89MCAP0\r\n": "an MCAP file",
+    **dict.fromkeys(
+        (b"\xd4\xc3\xb2\xa1", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\xa1\xb2\x3c\x4d"),
+        "a network capture (pcap)",
+    ),
+    b"\x0a\x0d\x0d\x0a": "a network capture (pcapng)",
     b"\x02\x01\x04\x03\x06\x05\x08\x07": "detections from a TI radar's serial port",
 }
 

@@ -1,7 +1,7 @@
 """TI DCA1000 captures (`.bin`): bare samples, or with the headers of their packets kept.
 
 Of xWR16xx, 18xx and 68xx chips through two lanes, of xWR12xx and 14xx through four; see
-`formats.layouts`. Long captures are split (`adc_data_0.bin`, `adc_data_1.bin` ...), at
+`formats.samples.layouts`. Long captures are split (`adc_data_0.bin`, `adc_data_1.bin` ...), at
 bytes, not at frames.
 
 A file with headers (`*_Raw_0.bin` of mmWave Studio) has 14 bytes before each payload:
@@ -33,6 +33,7 @@ from dechirp.formats.streams.packets import (
     runs_of,
 )
 from dechirp.formats.streams.walk import walk
+from dechirp.formats.streams.whole_numbers import whole_number
 
 _HEADER_BYTES = 14
 SPLIT_BYTES = 2**29
@@ -235,15 +236,6 @@ def _cut_packet(path: Path, stopped: int) -> Finding:
 
 
 @numba.njit(cache=True)
-def _little(content: np.ndarray, at: int, n: int) -> int:
-    """Whole number of n bytes, the least one first."""
-    made = np.int64(0)
-    for i in range(n):
-        made |= np.int64(content[at + i]) << (8 * i)
-    return int(made)
-
-
-@numba.njit(cache=True)
 def _headers(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
     """Rows number, bytes before, place and size of the payload, of packets that begin here.
 
@@ -254,11 +246,11 @@ def _headers(content: np.ndarray, at: int, stop: int) -> tuple[int, np.ndarray]:
     while at < stop and n < len(rows):
         if at + _HEADER_BYTES > content.size:
             break
-        size = _little(content, at + 4, 4)
+        size = whole_number(content, at + 4, 4, True)
         if size < 1 or size > LARGEST_PAYLOAD or at + _HEADER_BYTES + size > content.size:
             break
-        rows[n, 0] = _little(content, at, 4)
-        rows[n, 1] = _little(content, at + 8, 6)
+        rows[n, 0] = whole_number(content, at, 4, True)
+        rows[n, 1] = whole_number(content, at + 8, 6, True)
         rows[n, 2] = at + _HEADER_BYTES
         rows[n, 3] = size
         n += 1

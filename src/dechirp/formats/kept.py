@@ -72,7 +72,7 @@ def kept(
     file_bytes : int
         Size of the samples' file.
     axes : names
-        Of the samples, in their order; one of 2 more is taken for `iq`.
+        Of the samples, in their order; one more behind them, of 2, is `iq`.
 
     Raises
     ------

@@ -23,6 +23,7 @@ from dechirp.formats.settings_for import settings_for
 from dechirp.formats.streams.bytes_in import files_in
 from dechirp.formats.streams.packets import in_places, in_runs
 from dechirp.formats.streams.walk import walk
+from dechirp.formats.streams.whole_numbers import whole_number
 
 _DATA_PORT = 4098
 _PCAP = {  # first bytes: of seconds and micro- or nanoseconds, in either order of bytes
@@ -156,15 +157,6 @@ def _cut(n_bytes: int, stopped: int) -> Finding:
 
 
 @numba.njit(cache=True)
-def _whole(content: np.ndarray, at: int, n: int, little: bool) -> int:
-    """Whole number of n bytes."""
-    made = np.int64(0)
-    for i in range(n):
-        made |= np.int64(content[at + i]) << (8 * (i if little else n - 1 - i))
-    return int(made)
-
-
-@numba.njit(cache=True)
 def _inside_link(content: np.ndarray, at: int, stop: int, link: int) -> int:
     """Place of the IPv4 packet in a captured one; `stop` if there is none."""
     if link == _RAW_IP:
@@ -173,10 +165,10 @@ def _inside_link(content: np.ndarray, at: int, stop: int, link: int) -> int:
     known = link in (_ETHERNET, _LINUX_SLL, _LINUX_SLL2)
     if not known or at + size > stop:
         return stop
-    kind = _whole(content, at if link == _LINUX_SLL2 else at + size - 2, 2, False)
+    kind = whole_number(content, at if link == _LINUX_SLL2 else at + size - 2, 2, False)
     at += size
     while kind in (0x8100, 0x88A8) and at + 4 <= stop:  # tags of virtual networks
-        kind = _whole(content, at + 2, 2, False)
+        kind = whole_number(content, at + 2, 2, False)
         at += 4
     return at if kind == 0x0800 else stop
 
@@ -200,17 +192,17 @@ def _payload(
     if at + 20 > stop:
         return False
     is_udp = content[at] >> 4 == 4 and content[at + 9] == 17
-    is_fragment = _whole(content, at + 6, 2, False) & 0x3FFF
-    end = min(sent, at + _whole(content, at + 2, 2, False))  # short frames are padded
+    is_fragment = whole_number(content, at + 6, 2, False) & 0x3FFF
+    end = min(sent, at + whole_number(content, at + 2, 2, False))  # short frames are padded
     length = int(content[at] & 15) * 4
     at += length
     if not is_udp or is_fragment or length < 20 or at + 18 >= min(end, stop):
         return False
-    end = min(end, at + _whole(content, at + 4, 2, False))
-    if _whole(content, at + 2, 2, False) != _DATA_PORT or at + 18 >= min(end, stop):
+    end = min(end, at + whole_number(content, at + 4, 2, False))
+    if whole_number(content, at + 2, 2, False) != _DATA_PORT or at + 18 >= min(end, stop):
         return False
-    row[0] = _whole(content, at + 8, 4, True)
-    row[1] = _whole(content, at + 12, 6, True)
+    row[0] = whole_number(content, at + 8, 4, True)
+    row[1] = whole_number(content, at + 12, 6, True)
     row[2] = at + 18
     row[3] = min(end, stop) - at - 18
     row[4] = max(end - stop, 0)
@@ -227,10 +219,10 @@ def _packets(
     while at < stop:
         if at + 16 > content.size:
             break
-        size = _whole(content, at + 8, 4, little)
+        size = whole_number(content, at + 8, 4, little)
         if at + 16 + size > content.size:
             break
-        sent = _whole(content, at + 12, 4, little)
+        sent = whole_number(content, at + 12, 4, little)
         if _payload(content, at + 16, at + 16 + size, sent, link, rows[n], cut):
             n += 1
         at += 16 + size
@@ -253,22 +245,22 @@ def _blocks(
     while at < stop:
         if at + 12 > content.size:
             break
-        kind = _whole(content, at, 4, little)
-        size = _whole(content, at + 4, 4, little)
+        kind = whole_number(content, at, 4, little)
+        size = whole_number(content, at + 4, 4, little)
         if size < 12 or at + size > content.size:
             break
         if kind == 1 and size >= 20 and n_links[0] < links.size:  # an interface
-            links[n_links[0]] = _whole(content, at + 8, 2, little)
+            links[n_links[0]] = whole_number(content, at + 8, 2, little)
             n_links[0] += 1
         begin, captured, sent, interface = 0, 0, 0, 0
         if kind == 6 and size >= 32:  # a packet
-            interface = _whole(content, at + 8, 4, little)
-            captured = _whole(content, at + 20, 4, little)
-            sent = _whole(content, at + 24, 4, little)
+            interface = whole_number(content, at + 8, 4, little)
+            captured = whole_number(content, at + 20, 4, little)
+            sent = whole_number(content, at + 24, 4, little)
             begin = at + 28
         elif kind == 3 and size >= 16:  # one without its time
             captured = size - 16
-            sent = _whole(content, at + 8, 4, little)
+            sent = whole_number(content, at + 8, 4, little)
             begin = at + 12
         inside = begin > 0 and begin + captured <= at + size and interface < n_links[0]
         link = links[interface] if inside else 0

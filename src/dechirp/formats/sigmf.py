@@ -212,8 +212,8 @@ def _foreign(meta: Meta, told: Told) -> Contents:
     )
 
 
-def _lost(meta: Meta, frame_numbers: int) -> tuple[Finding, ...]:
-    """Warn where samples of the stream are missing within a frame of so many numbers.
+def _lost(meta: Meta, per_frame: int) -> tuple[Finding, ...]:
+    """Warn where samples of the stream are missing within a frame; `per_frame`: the numbers in one.
 
     `core:global_index` of a capture counts those that were dropped, too. Between frames a radar
     rests.
@@ -224,7 +224,7 @@ def _lost(meta: Meta, frame_numbers: int) -> tuple[Finding, ...]:
         start, index = one["core:sample_start"], one.get("core:global_index")
         n_dropped = index - start if count(index) else n_before
         place = start - offset if count(offset) else start
-        if number and n_dropped != n_before and place * meta.n_channels % frame_numbers:
+        if number and n_dropped != n_before and place * meta.n_channels % per_frame:
             lost.append((start, n_dropped - n_before))
         n_before = n_dropped
     if not lost:

@@ -101,7 +101,14 @@ class Sirad(Format):
             for at, codes in _parts(path, rows, index * n_chirps, (index + 1) * n_chirps):
                 _decode(codes, full_scale, iq, out[at : at + len(codes)])
 
-        return Contents(radar=radar, n_frames=n_frames, decode=decode, findings=findings, iq=iq)
+        return Contents(
+            radar=radar,
+            n_frames=n_frames,
+            decode=decode,
+            findings=findings,
+            iq=iq,
+            scale=1 / full_scale,
+        )
 
 
 @value

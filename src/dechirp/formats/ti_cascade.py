@@ -83,6 +83,9 @@ class TiCascade(Format):
             decode=decode,
             findings=findings + _uneven([chip.n_frames for chip in chips]),
             iq=chips[0].iq,
+            scale=chips[0].scale,
+            device=chips[0].device,
+            settings_path=chips[0].settings_path,
         )
 
 
@@ -134,7 +137,7 @@ def _uneven(n_frames: list[int]) -> tuple[Finding, ...]:
         Finding(
             level="warning",
             setting="recording",
-            got=f"{', '.join(f'{n} frames of {c}' for n, c in zip(n_frames, CHIPS, strict=True))}",
+            got=", ".join(f"{n} frames of {c}" for n, c in zip(n_frames, CHIPS, strict=True)),
             need="the same number of frames of each chip",
             fix="The frames that all have are read; copy the folder again if there should be more.",
         ),

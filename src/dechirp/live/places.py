@@ -13,6 +13,7 @@ import numpy as np
 
 from dechirp.core.memory import must_fit
 from dechirp.formats.streams.packets import LARGEST_PAYLOAD
+from dechirp.formats.streams.whole_numbers import whole_number
 from dechirp.live.taking import Slots
 
 HEADER_BYTES = 10
@@ -135,15 +136,6 @@ class Window:
 
 
 @numba.njit(cache=True, nogil=True)
-def _little(content: np.ndarray, at: int, n: int) -> int:
-    """Whole number of n bytes, the least one first."""
-    made = np.int64(0)
-    for i in range(n):
-        made |= np.int64(content[at + i]) << (8 * i)
-    return int(made)
-
-
-@numba.njit(cache=True, nogil=True)
 def _is_other(payload: np.ndarray, at: int, content: np.ndarray, arrived: np.ndarray) -> bool:
     """Whether bytes came before with other values: those of another recording."""
     n_open, frame_bytes = content.shape
@@ -201,7 +193,7 @@ def _place(
         if size < 1 or size > LARGEST_PAYLOAD:
             counters[N_WRONG_SIZE] += 1
             continue
-        number, start = _little(packets[i], 0, 4), _little(packets[i], 4, 6)
+        number, start = whole_number(packets[i], 0, 4, True), whole_number(packets[i], 4, 6, True)
         stop = start + size
         is_first = counters[_OLDEST] < 0
         in_step = start % LARGEST_PAYLOAD == 0 and (

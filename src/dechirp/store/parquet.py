@@ -4,7 +4,6 @@ Parquet says in itself what each column is, and is read by pandas, polars, R, MA
 DuckDB alike.
 """
 
-import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain, count
 from pathlib import Path
@@ -14,7 +13,8 @@ from typing import Any, Literal
 import numpy as np
 
 from dechirp.core.database import database, literal, quoted, utf8_name
-from dechirp.core.errors import DechirpError, Mistake, RecordingError
+from dechirp.core.errors import RecordingError
+from dechirp.store.whole import whole_file
 
 Type = Literal["BIGINT", "DOUBLE", "BOOLEAN", "VARCHAR"]
 """Of a column, as SQL calls it."""
@@ -49,28 +49,18 @@ def write_parquet(
     """
     import duckdb
 
-    place = path.resolve()
-    made = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}")
     words = ", ".join(f"{_name(name)}: {quoted(word)}" for name, word in about.items())
     more = f", KV_METADATA {{{words}}}" if words else ""
-    try:
+    with whole_file(path) as made, utf8_name(made) as name, database() as duck:
+        both = zip(_distinct(columns), columns.values(), strict=True)
+        typed = ", ".join(f"{_name(name)} {kind}" for name, kind in both)
         try:
-            if place.is_dir():
-                raise IsADirectoryError(None, "a folder")
-            with utf8_name(made) as name, database() as duck:
-                both = zip(_distinct(columns), columns.values(), strict=True)
-                typed = ", ".join(f"{_name(name)} {kind}" for name, kind in both)
-                duck.execute(f"CREATE TABLE kept ({typed})")
-                for piece in pieces:
-                    _append(duck, columns, piece)
-                duck.execute(
-                    f"COPY kept TO {quoted(name)} (FORMAT parquet, COMPRESSION zstd{more})"
-                )
-            made.replace(place)
-        finally:
-            made.unlink(missing_ok=True)
-    except (OSError, duckdb.IOException) as error:
-        raise _unwritable(path, error) from None
+            duck.execute(f"CREATE TABLE kept ({typed})")
+            for piece in pieces:
+                _append(duck, columns, piece)
+            duck.execute(f"COPY kept TO {quoted(name)} (FORMAT parquet, COMPRESSION zstd{more})")
+        except duckdb.IOException as error:
+            raise OSError(None, " ".join(str(error).split())[:200]) from None
 
 
 def read_parquet(path: Path) -> dict[str, np.ndarray]:
@@ -134,15 +124,3 @@ def _plain(values: np.ndarray) -> np.ndarray:
 
 def _name(name: str) -> str:
     return '"' + name.replace('"', '""') + '"'
-
-
-def _unwritable(path: Path, error: Exception) -> DechirpError:
-    why = getattr(error, "strerror", None) or " ".join(str(error).split())[:200]
-    return DechirpError(
-        Mistake(
-            setting="--out",
-            got=f"{path}, not writable ({why})",
-            need="a place that can be written and has room",
-            fix="Name another, or make room.",
-        )
-    )

@@ -107,6 +107,8 @@ def whole_file(out: Path) -> Iterator[Path]:
     made = _beside(place)
     try:
         try:
+            if place.is_dir():
+                raise IsADirectoryError(None, "a folder")
             yield made
             made.replace(place)
         finally:

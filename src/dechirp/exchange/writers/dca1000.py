@@ -138,9 +138,7 @@ def _kept(recording: Recording, chip: TiChip, step: float, findings: Sequence[Fi
         n_frames=recording.n_frames,
     )
     description, columns = said_of(recording, step)
-    span, gaps = recording.frame_numbers, recording.contents.gaps
-    own_gaps = None if gaps is None else gaps[span.start : span.stop]
-    return kept_text(description, columns, layout, own_gaps, findings)
+    return kept_text(description, columns, layout, recording.contents.gaps, findings)
 
 
 def _bits(recording: Recording, step: float) -> int:

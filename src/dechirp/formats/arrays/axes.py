@@ -111,19 +111,19 @@ def shape_in(
         "sample": radar.frame.chirp.n_samples,
         "iq": 2,
     }
-    frame_numbers = math.prod(sizes[name] for name in axes)
+    per_frame = math.prod(sizes[name] for name in axes)
     channels = next((name for name in ("rx", "element") if name in axes), None)
     if "frame" not in axes and channels and radar.array == Array():
-        sizes[channels] = max(1, n_numbers * sizes[channels] // frame_numbers)
-        frame_numbers = math.prod(sizes[name] for name in axes)
+        sizes[channels] = max(1, n_numbers * sizes[channels] // per_frame)
+        per_frame = math.prod(sizes[name] for name in axes)
     untold = untold_receivers(settings) if "frame" in axes and channels else ()
-    n_frames, rest = divmod(n_numbers, frame_numbers)
+    n_frames, rest = divmod(n_numbers, per_frame)
     if n_frames < 1 or (n_frames > 1 and "frame" not in axes) or (rest and axes[0] != "frame"):
         one = " x ".join(f"{sizes[name]} {name}" for name in axes if name != "frame")
         raise RecordingError(
             path,
             got=what,
-            need=f"{'a multiple of ' if 'frame' in axes else ''}{frame_numbers} numbers:"
+            need=f"{'a multiple of ' if 'frame' in axes else ''}{per_frame} numbers:"
             f" {one}, as the radar's settings say",
             fix="Name the axes in their order, with frame where there are several; or correct"
             " the settings.",
@@ -135,7 +135,7 @@ def shape_in(
         level="warning",
         setting="recording",
         got=f"{what}, cut short: {n_frames} whole frames and {rest} numbers that are left out",
-        need=f"whole frames of {frame_numbers} numbers",
+        need=f"whole frames of {per_frame} numbers",
         fix="If more than the end is missing, the settings are not those of this recording.",
     )
     return shape, (*untold, cut)

@@ -95,8 +95,9 @@ def _detections(clouds: list[Cloud], names: dict[str, str]) -> xr.Dataset:
         "snr": unknown if snr is None else from_decibels(column(snr)),
     }
     kinds = clouds[0].points.dtype
-    for name in names.keys() - {*columns, *_XYZ, velocity, snr}:
-        if not kinds[names[name]].shape:
+    taken = {*columns, *_XYZ, velocity, snr}
+    for name in names:  # in their order: that of a set changes from run to run
+        if name not in taken and not kinds[names[name]].shape:
             columns[name] = column(name)
     placed = np.isfinite(columns["range"])  # the others fill up a picture of depths
     return xr.Dataset(
