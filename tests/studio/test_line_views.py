@@ -94,6 +94,17 @@ def test_the_beat_spectrum_peaks_at_two_slopes_times_range_over_c():
     assert metres.end / mhz.end == pytest.approx(30 / beat_mhz)
 
 
+def test_the_profile_has_no_image_where_ramps_rise_and_fall():
+    moment = shown(
+        Beat(session_of("radar.frame.modulation.kind=triangular", "scene.targets.1.rcs=-50 dBsm"))
+    )
+
+    profile, range_m = moment.beat.profile, moment.beat.range_m
+    assert range_m[profile.argmax()] == pytest.approx(30, abs=0.5)
+    image_m = range_m[-1] + range_m[1] - 30  # where a falling ramp alone would show the post
+    assert profile[abs(range_m - image_m) < 2].max() < 0.03 * profile.max()
+
+
 def test_the_beat_signal_is_what_the_first_receiver_samples_of_the_first_chirp():
     view = Beat(session_of())
     moment = shown(view)

@@ -4,8 +4,8 @@ The floor of a converter
 
 The noise of b bits is :math:`6.02 b + 1.76` dB below a tone of full scale (Bennett, Bell System
 Technical Journal 27, 1948); two transforms spread it over all cells. See the floor fall with
-every two bits, until it is that of the receiver. Where noise is below a step, at 4 bits, rounding
-leaves lines instead of a floor.
+every two bits, until it is that of the receiver. Where noise is far below a step, at 4 and 6
+bits, rounding leaves lines instead of a floor.
 """
 
 import matplotlib.pyplot as plt

@@ -87,6 +87,8 @@ def _figures(shown: View) -> dict[str, Markup]:
     doppler_hz = None
     if shown.found.range_m.size:
         doppler_hz = 2 * float(shown.found.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
+    # Transmitters in turn have phases of their own, and falling ramps other beat frequencies.
+    alike = shown.first.isel(chirp=slice(None, None, radar.frame.n_slots))
     truth_m = [place.range_m for place in (expected, shown.scatterers) if place is not None]
     marked = range_doppler.MarkedMap(
         power=result.power,
@@ -97,12 +99,12 @@ def _figures(shown: View) -> dict[str, Markup]:
     )
     drawn = {
         "signal": svg(
-            lambda figure: beat.whole_signal(figure, shown.first, doppler_frequency_hz=doppler_hz)
+            lambda figure: beat.whole_signal(figure, alike, doppler_frequency_hz=doppler_hz)
         ),
         "spectrum": svg(
             lambda figure: beat.spectrum(
                 figure.subplots(),
-                shown.first,
+                alike,
                 radar.frame.chirp,
                 chain,
                 truth_m=np.concatenate([[], *truth_m]),

@@ -74,10 +74,10 @@ def render(result: StudyResult, judged: Sequence[Judged], *, yaml: str, made: Ma
         trials=tried(study),
         varied=varied(study),
         plates=plates(result),
-        about_figures=_about(study, "Bands and bars are intervals")
+        about_figures=_about(study, "Bands and bars are intervals that hold")
         + " Solid lines, or short strokes, are theory.",
         table=table(result),
-        about_table=_about(study, "After each value its interval")
+        about_table=_about(study, "After each value its interval, which holds")
         + " Values of all targets together add their trials; theory is then the mean,"
         " and none of an RMSE.",
         failures=grouped[:_MOST_MESSAGES],
@@ -176,7 +176,7 @@ def _cards(result: StudyResult, made: Made) -> Sequence[Mapping[str, str]]:
 
 
 def _about(study: Study, what: str) -> str:
-    return f"{what} that hold the true value with a confidence of {percent(study.confidence)}."
+    return f"{what} the true value with a confidence of {percent(study.confidence)}."
 
 
 def _failures(result: StudyResult, source: str) -> Sequence[Mapping[str, str]]:

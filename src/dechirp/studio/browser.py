@@ -22,7 +22,7 @@ class Browser(DataModel):
     A widget would be laid out anew each time.
     """
     drawn = Int(0)
-    """The last of them that was drawn."""
+    """The last of them that it answered."""
     play_keys = Int(0)
     """How often the key for play and pause was struck."""
     step_keys = Int(0)

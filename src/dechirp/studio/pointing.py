@@ -43,7 +43,7 @@ class Beat(NamedTuple):
     power: np.ndarray
     """(range,) of the first chirp: the spectrum of its samples."""
     profile: np.ndarray
-    """(range,) mean over chirps: the range profile."""
+    """(range,) mean over chirps of the first slot: the range profile."""
 
 
 def strongest(power: xr.DataArray, detections: xr.Dataset, radar: Radar) -> Cursor:
@@ -87,7 +87,9 @@ def cuts(power: xr.DataArray, radar: Radar, chain: Chain, cell: tuple[int, int])
 
 def beat(cube: xr.DataArray, radar: Radar, chain: Chain) -> Beat:
     """What the first receiver hears in one frame, (chirp, rx, sample)."""
-    heard = cube.variable.transpose("rx", "chirp", "sample").values[0, :_MOST_CHIRPS]
+    # Falling ramps have other beat frequencies: the first slot alone.
+    alike = cube.variable[{"chirp": slice(None, None, radar.frame.n_slots)}]
+    heard = alike.transpose("rx", "chirp", "sample").values[0, :_MOST_CHIRPS]
     chirp = radar.frame.chirp
     transform = chain.over_range(chirp)
     power = abs(over_range(heard, chirp.sampling, transform)) ** 2

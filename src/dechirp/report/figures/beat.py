@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
+from dechirp.core.displayed import several
 from dechirp.core.words import power_db, power_of_ten, power_unit
 from dechirp.process.chain import Chain
 from dechirp.process.spectrum import range_profiles
@@ -36,7 +37,7 @@ def signal(
     axes : Axes
         To draw on.
     cube : DataArray (frame, chirp, rx, sample)
-        Complex or real samples, sqrt(W) or full scale.
+        Complex or real samples, sqrt(W) or full scale; chirps of one slot, where slots differ.
     part : real or imaginary
         Of complex samples.
     doppler_frequency_hz : float, optional
@@ -116,7 +117,7 @@ def spectrum(
     axes : Axes
         To draw on.
     cube : DataArray (frame, chirp, rx, sample)
-        The first frame at the first receiver is shown.
+        The first frame at the first receiver is shown; chirps of one slot, where ramps differ.
     chirp : Chirp
         That was sent.
     chain : Chain
@@ -147,7 +148,7 @@ def spectrum(
         *thinned(range_m, mean),
         color=BLUE,
         linewidth=1.0,
-        label=f"mean power of the first {power.shape[0]} chirps",
+        label=f"mean power of {several(power.shape[0], 'chirp')}",
     )
     if truth_m is not None and truth_m.size:
         axes.plot(
@@ -168,7 +169,7 @@ def spectrum(
 
 
 def engineering_exponent(largest: float) -> int:
-    """Power of ten, a multiple of three, that leaves an amplitude between 1 and 1000."""
+    """Power of ten, a multiple of three, that leaves an amplitude of 1 to 1000; 0 for none."""
     if not (math.isfinite(largest) and largest > 0):
         return 0
     return 3 * math.floor(math.log10(largest) / 3)

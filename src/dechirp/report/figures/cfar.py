@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from dechirp.core.words import power_db, power_unit
 from dechirp.process.cfar.base import Cfar
-from dechirp.report.figures.parts import MAP_AXES, Axis, legend
+from dechirp.report.figures.parts import MAP_AXES, Axis, cell_width, legend, line_through
 from dechirp.report.figures.style import BLUE, ORANGE
 
 _FEWEST_CELLS = 24  # shown on each side
@@ -44,14 +44,11 @@ def cut(
     Axes
         Those given.
     """
-    across: Axis = "velocity" if along == "range" else "range"
     row, column = cell
-    centre, fixed = (column, row) if along == "range" else (row, column)
-    line = power.isel({across: fixed})
+    centre = column if along == "range" else row
+    line = line_through(power, cell, along=along)
     bins, power_w = line[along].values, line.values
-    threshold_w = np.array(threshold.isel({across: fixed}).values, dtype=float)
-    threshold_db = power_db(np.where(np.isfinite(threshold_w), threshold_w, 1.0), units)
-    threshold_db[~np.isfinite(threshold_w)] = np.nan  # cells that are not tested
+    threshold_db = searched_db(line_through(threshold, cell, along=along).values, units)
     training, guard = cells_about(centre, bins.size, cfar, along=along)
     n_shown = max(3 * _reach(cfar, along), _FEWEST_CELLS)
     shown = slice(max(centre - n_shown, 0), centre + n_shown + 1)
@@ -91,10 +88,16 @@ def cut(
     return axes
 
 
+def searched_db(threshold: np.ndarray, units: str) -> np.ndarray:
+    """Thresholds as `power_db` writes them; NaN where nothing is searched for."""
+    is_searched = np.isfinite(threshold)
+    return np.where(is_searched, power_db(np.where(is_searched, threshold, 1.0), units), np.nan)
+
+
 def cells_about(
     centre: int, n_bins: int, cfar: Cfar, *, along: Axis
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which cells of a line through a cell under test train, and which are guard cells."""
+    """Whether each cell of a line trains, and whether it is a guard cell, (n_bins,) each."""
     n_guard, reach = getattr(cfar.n_guard, along), _reach(cfar, along)
     index = np.arange(n_bins)
     offset = index - centre
@@ -112,8 +115,8 @@ def _reach(cfar: Cfar, along: Axis) -> int:
 
 
 def stretches(bins: np.ndarray, cells: np.ndarray) -> list[tuple[float, float]]:
-    """Both edges of each run of marked cells."""
-    half = (bins[-1] - bins[0]) / max(bins.size - 1, 1) / 2
+    """Both edges of each run of marked cells, in the unit of the bins; arrays (n_bins,)."""
+    half = cell_width(bins) / 2
     steps = np.diff(np.concatenate([[0], cells.astype(int), [0]]))
     first, last = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1
     return list(zip(bins[first] - half, bins[last] + half, strict=True))

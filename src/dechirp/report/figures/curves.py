@@ -10,10 +10,10 @@ from dechirp.core.values import value
 from dechirp.core.words import fixed
 from dechirp.report.amounts import typographic
 from dechirp.report.figures.parts import legend
-from dechirp.report.figures.style import BLUE, INK, MUTED, ORANGE
+from dechirp.report.figures.style import BLUE, GREEN, INK, MUTED, ORANGE
 from dechirp.theory import intervals
 
-_COLORS = (BLUE, "#00795a", ORANGE)
+_COLORS = (BLUE, GREEN, ORANGE)
 _MARKERS = "osD"
 
 

@@ -7,10 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from dechirp.report.figures.parts import MAP_AXES, legend
-from dechirp.report.figures.style import BLUE, GREEN, INK, ORANGE
+from dechirp.report.figures.style import LINE_COLORS, LINE_MARKS
 
-_COLORS = (BLUE, ORANGE, GREEN, "#a3487f", "#7a6a00", INK)
-_MARKS = ("o", "s", "D", "^", "v", "P")
+_COLORS, _MARKS = LINE_COLORS[:6], LINE_MARKS[:6]  # clouds hide each other sooner than lines
 MOST_CLASSES = len(_COLORS)
 """That one figure tells apart."""
 

@@ -104,7 +104,7 @@ def range_azimuth(axes: Axes, marked: RangeAzimuth) -> Axes:
 def spectrum(axes: Axes, of: xr.DataArray, *, found: Towards, truth: Towards | None = None) -> Axes:
     """Draw the spectrum of one detection, a line, or a map of both angles.
 
-    In decibels below its highest point; with the directions found, and those of the truth.
+    In decibels relative to its peak; with the directions found, and those of the truth.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _line(
     _sine_axis(axes.xaxis, sines)
     beside = 0.0 if len(sines) > 1 else 0.01  # a field of view narrower than a beam is one point
     axes.set(xlim=(sines[0] - beside, sines[-1] + beside), ylim=(_FLOOR_DB, 3))
-    axes.set_ylabel("spectrum, dB below its highest point")
+    axes.set_ylabel("spectrum relative to its peak, dB")
 
 
 def _both(
@@ -189,7 +189,7 @@ def _both(
         aspect="auto",
         interpolation="bilinear",
     )
-    colour_bar(axes, image, "dB below the highest point")
+    colour_bar(axes, image, "spectrum relative to its peak, dB")
     _sine_axis(axes.xaxis, left)
     _sine_axis(axes.yaxis, up)
     axes.grid(False)

@@ -16,10 +16,12 @@ class Operating:
     """Probability of detection over that of false alarm, by threshold, (n,) each."""
 
     name: str
+    """Empty where there is one curve alone."""
     false_alarm: np.ndarray
     detection: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    """Ends of the interval of the detections."""
     theory_false_alarm: np.ndarray
     theory: np.ndarray
 
@@ -49,7 +51,9 @@ def operating(axes: Axes, curves: Sequence[Operating], *, x: str, y: str, legend
         axes.fill_between(
             at, curve.low[seen], curve.high[seen], color=color, alpha=0.2, linewidth=0
         )
-        axes.plot(at, curve.detection[seen], color=color, linewidth=1.2, label=curve.name or None)
+        axes.plot(
+            at, curve.detection[seen], color=color, linewidth=1.2, label=curve.name or "measured"
+        )
         told = curve.theory_false_alarm > 0
         axes.plot(
             curve.theory_false_alarm[told],

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
+import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis as Ruler
@@ -123,13 +124,19 @@ def crosses(
 
 def edges(centres: np.ndarray) -> tuple[float, float]:
     """Both ends of a line of cells, half a cell beyond the centres; one alone is one wide."""
-    half = half_step(centres)
+    half = cell_width(centres) / 2
     return float(centres[0]) - half, float(centres[-1]) + half
 
 
-def half_step(centres: np.ndarray) -> float:
-    """Half of a cell."""
-    return float(centres[-1] - centres[0]) / max(centres.size - 1, 1) / 2 or 0.5
+def cell_width(centres: np.ndarray) -> float:
+    """Step of an even axis; 1 where it has one cell alone."""
+    return float(centres[-1] - centres[0]) / max(centres.size - 1, 1) or 1.0
+
+
+def line_through(of: xr.DataArray, cell: tuple[int, int], *, along: Axis) -> xr.DataArray:
+    """Values of a map over range or velocity, on the line through a cell (velocity, range)."""
+    row, column = cell
+    return of.isel(velocity=row) if along == "range" else of.isel(range=column)
 
 
 def in_decades(ruler: Ruler) -> None:

@@ -8,10 +8,8 @@ from matplotlib.axes import Axes
 
 from dechirp.core.values import value
 from dechirp.report.figures.parts import legend
-from dechirp.report.figures.style import BLUE, GREEN, INK, MUTED, ORANGE
+from dechirp.report.figures.style import LINE_COLORS, LINE_MARKS, MUTED
 
-_COLORS = (BLUE, ORANGE, GREEN, "#8c4a86", INK, "#9a7d0a", MUTED)
-_MARKERS = "osD^vPX"
 _ROOM = 0.7  # of the distance between two rows, for the detectors of one
 _ROW_IN = 0.42
 
@@ -59,8 +57,8 @@ def over_design(axes: Axes, detectors: Sequence[Rates]) -> Axes:
             measured,
             rows + place * step - _ROOM / 2,
             xerr=[measured - low, high - measured],
-            fmt=_MARKERS[place % len(_MARKERS)],
-            color=_COLORS[place % len(_COLORS)],
+            fmt=LINE_MARKS[place % len(LINE_MARKS)],
+            color=LINE_COLORS[place % len(LINE_COLORS)],
             markersize=3.2,
             elinewidth=1.0,
             label=detector.name,

@@ -11,9 +11,8 @@ from dechirp.core.values import value
 from dechirp.core.words import number
 from dechirp.report.figures import parts
 from dechirp.report.figures.parts import in_decades
-from dechirp.report.figures.style import INK, LINE_COLORS, MUTED
+from dechirp.report.figures.style import INK, LINE_COLORS, LINE_MARKS, MUTED
 
-_MARKS = ("o", "s", "D", "^", "v", "P", "X", "*")
 MOST_LINES = len(LINE_COLORS)
 """Lines that one figure tells apart."""
 
@@ -102,7 +101,7 @@ def over(
         Those given.
     """
     _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
-    for line, color, mark in zip(lines, LINE_COLORS, _MARKS, strict=False):
+    for line, color, mark in zip(lines, LINE_COLORS, LINE_MARKS, strict=False):
         _measured(axes, line, color=color, mark=mark)
     _across(axes, limits)
     axes.set_xlabel(x.words)
@@ -129,7 +128,7 @@ def scattered(axes: Axes, lines: Sequence[Line], *, x: Axis, y: Axis, is_ratio: 
         Those given.
     """
     _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
-    for line, color, mark in zip(lines, LINE_COLORS, _MARKS, strict=False):
+    for line, color, mark in zip(lines, LINE_COLORS, LINE_MARKS, strict=False):
         some = slice(None, None, max(-(-line.x.size // _MOST_DRAWN), 1))
         many = line.x.size > _MOST_MARKS
         _bars(
@@ -183,7 +182,7 @@ def columns(
     aslant = sum(map(len, names)) > _MOST_LETTERS
     spread = _divide(axes, lines, is_ratio=is_ratio, y_words=y.words)
     width = 0.8 / len(lines)
-    for turn, (line, color, mark) in enumerate(zip(lines, LINE_COLORS, _MARKS, strict=False)):
+    for turn, (line, color, mark) in enumerate(zip(lines, LINE_COLORS, LINE_MARKS, strict=False)):
         at = line.x + (turn - (len(lines) - 1) / 2) * width
         moved = Line(
             name=line.name,

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 INK, MUTED, PALE = "#1d2733", "#66727f", "#c9d0d7"
 BLUE, ORANGE, GREEN = "#0868ac", "#c8500a", "#00795a"
 LINE_COLORS = (BLUE, ORANGE, GREEN, "#a3487f", "#7a6a00", INK, "#4aa3d8", "#8b5a2b")
+LINE_MARKS = ("o", "s", "D", "^", "v", "P", "X", "*")
 """Of lines beside each other; with marks of their own they need no colour."""
 
 # Light to dark through blue: one hue, the same for colour-blind readers, and it prints.

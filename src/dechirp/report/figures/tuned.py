@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullFormatter
 
 from dechirp.core.values import value
-from dechirp.core.words import power_of_ten
-from dechirp.report.figures.parts import legend
+from dechirp.report.figures.parts import in_decades, legend
 from dechirp.report.figures.style import BLUE, GREEN, INK, MUTED, ORANGE, PALE
 from dechirp.report.settings_words import Scale, scale_of, score_words, with_unit
 
@@ -87,8 +85,7 @@ def traded(axes: Axes, found: Mapping[str, Any]) -> Axes:
             _marks(axes, at, up.ends([one]), color, label, bars=True, marker=marker, size=6)
     if along is not None and along.floor is not None:
         axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(lambda at, _: power_of_ten(round(np.log10(at))))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        in_decades(axes.xaxis)
     axes.set_xlabel("candidate" if along is None else along.words)
     axes.set_ylabel(up.words)
     legend(axes)

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from dechirp.core.words import power_db, power_unit
-from dechirp.report.figures.parts import MAP_AXES, Axis, legend
+from dechirp.report.figures.parts import MAP_AXES, Axis, legend, line_through
 from dechirp.report.figures.style import BLUE, MUTED, ORANGE, thinned
 
 
@@ -29,23 +29,17 @@ def cut(
         To draw on.
     recorded, twin : DataArray (velocity, range)
         W or full scale squared.
-    along : range or velocity
-        Which way to cut.
-    cell : tuple of int
-        (velocity, range) of the cell.
-    units : str
-        Of the samples: sqrt(W) gives dBm, all else dB relative to full scale.
+    along, cell, units
+        See `cfar.cut`.
 
     Returns
     -------
     Axes
         Those given.
     """
-    across: Axis = "velocity" if along == "range" else "range"
-    fixed = cell[0] if across == "velocity" else cell[1]
     lines = [
-        ("recording", recorded.isel({across: fixed}), BLUE, 1.5),
-        ("twin", twin.isel({across: fixed}), ORANGE, 1.0),
+        ("recording", line_through(recorded, cell, along=along), BLUE, 1.5),
+        ("twin", line_through(twin, cell, along=along), ORANGE, 1.0),
     ]
     highest = max(float(power_db(one.values.max(), units)) for _, one, _, _ in lines)
     lowest = min(float(power_db(np.median(one.values), units)) for _, one, _, _ in lines)
@@ -111,10 +105,10 @@ def apart(axes: Axes, rows: Sequence[Mapping[str, Any]], *, within_db: float) ->
     """
     groups = (
         ("judged", [one for one in rows if one["judged"]], BLUE),
-        ("not judged", [r for r in rows if not r["judged"]], "#a9b6c2"),
+        ("not judged", [one for one in rows if not one["judged"]], "#a9b6c2"),
     )
-    for side in (-within_db, within_db):
-        axes.axhline(side, color=MUTED, linewidth=0.9, linestyle=":")
+    for side, label in ((-within_db, None), (within_db, "allowed")):
+        axes.axhline(side, color=MUTED, linewidth=0.9, linestyle=":", label=label)
     for name, own, color in groups:
         if own:
             axes.errorbar(

@@ -4,8 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
+from dechirp.core.units import decibels
 from dechirp.core.words import quantity
-from dechirp.report.figures.parts import colour_bar, panels
+from dechirp.report.figures.parts import colour_bar, edges, panels
 from dechirp.report.figures.style import BLUE, COLORS, INK, MUTED, ORANGE
 
 _SPAN_DB = 30.0
@@ -137,14 +138,11 @@ def spectrogram(
         shown = (frequency_hz >= over_hz[0]) & (frequency_hz <= over_hz[1])
         axes.grid(False)
         image = axes.imshow(
-            10 * np.log10(power[shown] / power.max()),
+            decibels(power[shown] / power.max()),
             cmap=COLORS,
             vmin=-_SPAN_DB,
             vmax=0.0,
-            extent=(
-                *(time_s[[0, -1]] * 1e6),
-                *(frequency_hz[shown][[0, -1]] / 1e6),
-            ),
+            extent=(*edges(time_s * 1e6), *edges(frequency_hz[shown] / 1e6)),
             origin="lower",
             aspect="auto",
             interpolation="none",
@@ -153,7 +151,7 @@ def spectrogram(
         axes.set_label(f"Spectrogram of {title}")
         axes.set_xlabel("time, µs")
         axes.set_ylabel("frequency, MHz")
-    colour_bar(both, image, "below the peak, dB")
+    colour_bar(both, image, "power relative to the peak, dB")
     return both
 
 

@@ -6,8 +6,8 @@ from bokeh.models import UIElement
 
 from dechirp.core.units import decibels
 from dechirp.core.words import fixed, number, power_db, power_unit
-from dechirp.report.figures.cfar import cells_about, stretches
-from dechirp.report.figures.parts import Axis
+from dechirp.report.figures.cfar import cells_about, searched_db, stretches
+from dechirp.report.figures.parts import Axis, edges
 from dechirp.report.figures.style import thinned
 from dechirp.studio.browser import on_place
 from dechirp.studio.moment import Moment
@@ -17,7 +17,6 @@ from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
 from dechirp.studio.views.drawing import Drawing
-from dechirp.studio.views.map_view import edges
 from dechirp.studio.views.steady import floor_db, steady_db
 from dechirp.studio.views.switched import Switched, coloured
 
@@ -53,7 +52,7 @@ class Cut(View):
         along = self._along
         drawing, line, at = self.drawings[along], *_through(moment, along)
         units = str(moment.samples.attrs.get("units", ""))
-        level_db, threshold_db = power_db(line.power, units), _searched_db(line, units)
+        level_db, threshold_db = power_db(line.power, units), searched_db(line.threshold, units)
         drawing.put("power", **_xy(line.at, level_db))
         drawing.put("threshold", **_xy(line.at, threshold_db))
         drawing.put("cell", x=line.at[[at]], y=level_db[[at]])
@@ -116,13 +115,6 @@ def _through(moment: Moment, along: Axis) -> tuple[Line, int]:
     row, column = cell_of(moment.power, moment.cursor)
     over_range, over_velocity = moment.cuts
     return (over_range, column) if along == "range" else (over_velocity, row)
-
-
-def _searched_db(line: Line, units: str) -> np.ndarray:
-    """Threshold; no number where nothing is searched for."""
-    level_db = power_db(np.where(np.isfinite(line.threshold), line.threshold, 1.0), units)
-    level_db[~np.isfinite(line.threshold)] = np.nan
-    return level_db
 
 
 def _xy(at: np.ndarray, level_db: np.ndarray) -> dict[str, np.ndarray]:

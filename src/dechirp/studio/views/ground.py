@@ -36,8 +36,8 @@ class Ground:
             for flipped in (True, False)
         )
         self._rings = self._line(width=1)
-        self._view = self._line(width=1.2, dash=[5, 4])
-        self.cursor = self._line(width=1.2, dash=[3, 3])
+        self._view = self._line(width=1.2, dash="5 4")
+        self.cursor = self._line(width=1.2, dash="3 3")
         self.tails = self._line(width=1.6)
         self.errors = self._line(width=1.4)
         self.points = self._marks("dot", size=6)
@@ -107,9 +107,9 @@ class Ground:
         self._arrows.line_color = theme.truth
         self._arrows.end.line_color = self._arrows.end.fill_color = theme.truth
 
-    def _line(self, *, width: float, dash: Sequence[int] = ()) -> GlyphRenderer:
+    def _line(self, *, width: float, dash: str = "solid") -> GlyphRenderer:
         source = ColumnDataSource({"x": [], "y": []})
-        return self.figure.line("x", "y", source=source, line_width=width, line_dash=list(dash))
+        return self.figure.line("x", "y", source=source, line_width=width, line_dash=dash)
 
     def _marks(self, marker: str, *, size: float) -> GlyphRenderer:
         return self.figure.scatter(

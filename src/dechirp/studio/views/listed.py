@@ -18,10 +18,10 @@ from bokeh.models import (
 )
 
 from dechirp.core.words import NONE
+from dechirp.report.figures.parts import cell_width
 from dechirp.scene.folding import Place
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
-from dechirp.studio.views.map_view import cell_of
 
 MOST_ROWS = 50
 _ROW_PX = 22
@@ -106,7 +106,7 @@ class Listed:
 def at_cursor(places: Place, moment: Moment) -> int | None:
     """Which of places on the map is within a cell of the cursor: the nearest, if any is."""
     off = [
-        abs(place - at) / cell_of(cells)
+        abs(place - at) / cell_width(cells)
         for cells, place, at in zip(
             (moment.power.range.values, moment.power.velocity.values),
             places,

@@ -59,7 +59,7 @@ class MapView(View):
         self.figure.add_layout(self._bar, "right")
         self._marks = list(self._drawn_marks())
         self._upright, self._level = (
-            Span(dimension=way, line_color=_LIGHT, line_dash=[3, 3], line_alpha=0.8)
+            Span(dimension=way, line_color=_LIGHT, line_dash="3 3", line_alpha=0.8)
             for way in ("height", "width")
         )
         self.figure.add_layout(self._upright)
@@ -154,17 +154,6 @@ class MapView(View):
     def _point(self, x: float, y: float) -> None:
         if self.session.moment is not None:
             self.session.point(self.cursor_at(x, y))
-
-
-def edges(centres: np.ndarray) -> tuple[float, float]:
-    """Where the cells of an even axis begin and end."""
-    half = cell_of(centres) / 2
-    return float(centres[0] - half), float(centres[-1] + half)
-
-
-def cell_of(centres: np.ndarray) -> float:
-    """Step of an even axis; 1 where it has one cell alone."""
-    return float((centres[-1] - centres[0]) / max(len(centres) - 1, 1)) or 1.0
 
 
 def _bar(mapper: LinearColorMapper) -> ColorBar:

@@ -3,10 +3,11 @@
 import numpy as np
 
 from dechirp.core.words import number
+from dechirp.report.figures.parts import edges
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
-from dechirp.studio.views.map_view import MapView, edges
+from dechirp.studio.views.map_view import MapView
 from dechirp.studio.views.places import found_on_map, true_on_map
 
 _TITLE = "Range-azimuth map"
