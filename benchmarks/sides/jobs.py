@@ -93,7 +93,7 @@ def echoes(n: int) -> Job:
         "echoes",
         lambda: inputs.echoes(scenes.cube_a(n, 200.0, np.random.default_rng(n))),
         Needs(8.0 * 128 * 2200),
-        ours_also="paths that bend, not straight ones alone; what is given is checked",
+        ours_also="zeros, written first to add to; paths that bend; what is given is checked",
     )
 
 

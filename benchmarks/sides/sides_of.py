@@ -1,14 +1,13 @@
 """Which sides there are: ours, plain, other packages in their environments, and GNU Octave."""
 
 import importlib
-import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 from sides import environments
-from sides.turns import POOLS, Absent, Side, python_side
+from sides.turns import Absent, Side, python_side, surroundings
 
 OCTAVE = Path(__file__).with_name("octave.m")
 
@@ -44,9 +43,8 @@ def octave(threads: int, patience_s: float) -> Side:
     program = shutil.which("octave-cli")
     if program is None:
         raise Absent("no octave-cli on the path")
-    environment = dict(os.environ) | {f"{pool}_NUM_THREADS": str(threads) for pool in POOLS}
     command = [program, "--quiet", "--no-init-file", str(OCTAVE)]
-    return Side("octave", command, environment, patience_s)
+    return Side("octave", command, surroundings(threads), patience_s)
 
 
 def octave_version() -> str:

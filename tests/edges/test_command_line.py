@@ -451,7 +451,7 @@ def test_frames_that_a_recording_does_not_have_are_refused(refused, recorded):
         (["design", *FAST, "--set", "limts.idle=1us"], "limts", "not a known", "Did you mean lim"),
         (["design", *FAST, "--set", "limits.idle=1"], "limits.idle", "1", "Units that fit"),
         (["design", *FAST, "--set", "limits.idle=1us"], "--set", "given for limits", "Add --rule"),
-        (["list", "cfra"], "the family", "cfra", "Did you mean cfar?"),
+        (["list", "cfra"], "FAMILY", "cfra", "Did you mean cfar?"),
         (["design", *DESIGN, "--max-velocity", "100"], "--max-velocity", "100", "Units that fit"),
         (["design", *DESIGN, "--max-velocity", "-9 m/s"], "--max-velocity", "-9 m/s", "Give a"),
         (["design", *DESIGN], "--max-velocity", "missing", "Add --max-velocity."),

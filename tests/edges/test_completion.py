@@ -25,6 +25,7 @@ OFFERED = [
     ("dechirp run --js", "--json"),
     ("dechirp schema requ", "requirements"),
     ("dechirp completion z", "zsh"),
+    ("dechirp list multip", "multiplexing"),
     ("dechirp design --rule rou", "round-trips"),
 ]
 

@@ -389,6 +389,16 @@ def test_a_bus_carries_lists_from_one_to_another():
     must_be_equal(read, found, STEPS)
 
 
+def test_a_bus_that_fails_while_it_is_heard_is_told(monkeypatch):
+    def fails(*_):
+        raise can.CanOperationError("bus off")
+
+    with can.Bus("lists", interface="virtual") as receiver:
+        monkeypatch.setattr(receiver, "recv", fails)
+        with pytest.raises(InvalidSetting, match="bus off"):
+            receive_can(receiver)
+
+
 WRONG_BUS = {
     "no rate": {"data_bit_rate_hz": 0.0},
     "a rate that is none": {"arbitration_bit_rate_hz": np.nan},

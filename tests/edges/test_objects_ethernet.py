@@ -76,6 +76,21 @@ def test_lists_go_over_the_network_and_come_back():
     assert read.cycle_frame.values.tolist() == [0, 1, 2]
 
 
+def test_a_name_of_both_kinds_of_addresses_is_that_of_the_listener(monkeypatch):
+    datagram = (socket.SOCK_DGRAM, socket.IPPROTO_UDP, "")
+
+    def both(host, port, **_):
+        return [
+            (socket.AF_INET6, *datagram, ("::1", port, 0, 0)),
+            (socket.AF_INET, *datagram, ("127.0.0.1", port)),
+        ]
+
+    with listen(0) as line:
+        monkeypatch.setattr(socket, "getaddrinfo", both)
+        send(objects_at(1), "localhost", line.getsockname()[1])
+        assert receive(line, idle_s=0.1).sizes["object"] == 1
+
+
 def flipped(datagram: bytes, bit: int) -> bytes:
     changed = bytearray(datagram)
     changed[bit // 8] ^= 1 << bit % 8

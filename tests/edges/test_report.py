@@ -10,7 +10,7 @@ import xarray as xr
 
 from dechirp.core.conventions import axis
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.words import NONE, quantity, small
+from dechirp.core.words import NONE, decimals_of, quantity, small
 from dechirp.echoes.echo import simulate
 from dechirp.echoes.engine import Engine
 from dechirp.evaluate.match import match
@@ -207,6 +207,21 @@ def sections(page: str) -> set[str]:
     return set(re.findall(r'<section id="(\w+)"', page))
 
 
+@pytest.mark.parametrize(
+    ("std", "told"),
+    [
+        (0.0012, "0.0012"),
+        (0.00098, "0.00098"),
+        (0.000998, "0.0010"),  # rounded up to the next power of ten: two digits still
+        (0.96, "0.96"),
+        (0.996, "1.0"),
+        (40.0, "40.0"),
+    ],
+)
+def test_a_standard_error_has_two_digits(std, told):
+    assert f"{std:.{decimals_of(std)}f}" == told
+
+
 def test_the_page_asks_nothing_of_any_other_place(page):
     outside = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?\s*([^"')> ]+)""", page)
     assert all(place.startswith(("#", "data:")) for place in outside)
@@ -398,6 +413,32 @@ def test_over_time_the_truth_has_the_fold_of_its_detections_on_the_map_none(n_tx
     assert view.strongest.velocity.values[:2] == pytest.approx(told, abs=0.1)
     on_map = -40 + 2 * radar.frame.max_velocity_m_per_s
     assert view.expected.velocity_m_per_s == pytest.approx(on_map, abs=0.1)
+
+
+def test_the_echo_in_the_samples_is_whole_where_transmitters_take_turns():
+    """At a sine of 1/4 the echoes of elements two wavelengths apart are half a turn apart."""
+    chirp = dataclasses.replace(CHIRP, n_samples=128)
+    radar = dataclasses.replace(
+        RADAR,
+        frame=Frame(
+            chirp=chirp,
+            n_chirps=16,
+            interval_s=chirp.ramp_duration_s,
+            multiplexing=Tdm(order=(0, 1)),
+        ),
+        array=Array(tx_m=((0, 0, 0), (0, 2 * chirp.wavelength_m, 0)), rx_m=((0, 0, 0),)),
+    )
+    scene = Scene(targets=[dataclasses.replace(CAR, position_m=(48.4, 12.5, 0), rcs_m2=1e6)])
+
+    page = render(run(Scenario(radar=radar, scene=scene)), yaml="")
+    signal = page[page.index('aria-label="Beat signal') :]
+
+    def height(color: str) -> float:
+        line = re.search(rf'<path d="([^"]*)"[^>]*stroke: {color}', signal)[1]
+        y = [float(point) for point in re.findall(r"[ML] \S+ (\S+)", line)]
+        return max(y) - min(y)
+
+    assert height("#1d2733") == pytest.approx(height("#8fbbdb"), rel=0.1)
 
 
 def pair_of_points(**of_target) -> Scene:

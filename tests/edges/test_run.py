@@ -1,5 +1,6 @@
 """What a run says of itself: its link budget agrees with its map, its findings with its peaks."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.units import decibels
+from dechirp.experiment import run as of_run
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -41,6 +43,19 @@ def test_a_run_tells_that_it_kept_only_the_strongest_peaks(radar):
     (finding,) = dc.run(scenario).findings
     assert (finding.level, finding.setting) == ("warning", "chain.cfar")
     assert "in 2 frames" in finding.got
+
+
+def test_what_else_is_warned_of_while_frames_are_processed_is_no_crowd(radar, monkeypatch):
+    detect_each = of_run.detect_each
+
+    def warning(*arguments, **more):
+        warnings.warn("divided by zero", RuntimeWarning, stacklevel=1)
+        return detect_each(*arguments, **more)
+
+    monkeypatch.setattr(of_run, "detect_each", warning)
+    with pytest.warns(RuntimeWarning, match="divided by zero"):
+        found = dc.run(dc.Scenario(radar=radar, scene=dc.Scene()))
+    assert found.findings == ()
 
 
 def test_what_surprises_an_impairment_is_said_once_as_a_finding_of_the_run(radar):

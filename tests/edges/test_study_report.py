@@ -106,6 +106,8 @@ def test_a_safety_engineer_reads_first_what_is_met_and_on_what_that_rests():
     assert f"SHA-256 of my study.yaml {'5d' * 32}" in said
     assert "seed 7 trials 1 400, 0 failed" in said
     assert "name date signature" in said
+    assert "Bands and bars are intervals that hold the true value" in said
+    assert "After each value its interval, which holds the true value" in said
 
 
 @pytest.mark.parametrize(

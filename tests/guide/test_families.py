@@ -3,11 +3,12 @@
 import re
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 import dechirp as dc
-from dechirp.cli.list import families
+from dechirp.cli.list import Name, families
 
 DOCS = Path(dc.__file__).parents[2] / "docs"
 PAGES = sorted(page for page in DOCS.rglob("*.md") if "_build" not in page.parts)
@@ -22,6 +23,10 @@ def is_told(kind: str) -> bool:
     """Whether a page names it as code; a study file may write a score with underscores."""
     names = "|".join(map(re.escape, {kind, kind.replace("-", "_")}))
     return re.search(rf"`({names})`|kind: ({names})\b", texts()) is not None
+
+
+def test_the_command_line_names_every_family():
+    assert get_args(Name) == tuple(families())
 
 
 @pytest.mark.parametrize("family", families())

@@ -44,6 +44,32 @@ def test_a_certificate_holds_and_says_what_it_rests_on(name):
     assert name.replace(".json", ".html") in SUMS
 
 
+def test_pages_tell_the_figures_of_the_last_certificate():
+    found = json.loads((FOLDER / NUMBERS[-1]).read_text())
+    of = {claim["id"]: claim["checks"] for claim in found["claims"]}
+    home, guide = FOLDER.parents[1], FOLDER.parent / "guide"
+    readme, limits = (home / "README.md").read_text(), (guide / "limits.md").read_text()
+    noise = (guide / "phase-4-noise.md").read_text()
+
+    rectangular, hann, rule = (f"{check['measured']:.2f} dB" for check in of["snr_limit"])
+    assert rectangular in readme
+    assert rectangular in noise and hann in noise and rule in noise
+    off = max(abs(check["measured"] - check["limit"]) for check in of["snr_limit"][:2])
+    assert f"within {off:.2f} dB" in noise and f"within {off:.2f} dB" in limits
+
+    rare = [check["measured"] for check in of["false_alarm_rate"] if "1e-06" in check["name"]]
+    assert f"| {min(rare):.2f} to {max(rare):.2f} of the design |" in readme
+    assert f"{min(rare):.2f} to {max(rare):.2f} of 1e-6" in limits
+    every = [c["measured"] for one in found["parts"][0]["claims"] for c in one["checks"]]
+    assert f"({min(every):.2f} to {max(every):.2f} of the design" in readme
+
+    errors = [
+        c["measured"] / c["limit"] for name in ("range", "velocity") for c in of[f"{name}_rmse"]
+    ]
+    assert f"| {min(errors):.2f} to {max(errors):.2f} of it |" in readme
+    assert f"{min(errors):.2f} to {max(errors):.2f} of the Cramér-Rao bound" in limits
+
+
 @pytest.fixture
 def document():
     return {

@@ -1,16 +1,32 @@
 """`dechirp list`: the families that settings choose from by `kind`, and their members."""
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from dechirp.cli.options import Json
 
 if TYPE_CHECKING:
     from dechirp.core.families import Family
 
+# Written out, so that a shell completes them without the package behind them.
+Name: TypeAlias = Literal[
+    "angle",
+    "body",
+    "cfar",
+    "device",
+    "format",
+    "impairment",
+    "mitigation",
+    "modulation",
+    "multiplexing",
+    "pattern",
+    "score",
+    "writer",
+]
+
 
 def list_members(
-    family: str | None = None,
+    family: Name | None = None,
     /,
     *,
     as_json: Json = False,
@@ -22,20 +38,9 @@ def list_members(
     family
         One family; all of them without it.
     """
-    from dechirp.config.nearest import did_you_mean
-    from dechirp.core.errors import InvalidFile, Mistake
     from dechirp.store.tables import json_text
 
     known = families()
-    if family is not None and family not in known:
-        raise InvalidFile(
-            Mistake(
-                setting="the family",
-                got=family,
-                need=f"one of {', '.join(known)}",
-                fix=did_you_mean(family, known),
-            )
-        )
     wanted = {name: known[name] for name in known if family in (None, name)}
     found = {name: members(base) for name, base in wanted.items()}
     if as_json:

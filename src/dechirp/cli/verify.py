@@ -31,7 +31,7 @@ def verify(
         Of each claim on detection, estimates and resolution; one that needs more to decide
         takes what it needs.
     full
-        The long certificate: 10,000 trials, 1e9 cells of each detector; half an hour on two cores.
+        10,000 trials, 1e9 cells of each detector, every part: a quarter of an hour on two cores.
     out
         Folder for the paper and its numbers. Earlier ones in it are replaced.
     seed
@@ -79,8 +79,8 @@ def _show(found: dict[str, Any], out: Path) -> None:
 
     screen = console()
     claims = table("", left=["claim", ""], right=["published", "measured"])
-    for column in claims.columns[:2]:
-        column.no_wrap = True
+    for column, width in zip(claims.columns, (None, len("holds")), strict=False):
+        column.no_wrap, column.min_width = True, width
     every = [*found["claims"], *(one for part in found["parts"] for one in part["claims"])]
     for claim in every:
         first = shown(claim)

@@ -66,7 +66,8 @@ def decimals_of(std: float) -> int:
     """Return the decimals that show two digits of a standard error, 1 to 9; 3 where unknown."""
     if not (math.isfinite(std) and std > 0):
         return 3
-    return min(max(1 - math.floor(math.log10(std)), 1), 9)
+    exponent = int(f"{std:.1e}".partition("e")[2])  # of what is shown: 0.00998 becomes 0.010
+    return min(max(1 - exponent, 1), 9)
 
 
 def ratio_db(ratio: float) -> float:

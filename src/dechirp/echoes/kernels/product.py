@@ -21,11 +21,10 @@ Scatterers whose series are not short, near and fast ones or those that pass thr
 range cells within few chirps, are left to the direct kernel.
 """
 
-import math
-
 import numba
 import numpy as np
 
+from dechirp.core.turns import cosine_and_sine
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.kernels import direct
 from dechirp.echoes.kernels.base import Scatterers, Sent
@@ -74,7 +73,8 @@ def handed_over(
 ) -> float:
     """Share of the scatterers that `add` leaves to the direct kernel, from some of them."""
     n = len(scatterers.amplitudes)
-    some = np.unique(np.linspace(0, n - 1, min(n, _LOOK)).astype(int))
+    # Spread over all; steps of one or more, so that none comes twice.
+    some = np.arange(n) if n <= _LOOK else np.linspace(0, n - 1, _LOOK).astype(int)
     chirps = slice(0, _LANES)
     flat, then = _of_one_type(
         _only(scatterers._replace(chirp_factors=None), some),
@@ -552,9 +552,7 @@ def _polynomials(
 ) -> None:
     """Add one transmitter's share to the coefficients of the echo in each chirp on receiver k."""
     for m in range(n):
-        half_turns = echo[0, m] - np.floor(echo[0, m] + 0.5)
-        cosine, sine = _half_turns(half_turns)
-        real, imag = cosine * cosine - sine * sine, 2 * cosine * sine
+        real, imag = cosine_and_sine(echo[0, m])
         powers[0, 0, m] = real * echo[5, m] - imag * echo[6, m]
         powers[0, 1, m] = real * echo[6, m] + imag * echo[5, m]
         echo[1, m] = 2 * np.pi * (echo[1, m] - middles[m])
@@ -590,25 +588,6 @@ def _polynomials(
 
 
 @_compiled
-def _half_turns(turns: float) -> tuple[float, float]:
-    """Cosine and sine of pi turns, at most half a turn, by their series: 1e-12 off."""
-    y = turns * turns
-    cosine = _C4 + y * (_C5 + y * (_C6 + y * (_C7 + y * _C8)))
-    cosine = _C0 + y * (_C1 + y * (_C2 + y * (_C3 + y * cosine)))
-    sine = _S4 + y * (_S5 + y * (_S6 + y * _S7))
-    sine = turns * (_S0 + y * (_S1 + y * (_S2 + y * (_S3 + y * sine))))
-    return cosine, sine
-
-
-_C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = (
-    (-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k) for k in range(9)
-)
-_S0, _S1, _S2, _S3, _S4, _S5, _S6, _S7 = (
-    (-1) ** k * math.pi ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(8)
-)
-
-
-@_compiled
 def _table(c1: float, c2: float, n: int, n_terms: int, tables: np.ndarray, term: int) -> None:
     """Fill rows of `tables`: real and imaginary part of B(r), then of B(r) r ..."""
     stride = _whole_tiles(n)
@@ -618,10 +597,9 @@ def _table(c1: float, c2: float, n: int, n_terms: int, tables: np.ndarray, term:
     imag = real + pitch
     for x in range(pitch):
         r = step * x - half
-        cycles = r * (c1 + r * c2)
-        cosine, sine = _half_turns(cycles - np.floor(cycles + 0.5))
-        tables[real + x] = cosine * cosine - sine * sine
-        tables[imag + x] = 2 * cosine * sine
+        cosine, sine = cosine_and_sine(r * (c1 + r * c2))
+        tables[real + x] = cosine
+        tables[imag + x] = sine
     for k in range(1, n_terms):
         last_real = np.uint64(2 * (term + k - 1) * stride)
         last_imag = last_real + pitch

@@ -10,6 +10,7 @@ from scipy.fft import next_fast_len
 
 from dechirp.core.checks import positive
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.turns import phasors
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import value
 from dechirp.process.angle.lattice import Places, places
@@ -181,13 +182,8 @@ class Aperture:
         with p in wavelengths, phi the azimuth and theta the elevation. The beat signal is
         Tx x conj(Rx), so its phase falls where the way is shorter: minus.
         """
-        phase = (
-            -2 * np.pi * (direction_bounds.towards(azimuth_rad, elevation_rad) @ self.positions.T)
-        )
-        out = np.empty(phase.shape, complex)
-        np.cos(phase, out=out.real)  # a quarter of the time of a complex exponential
-        np.sin(phase, out=out.imag)
-        return out
+        towards = direction_bounds.towards(azimuth_rad, elevation_rad)
+        return phasors(-(towards @ self.positions.T))
 
     def derivatives(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike = 0.0) -> np.ndarray:
         """Derivatives of `steering` by the angles that the array tells, (..., n_told, n_elements).

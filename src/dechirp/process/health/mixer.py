@@ -49,10 +49,12 @@ def _wrong_side(recorded: Recorded) -> list[Finding]:
         Finding(
             level="warning",
             setting="recording.iq",
-            got=f"{share:.1%} of the echoes' energy at negative beat frequencies",
+            got=f"{share:.1%} of the energy that stands out of single chirps at negative beat"
+            " frequencies",
             need="echoes at positive beat frequencies, as an up-chirp gives: those at negative ones"
             f" would lie beyond {half_m:.4g} m",
-            fix="Read it with the other order of I and Q (--iq), unless all echoes are that far.",
+            fix="Read it with the other order of I and Q (--iq), unless the strongest echoes are"
+            " that far.",
         )
     ]
 
