@@ -3,6 +3,7 @@
 import numpy as np
 from bokeh.models import UIElement
 
+from dechirp.core.displayed import several
 from dechirp.core.units import decibels
 from dechirp.core.words import NONE
 from dechirp.evaluate.match import Matcher
@@ -12,7 +13,7 @@ from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
 from dechirp.studio.views.listed import MOST_ROWS, Head, Listed, at_cursor
-from dechirp.studio.views.places import counted, found_on_map, strongest_first
+from dechirp.studio.views.places import found_on_map, strongest_first
 
 _HEADS = {
     "range": Head("range, m", "0.000"),
@@ -86,12 +87,12 @@ def columns_of(moment: Moment) -> dict[str, np.ndarray]:
 def _said(targets: np.ndarray, moment: Moment) -> str:
     """How many there are, and how many of them are of targets."""
     n = targets.size
-    said = "Nothing detected" if n == 0 else counted(n, "detection")
+    said = "Nothing detected" if n == 0 else several(n, "detection")
     if n > MOST_ROWS:
         said = f"The strongest {MOST_ROWS} of {said}"
     if moment.truth is None:
         return said
     names = moment.truth.target.values.tolist()
     n_found = len(set(targets.tolist()) & set(names))
-    said += f": {n_found} of {counted(len(names), 'target')} found" if names else ""
+    said += f": {n_found} of {several(len(names), 'target')} found" if names else ""
     return f"{said}, {int(np.sum(targets == _NO_TARGET))} of no target" if n else said

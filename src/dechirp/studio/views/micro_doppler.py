@@ -3,13 +3,13 @@
 import numpy as np
 from bokeh.models import BasicTickFormatter
 
+from dechirp.core.displayed import several
 from dechirp.core.words import number
 from dechirp.report.figures.parts import edges
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.views.map_view import MapView
-from dechirp.studio.views.places import counted
 
 
 class MicroDoppler(MapView):
@@ -40,7 +40,7 @@ class MicroDoppler(MapView):
             if self.session.cursor is None
             else f"about {number(moment.cursor.range_m, 3)} m"
         )
-        self.note.text = f"{counted(time_s.size, 'frame')}, {where}"
+        self.note.text = f"{several(time_s.size, 'frame')}, {where}"
 
     def cursor_at(self, x: float, y: float) -> Cursor:
         """Where all views look when somebody points here."""

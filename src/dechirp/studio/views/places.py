@@ -58,8 +58,3 @@ def ranges_alone(moment: Moment) -> np.ndarray:
     found = moment.detections.variables
     order = strongest_first(moment)
     return found["range"].values[order[np.isnan(found["azimuth"].values[order])]]
-
-
-def counted(n: int, thing: str) -> str:
-    """Write 1 detection, 2 detections."""
-    return f"{n} {thing}" if n == 1 else f"{n} {thing}s"

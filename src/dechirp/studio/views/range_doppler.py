@@ -1,12 +1,13 @@
 """The range-Doppler map: what was found and what is there, in cells of range and velocity."""
 
+from dechirp.core.displayed import several
 from dechirp.core.words import TIMES, number
 from dechirp.report.figures.parts import cell_width, edges
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
 from dechirp.studio.session import Session
 from dechirp.studio.views.map_view import MapView
-from dechirp.studio.views.places import counted, found_on_map, true_on_map
+from dechirp.studio.views.places import found_on_map, true_on_map
 
 
 class RangeDoppler(MapView):
@@ -34,7 +35,7 @@ class RangeDoppler(MapView):
         """Put into words what is seen."""
         range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
         n_found = moment.detections.sizes["detection"]
-        self.figure.title.text = f"Range-Doppler map: {counted(n_found, 'detection')}"
+        self.figure.title.text = f"Range-Doppler map: {several(n_found, 'detection')}"
         width_m, width_m_per_s = cell_width(range_m), cell_width(velocity_m_per_s)
         cell = f"{number(width_m, 2)} m {TIMES} {number(width_m_per_s, 2)} m/s"
         self.note.text = f"a cell: {cell}   {self.legend}"

@@ -6,6 +6,7 @@ import numpy as np
 from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, Tap
 from bokeh.models import UIElement
 
+from dechirp.core.displayed import several
 from dechirp.core.errors import InvalidSetting, Mistake
 from dechirp.core.words import TIMES, number
 from dechirp.experiment.scenario import Scenario
@@ -21,7 +22,7 @@ from dechirp.studio.views.base import View
 from dechirp.studio.views.dragged import start_m, written
 from dechirp.studio.views.drawn import joined
 from dechirp.studio.views.ground import Ground, arc_m, put
-from dechirp.studio.views.places import counted, ranges_alone, with_directions
+from dechirp.studio.views.places import ranges_alone, with_directions
 from dechirp.studio.views.standing import standing
 from dechirp.studio.views.tails import Tails
 
@@ -85,10 +86,10 @@ class Scene(View):
 
     def tell(self, moment: Moment) -> None:
         """Put into words what is seen."""
-        words = [] if moment.truth is None else [counted(len(self._there.names), "target")]
+        words = [] if moment.truth is None else [several(len(self._there.names), "target")]
         words.append(f"{moment.detections.sizes['detection']} detected")
         if moment.tracks:
-            words.append(counted(len(moment.tracks), "track"))
+            words.append(several(len(moment.tracks), "track"))
         self.ground.figure.title.text = f"From above: {', '.join(words)}"
         self.ground.note.text = self._said
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from bokeh.models import UIElement
 
+from dechirp.core.displayed import several
 from dechirp.scene.folding import Place, folded, on_map
 from dechirp.studio.moment import Moment
 from dechirp.studio.pointing import Cursor
@@ -12,7 +13,6 @@ from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
 from dechirp.studio.views.listed import MOST_ROWS, Head, Listed, at_cursor
-from dechirp.studio.views.places import counted
 from dechirp.tracking.live import Track
 
 _HEADS = {
@@ -68,7 +68,7 @@ class Tracks(View):
             return "No tracks: the settings have no tracker (Processing)"
         n_confirmed = sum(one.status == "confirmed" for one in tracks)
         n_tentative = len(tracks) - n_confirmed
-        said = f"{counted(n_confirmed, 'track')} confirmed, {n_tentative} tentative"
+        said = f"{several(n_confirmed, 'track')} confirmed, {n_tentative} tentative"
         return said if len(tracks) <= MOST_ROWS else f"{said}: the first {MOST_ROWS}"
 
 
