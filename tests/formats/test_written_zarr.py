@@ -39,6 +39,25 @@ def test_every_recording_comes_back_bit_by_bit(tmp_path, made):
     must_be_equal(opened, recording)
 
 
+def test_flags_as_older_xarray_wrote_them_are_flags(tmp_path):
+    recording = of_tables()
+    dc.write(recording, tmp_path / "x.zarr")
+    (name, flags), *_ = (
+        (f"{table}/{key}", column)
+        for table, of in recording.tables.items()
+        for key, column in of.variables.items()
+        if column.dtype == bool
+    )
+    shutil.rmtree(tmp_path / "x.zarr" / name)
+    zarr.open_group(tmp_path / "x.zarr").create_array(
+        name,
+        data=flags.values.astype(np.int8),
+        dimension_names=flags.dims,
+        attributes={**flags.attrs, "dtype": "bool"},
+    )
+    must_be_equal(dc.open(tmp_path / "x.zarr"), recording)
+
+
 def test_xarray_alone_gives_codes_gaps_and_tables(tmp_path):
     coded, lost, tables = of_complex_codes(), of_lost_chirps(), of_tables()
     for name, one in (("coded", coded), ("lost", lost), ("tables", tables)):

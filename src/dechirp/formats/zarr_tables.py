@@ -70,6 +70,8 @@ def _table(folder: Path) -> xr.Dataset:
             coordinates |= set(str(about.pop("coordinates", "")).split())
             is_text = said.get("data_type") == "string"
             values = _texts(folder, array) if is_text else read_array(folder, array)
+            if about.get("dtype") == "bool":  # flags, as xarray wrote them before 2026.9
+                values, _ = values.astype(bool), about.pop("dtype")
             variables[name] = xr.Variable(tuple(said.get("dimension_names") or ()), values, about)
         made = xr.Dataset(variables, attrs=attributes)
         return made.set_coords([name for name in coordinates if name in variables])
