@@ -54,16 +54,18 @@ def list_members(
 
 
 def families() -> dict[str, "type[Family]"]:
-    """Base classes by name, from every `base.py` of the package."""
+    """Base classes by name, from every `base.py` of the package but those of the studio's parts."""
     import importlib
-    import pkgutil
+    from pathlib import Path
 
     import dechirp
     from dechirp.core.families import Family
 
-    for module in pkgutil.walk_packages(dechirp.__path__, "dechirp."):
-        if module.name.endswith(".base"):
-            importlib.import_module(module.name)
+    root = Path(dechirp.__path__[0])
+    for file in sorted(root.rglob("base.py")):
+        *packages, name = file.relative_to(root).with_suffix("").parts
+        if packages[0] != "studio":  # they need the extra `web`, and seconds
+            importlib.import_module(".".join(["dechirp", *packages, name]))
     return {
         base.group.removeprefix("dechirp."): base
         for base in sorted(Family.__subclasses__(), key=lambda base: base.group)

@@ -40,6 +40,7 @@ def studio(
     """
     from functools import partial
 
+    _must_have_web()
     from dechirp.studio.pages import pages
     from dechirp.studio.server import Studio
     from dechirp.studio.settings import Limits, checked
@@ -51,6 +52,21 @@ def studio(
     started = Studio(made, host=host, port=number)
     _serve(started, partial(_tell, started, as_json=as_json))
     return 0
+
+
+def _must_have_web() -> None:
+    from importlib.util import find_spec
+
+    from dechirp.core.errors import InvalidSetting
+
+    for name in ("bokeh", "tornado"):
+        if find_spec(name) is None:
+            raise InvalidSetting(
+                "dechirp studio",
+                got=f"called without {name}",
+                need=f"called where {name} is installed",
+                fix="Install it: pip install 'dechirp[web]'.",
+            )
 
 
 def _folder(folder: Path) -> Path:
