@@ -3,6 +3,7 @@
 import json
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -113,17 +114,22 @@ def test_one_trial_is_shown_as_a_run_is(file, tmp_path, capsys):
     assert "--set chain.range_window=VALUE" in capsys.readouterr().err
 
 
+def blocks_in(out):
+    with closing(sqlite3.connect(out / "study.sqlite")) as connection:
+        return list(connection.execute("SELECT * FROM blocks"))
+
+
 def test_another_study_is_refused_in_the_same_folder(file, tmp_path, capsys):
     out = tmp_path / "out"
     assert status("study", file, "--set", "trials.at_most=5", "--out", out, "--quiet") in (0, 1)
-    rows = list(sqlite3.connect(out / "study.sqlite").execute("SELECT * FROM blocks"))
+    rows = blocks_in(out)
 
     changed = ["trials.at_most=5", "scene.targets.van.rcs=11 dBsm"]
     sets = [word for one in changed for word in ("--set", one)]
     assert status("study", file, *sets, "--out", out) == 2
     said = capsys.readouterr().err
     assert "12 dBsm" in said and "11 dBsm" in said and "--out" in said
-    assert list(sqlite3.connect(out / "study.sqlite").execute("SELECT * FROM blocks")) == rows
+    assert blocks_in(out) == rows
 
 
 def test_a_point_that_cannot_be_is_a_failure_that_is_told(file, tmp_path, capsys):

@@ -138,7 +138,7 @@ def test_a_file_that_is_something_else_is_refused_and_left_alone(tmp_path):
     for folder in (text, other, empty):
         folder.mkdir()
     (text / NAME).write_text("a shopping list, quite long enough to be no header")
-    with sqlite3.connect(other / NAME) as connection:
+    with closing(sqlite3.connect(other / NAME)) as connection, connection:
         connection.execute("CREATE TABLE songs (name TEXT)")
     connection.close()
     for folder, says in ((text, "no database"), (other, "a database of something else")):
@@ -210,7 +210,7 @@ def test_trials_of_other_sums_and_points_of_other_theory_are_damage(tmp_path):
 
 def test_a_record_of_a_later_format_is_refused(tmp_path):
     opened(tmp_path).close()
-    with sqlite3.connect(tmp_path / NAME) as connection:
+    with closing(sqlite3.connect(tmp_path / NAME)) as connection, connection:
         connection.execute("UPDATE meta SET said = '2' WHERE key = 'format_version'")
     connection.close()
     with pytest.raises(DechirpError, match="in format 2"):

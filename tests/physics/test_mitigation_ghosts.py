@@ -10,7 +10,7 @@ import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.echoes.impairments.interference import Interference, Interferer
 from dechirp.process.health.recorded import Recorded
-from dechirp.process.health.walks import Walk, ghosts, walk
+from dechirp.process.health.walks import ghosts, walk
 from noise import noise_cube
 
 
@@ -26,6 +26,10 @@ def other(clock, **fields):
         "position_m": (40.0, 0.0, 0.0),
     }
     return Interference(interferers=[Interferer(**(given | fields))])
+
+
+def has_none(found):
+    return np.isnan(found.velocity_m_per_s) and found.first == -1
 
 
 def walks_of(samples, radar):
@@ -90,7 +94,7 @@ def test_among_ramps_that_fall_the_rising_ones_tell(radar):
     frame = replace(radar.frame, n_chirps=64, modulation=dc.Triangular())
     radar = replace(radar, frame=frame)
     samples = seen(radar, [target(11.0, 5.0)]).values[0]
-    assert walks_of(samples, radar) == Walk()
+    assert has_none(walks_of(samples, radar))
     n, m = np.arange(256), np.arange(0, 128, 2)
     cells = 60 + 1000 * frame.chirps_s[::2] / frame.chirp.range_resolution_m
     tone = 1e-5 * np.exp(2j * np.pi * (cells[:, None] * n / 256 + 0.37 * m[:, None] ** 2))
@@ -106,7 +110,7 @@ def test_what_drives_is_no_ghost(radar, seed):
     places = zip(ranges_m, speeds, 10.0 ** rng.uniform(-1, 2, 40), strict=True)
     many = [target(*place) for place in places]
     for targets in ([], many[:1], many[:2], many):
-        assert walks_of(seen(long, targets, seed=seed).values[0], long) == Walk()
+        assert has_none(walks_of(seen(long, targets, seed=seed).values[0], long))
 
 
 def test_the_fastest_car_is_no_ghost_and_a_clock_a_part_in_a_million_off_is_not_told(radar):
@@ -129,7 +133,7 @@ def test_targets_that_fade_one_into_another_are_no_ghost(radar):
         size = 30 * np.exp(-(((m - 16 - 32 * k) / 20) ** 2))
         tone = size[:, None] * np.exp(2j * np.pi * ((40 + 4 * k) * n / 256 + 0.21 * m[:, None]))
         samples += tone[:, None].astype(np.complex64)
-    assert walks_of(samples, radar) == Walk()
+    assert has_none(walks_of(samples, radar))
 
 
 def test_noise_has_no_ghosts(radar):
@@ -139,7 +143,7 @@ def test_noise_has_no_ghosts(radar):
         frame=replace(radar.frame, n_chirps=32, chirp=replace(radar.frame.chirp, n_samples=32)),
         array=dc.Array(rx_m=[(0, 0, 0)]),
     )
-    assert all(walks_of(noise_cube(few, rng).values[0], few) == Walk() for _ in range(300))
+    assert all(has_none(walks_of(noise_cube(few, rng).values[0], few)) for _ in range(300))
 
 
 def test_the_finding_names_frame_chirps_and_clock(radar):

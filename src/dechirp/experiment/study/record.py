@@ -262,9 +262,10 @@ def read_only(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(f"{uri}?mode=ro", uri=True, isolation_level=None, timeout=60)
     try:
         connection.execute("PRAGMA schema_version")
-    except sqlite3.OperationalError:
+    except sqlite3.DatabaseError as error:
         connection.close()
-        if path.with_name(f"{NAME}-wal").exists():
+        has_log = path.with_name(f"{NAME}-wal").exists()
+        if has_log or not isinstance(error, sqlite3.OperationalError):
             raise
         # A finished study in a folder that cannot be written, where SQLite's index of the log
         # has no place.
