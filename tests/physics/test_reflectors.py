@@ -101,10 +101,10 @@ def opening_m2(direction):
     points = np.stack(np.meshgrid(side, side), axis=-1)
 
     def inside(at):
-        turns = [
-            np.cross(corners[(i + 1) % 3] - corners[i], at - corners[i], axisa=-1, axisb=-1)
-            for i in range(3)
-        ]
+        turns = []
+        for i in range(3):
+            (x, y), way = corners[(i + 1) % 3] - corners[i], at - corners[i]
+            turns.append(x * way[..., 1] - y * way[..., 0])
         return np.all(np.array(turns) > 0, axis=0) | np.all(np.array(turns) < 0, axis=0)
 
     return np.count_nonzero(inside(points) & inside(-points)) * (side[1] - side[0]) ** 2

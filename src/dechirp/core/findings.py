@@ -3,9 +3,10 @@
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Literal
+from typing import Literal, Self
 
 from dechirp.core.displayed import Table
+from dechirp.core.errors import Mistake
 from dechirp.core.values import value
 
 
@@ -18,6 +19,17 @@ class Finding:
     got: str
     need: str
     fix: str
+
+    @classmethod
+    def of(cls, mistake: Mistake, *, level: Literal["warning", "error"]) -> Self:
+        """Tell a mistake of what is a result all the same, but for its place in a file."""
+        return cls(
+            level=level,
+            setting=mistake.setting,
+            got=mistake.got,
+            need=mistake.need,
+            fix=mistake.fix,
+        )
 
     def __str__(self) -> str:
         return f"{self.setting}: {self.got}; needs {self.need}. {self.fix}"

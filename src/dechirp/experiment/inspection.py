@@ -5,7 +5,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from dechirp.core.errors import DechirpError, Mistake
+from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
 from dechirp.core.values import value
 from dechirp.formats.recognise import recognised
@@ -139,15 +139,5 @@ def _broken_rules(chip: Device, radar: Radar) -> tuple[Finding, ...]:
 
 def _unread(path: Path, kinds: tuple[str, ...], error: DechirpError) -> Inspection:
     """Say what is missing to read a recording that is known."""
-    missing = tuple(_finding(mistake) for mistake in error.mistakes)
+    missing = tuple(Finding.of(mistake, level="error") for mistake in error.mistakes)
     return Inspection(path=path, formats=kinds, recording=None, power=None, findings=missing)
-
-
-def _finding(mistake: Mistake) -> Finding:
-    return Finding(
-        level="error",
-        setting=mistake.setting,
-        got=mistake.got,
-        need=mistake.need,
-        fix=mistake.fix,
-    )

@@ -1,8 +1,6 @@
 """One experiment from start to end: the page on which simulation and processing meet."""
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from time import perf_counter
 
@@ -12,7 +10,7 @@ import xarray as xr
 from dechirp.core.accessor import rows
 from dechirp.core.displayed import Displayed, Table, several
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding, PhysicsWarning, findings, heard
+from dechirp.core.findings import Finding, findings, heard
 from dechirp.core.values import value
 from dechirp.echoes.echo import simulate
 from dechirp.experiment.followed import follow
@@ -153,7 +151,7 @@ def run(
             if progress is not None:
                 progress(n_simulated + done, n_simulated + len(numbers))
 
-    with crowds() as crowded:
+    with heard() as crowded:
         detections = detect_each(
             counted(), radar, scenario.chain, first=numbers.start, took_out=took_out.append
         )
@@ -176,20 +174,6 @@ def run(
             "process": detected - opened + made.timing_s["process"],
         },
     )
-
-
-@contextmanager
-def crowds() -> Iterator[list[str]]:
-    """Hear of frames with more peaks than are kept, one text each; all else is passed on."""
-    found: list[str] = []
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always", PhysicsWarning)
-        yield found
-    for one in warned:
-        if issubclass(one.category, PhysicsWarning):
-            found.append(str(one.message))
-        else:
-            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
 
 
 @value

@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
-from dechirp.core.findings import Finding
+from dechirp.core.findings import Finding, heard
 from dechirp.core.values import value
-from dechirp.experiment.run import Found, Result, concluded, crowds
+from dechirp.experiment.run import Found, Result, concluded
 from dechirp.experiment.scenario import Scenario, Source, called, check_chain, check_following
 from dechirp.live.follow import follow
 from dechirp.live.stream import Stream
@@ -100,7 +100,7 @@ def watch(
             came, number = perf_counter(), stream.number
             if first is None:
                 first, numbers = cube, range(number, number)
-            with crowds() as crowded:
+            with heard() as crowded:
                 found = detected_columns(
                     [cube], radar, scenario.chain, first=number, took_out=took_out.append
                 )

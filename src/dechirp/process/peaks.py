@@ -6,7 +6,7 @@ from functools import lru_cache
 import numba
 import numpy as np
 
-from dechirp.core.findings import PhysicsWarning
+from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.process.cfar.base import Noise
 from dechirp.process.spectrum import Transform
 
@@ -33,12 +33,14 @@ def highest(power: np.ndarray, over: np.ndarray) -> np.ndarray:
     found = _local_maxima(power, over)
     order = np.argsort(-power[found[:, 0], found[:, 1]], kind="stable")[:MOST_PEAKS]
     if len(found) > MOST_PEAKS:
-        warnings.warn(
-            f"{len(found)} peaks are over threshold; the strongest {MOST_PEAKS} are kept. Lower"
-            " the false-alarm probability.",
-            PhysicsWarning,
-            stacklevel=6,
+        finding = Finding(
+            level="warning",
+            setting="chain.cfar",
+            got=f"{len(found)} peaks over threshold, of which the strongest are kept",
+            need=f"at most {MOST_PEAKS} in a frame",
+            fix="Lower the false-alarm probability.",
         )
+        warnings.warn(PhysicsWarning(finding), stacklevel=6)
     return np.asarray(found[order])
 
 

@@ -14,7 +14,7 @@ from typing import Literal
 from dechirp.config.files import text_in
 from dechirp.config.texts import dump
 from dechirp.config.tree import distinct
-from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
+from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.experiment.inspection import inspect
 from dechirp.experiment.scenario import Scenario, Source, check_following
@@ -96,7 +96,8 @@ def looked_over(item: Item, settings: Item | None, limits: Limits) -> LookedOver
         found = inspect(path, radar=radar, frames=(0, n_inspected)).findings
         n_frames = recording.n_frames
     except DechirpError as error:
-        n_frames, n_inspected, found = None, 0, tuple(map(_finding, error.mistakes))
+        n_frames, n_inspected = None, 0
+        found = tuple(Finding.of(one, level="error") for one in error.mistakes)
     return LookedOver(n_frames, n_inspected, tuple(_on_page(one, limits) for one in found))
 
 
@@ -190,16 +191,6 @@ def _reached(item: Item, limits: Limits) -> Path:
             fix="Look through the folders again.",
         )
     return item.path
-
-
-def _finding(mistake: Mistake) -> Finding:
-    return Finding(
-        level="error",
-        setting=mistake.setting,
-        got=mistake.got,
-        need=mistake.need,
-        fix=mistake.fix,
-    )
 
 
 def _on_page(finding: Finding, limits: Limits) -> Finding:

@@ -9,9 +9,9 @@ import xarray as xr
 
 from dechirp.core.checks import whole
 from dechirp.core.conventions import axis
-from dechirp.core.findings import Finding
+from dechirp.core.findings import Finding, heard
 from dechirp.experiment.followed import grouped, tracked_rows
-from dechirp.experiment.run import Found, about_chain, about_found, crowds
+from dechirp.experiment.run import Found, about_chain, about_found
 from dechirp.experiment.scenario import Scenario
 from dechirp.process.angle_maps import range_azimuth_map
 from dechirp.process.chain import Chain
@@ -163,7 +163,7 @@ class _Made:
         radar = self.frames.radar
         maps: list[np.ndarray] = []
         took_out: list[tuple[Removed, ...]] = []
-        with crowds() as crowded:
+        with heard() as crowded:
             columns = detected_columns(
                 [cube],
                 radar,

@@ -263,7 +263,7 @@ class _Search:
             try:
                 found, sums = self._fresh(candidate)
             except _FailsLater as error:
-                failing += [_warning(mistake) for mistake in error.mistakes]
+                failing += [Finding.of(mistake, level="warning") for mistake in error.mistakes]
                 continue
             if "not met" in found.verdicts:
                 refuted.append(found)
@@ -462,16 +462,6 @@ def _point(settings: Settings, source: int) -> int:
     """
     words = "\n".join([str(source), *(f"{path}={text}" for path, text in settings)])
     return int.from_bytes(blake2b(words.encode(), digest_size=8).digest()) >> 1
-
-
-def _warning(mistake: Mistake) -> Finding:
-    return Finding(
-        level="warning",
-        setting=mistake.setting,
-        got=mistake.got,
-        need=mistake.need,
-        fix=mistake.fix,
-    )
 
 
 def _settings(tune: Tune, choice: Choice) -> Settings:
