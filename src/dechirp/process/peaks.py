@@ -36,7 +36,7 @@ def highest(power: np.ndarray, over: np.ndarray) -> np.ndarray:
         finding = Finding(
             level="warning",
             setting="chain.cfar",
-            got=f"{len(found)} peaks over threshold, of which the strongest are kept",
+            got=f"{len(found)} peaks over threshold; the strongest {MOST_PEAKS} are kept",
             need=f"at most {MOST_PEAKS} in a frame",
             fix="Lower the false-alarm probability.",
         )
