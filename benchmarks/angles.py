@@ -32,11 +32,11 @@ import numpy as np
 from sides.plain_angles import beams, covariances, solves
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.process.angle.aperture import Aperture
-from dechirp.process.angle.bartlett import beam_power
-from dechirp.process.angle.base import DirectionEstimator
-from dechirp.process.angle.capon import Capon
-from dechirp.process.angle.music import Music
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.bartlett import beam_power
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.angle.capon import Capon
+from dechirp.processing.angle.music import Music
 from dechirp.theory.direction_bounds import direction_std_rad
 
 SNR = 100.0
@@ -59,10 +59,10 @@ def noise(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
 def error_ratio(estimator: Any, seen: Aperture, n: int) -> str:
     """Root mean square error over the bound, for each angle that the array tells."""
     rng = np.random.default_rng(1)
-    azimuth = rng.uniform(-np.pi / 3, np.pi / 3, n) * seen.tells[0]
-    elevation = rng.uniform(-0.44, 0.44, n) * seen.tells[1]
-    x = np.sqrt(SNR) * seen.steering(azimuth, elevation) + noise((n, seen.n_elements), rng)
-    found = estimator.directions(x[:, None], seen, np.ones(n))
+    azimuth = rng.uniform(-np.pi / 3, np.pi / 3, n) * seen.resolves[0]
+    elevation = rng.uniform(-0.44, 0.44, n) * seen.resolves[1]
+    x = np.sqrt(SNR) * seen.steering_vectors(azimuth, elevation) + noise((n, seen.n_elements), rng)
+    found = estimator.find_directions(x[:, None], seen, np.ones(n))
     bound = np.array(
         [
             direction_std_rad(
@@ -71,14 +71,14 @@ def error_ratio(estimator: Any, seen: Aperture, n: int) -> str:
                 elevation_rad=[at[1]],
                 amplitudes=[np.sqrt(SNR)],
                 noise_power=1.0,
-                tells=seen.tells,
+                unknown=seen.resolves,
             )[0]
             for at in zip(azimuth, elevation, strict=True)
         ]
     )
     ratios = []
     for axis, truth in enumerate((azimuth, elevation)):
-        if seen.tells[axis]:
+        if seen.resolves[axis]:
             error = (found[axis][:, 0] - truth) / bound[:, axis]
             true = np.mean(((found[axis][:, 0] - truth) / found[axis + 2][:, 0]) ** 2)
             ratios.append(f"{np.sqrt(np.mean(error**2)):.3f} ({true:.2f})")
@@ -99,10 +99,10 @@ def resolution(make: Any, seen: Aperture, n: int) -> str:
     amplitudes = np.sqrt(SNR) * np.stack([np.ones(n), np.exp(1j * turn)], axis=1)
     # The phase between the sources in the middle of the array, where it matters.
     centred = Aperture(seen.positions - seen.positions.mean(axis=0), seen.field_of_view)
-    x = np.einsum("nk,nki->ni", amplitudes, centred.steering(np.arcsin(sines)))
+    x = np.einsum("nk,nki->ni", amplitudes, centred.steering_vectors(np.arcsin(sines)))
     x += noise(x.shape, rng)
     try:
-        found = estimator.directions(x[:, None], seen, np.ones(n))
+        found = estimator.find_directions(x[:, None], seen, np.ones(n))
     except InvalidSetting as error:
         return f"refused: {error.mistakes[0].setting}"
     at = np.sort(np.sin(found.azimuth_rad), axis=1)
@@ -124,14 +124,16 @@ def milliseconds(work: Any, n: int, repeats: int = 3) -> float:
 
 def one_source(seen: Aperture, n: int) -> np.ndarray:
     rng = np.random.default_rng(3)
-    x = np.sqrt(SNR) * seen.steering(rng.uniform(-1, 1, n)) + noise((n, seen.n_elements), rng)
+    x = np.sqrt(SNR) * seen.steering_vectors(rng.uniform(-1, 1, n)) + noise(
+        (n, seen.n_elements), rng
+    )
     return x[:, None].astype(np.complex64)
 
 
 def time_each(estimator: Any, seen: Aperture, n: int) -> str:
     x = one_source(seen, n)
     try:
-        spent = milliseconds(lambda: estimator.directions(x, seen, np.ones(n)), n)
+        spent = milliseconds(lambda: estimator.find_directions(x, seen, np.ones(n)), n)
     except InvalidSetting:
         return "refused"
     return f"{spent:.4f}"
@@ -159,10 +161,10 @@ def times() -> None:
     for n_elements, n, bar in ((12, 1000, 0.03), (192, 100, 1.1)):
         seen = Aperture(line(n_elements))
         x = one_source(seen, n)
-        towards = seen.steering(np.arcsin(np.linspace(-1, 1, 181))).astype(np.complex64)
+        towards = seen.steering_vectors(np.arcsin(np.linspace(-1, 1, 181))).astype(np.complex64)
         bare = partial(bare_solves, covariances(x[:, 0], 1.0), np.asfortranarray(towards.conj().T))
         for member in (Capon(), Music()):
-            ours = partial(member.directions, x, seen, np.ones(n))
+            ours = partial(member.find_directions, x, seen, np.ones(n))
             compare(f"{member.kind()}, {n_elements} channels", ours, bare, n, bar)
         many = one_source(seen, 1000)
         compare(

@@ -31,8 +31,8 @@ for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 
 import dechirp as dc
-from dechirp.process.maps import power_of
-from dechirp.process.peaks import highest
+from dechirp.processing.peaks import local_maxima
+from dechirp.processing.range_doppler_map import range_doppler_power
 
 
 def of_standard(
@@ -96,10 +96,10 @@ def libraries() -> dict[str, Any]:
 
 def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
     """One frame through ours and through each library."""
-    chain = dc.Chain(range_window="hann", doppler_window="hann").fitted(radar)
-    law = chain.noise(radar)
+    chain = dc.Chain(range_window="hann", doppler_window="hann").fit_to_radar(radar)
+    law = chain.map_noise(radar)
     samples = np.ascontiguousarray(dc.simulate(scene, radar, seed=1).values[0])
-    ring = chain.cfar.ring
+    ring = chain.cfar.training_window
     sizes = (
         ring.n_training.range,
         ring.n_training.velocity,
@@ -108,7 +108,7 @@ def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
     )
     factor = float(
         np.median(
-            chain.cfar.threshold_at(
+            chain.cfar.threshold_at_cells(
                 np.ones((samples.shape[0], samples.shape[2]), np.float32),
                 np.array([[5, samples.shape[2] // 2]]),
                 law,
@@ -117,9 +117,9 @@ def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
     )
 
     def ours() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        power = power_of(samples, radar, chain)
-        over = chain.cfar.exceeds(power, law)
-        return power, over, highest(power, over)
+        power = range_doppler_power(samples, radar, chain)
+        over = chain.cfar.exceeds_threshold(power, law)
+        return power, over, local_maxima(power, over)[0]
 
     power, over, peaks = ours()
     inside = slice(sizes[0] + sizes[2], samples.shape[2] - sizes[0] - sizes[2])
@@ -128,7 +128,7 @@ def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
         given = xp.asarray(samples)
         tapers = tuple(
             xp.asarray(one.weights.astype(np.float32))
-            for one in (law.over_velocity, law.over_range)
+            for one in (law.doppler_transform, law.range_transform)
         )
         for precision in ("float32", "float64"):
             real = getattr(xp, precision)

@@ -34,8 +34,8 @@ import numpy as np
 from sides.plain_echoes import HAS_FINUFFT, direct_sum, low_rank_product, with_finufft
 from sides.scenes import Case, cube_a, long_chirp, mimo
 
-from dechirp.echoes.engine import Engine
-from dechirp.echoes.kernels import choice
+from dechirp.simulation.engine import Engine
+from dechirp.simulation.kernels import selection
 
 
 def baseline(
@@ -62,8 +62,8 @@ def measured(name: str, case: Case, most_ms: float, rng: np.random.Generator) ->
     n = len(scatterers.amplitudes)
     engine = Engine()
     out = np.zeros(shape, np.complex64)
-    predicted = choice.costs(shape, scatterers, sent, 1e-5)
-    (first_s,) = timed(lambda: choice.add(out, scatterers, sent, engine=engine), 1)
+    predicted = selection.predict_costs(shape, scatterers, sent, 1e-5)
+    (first_s,) = timed(lambda: selection.add_echoes(out, scatterers, sent, engine=engine), 1)
     chirps = np.unique(rng.integers(shape[0], size=max(1, min(8, 4000 // n))))
     (plain_s,) = timed(lambda: direct_sum(scatterers, sent, shape[2], chirps), 1)
     exact = direct_sum(scatterers, sent, shape[2], chirps)
@@ -75,7 +75,7 @@ def measured(name: str, case: Case, most_ms: float, rng: np.random.Generator) ->
         if n >= 100 and HAS_FINUFFT:
             others["finufft"] = baseline(with_finufft, case, exact, chirps)
     turns = int(np.clip(0.5 / max(first_s, 1e-4), 5, 200))
-    took = timed(lambda: choice.add(out, scatterers, sent, engine=engine), turns)
+    took = timed(lambda: selection.add_echoes(out, scatterers, sent, engine=engine), turns)
     return {
         "case": name,
         "kernel": predicted.cheapest,
@@ -98,7 +98,7 @@ def memory_mb() -> float:
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     rng = np.random.default_rng(asked.seed)
     at_m = rng.uniform([3, -50, -1], [200, 50, 3], (100_000, 3))
-    cloud = dc.Cloud(positions_m=at_m, rcs_m2=rng.exponential(size=100_000) + 1e-6)
+    cloud = dc.bodies.PointCloud(positions_m=at_m, rcs_m2=rng.exponential(size=100_000) + 1e-6)
     scene = dc.Scene(
         targets=[dc.Target(position_m=(0, 0, 0), velocity_m_per_s=(9, 0, 0), body=cloud)]
     )

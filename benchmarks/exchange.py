@@ -34,8 +34,9 @@ import xarray as xr
 import zarr
 
 import dechirp as dc
-from dechirp.radar.cube import labelled_cube
-from dechirp.store.cube import write_cube
+from dechirp.radar.cube import label_cube
+from dechirp.recordings.cube_store import write_cube
+from dechirp.simulation.adc_codes import extract_adc_codes
 
 N_CHIRPS, N_RX, N_SAMPLES = 128, 8, 256
 SCALE = 2.0**-15
@@ -62,8 +63,8 @@ class Case:
         shape = (n_frames, N_CHIRPS, N_RX, N_SAMPLES, 2)
         self.numbers = rng.normal(0, 40, shape).round().astype(np.int16)
         samples = (self.numbers * np.float32(SCALE)).view(np.complex64)[..., 0]
-        self.cube = labelled_cube(samples, RADAR, units="full scale").assign_attrs(scale=SCALE)
-        self.codes = dc.codes(self.cube)
+        self.cube = label_cube(samples, RADAR, units="full scale").assign_attrs(scale=SCALE)
+        self.codes = extract_adc_codes(self.cube)
         self.frames_of_codes, self.frames_of_cube = (
             [cube[index : index + 1] for index in range(n_frames)]
             for cube in (self.codes, self.cube)

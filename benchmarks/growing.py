@@ -17,15 +17,15 @@ from sides.frames import frame_of
 from sides.scenes import centred, cube_a
 
 import dechirp as dc
-from dechirp.echoes.engine import Engine
-from dechirp.echoes.kernels import choice
-from dechirp.process.angle.aperture import Aperture
-from dechirp.process.angle.base import DirectionEstimator
-from dechirp.process.cfar.base import NoiseEstimator, Ring
-from dechirp.process.cluster import cluster
-from dechirp.process.refine import refine
-from dechirp.process.spectrum import Transform, mean_power
-from dechirp.theory.correlated import correlated_factor
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
+from dechirp.processing.cluster import cluster
+from dechirp.processing.refine import refine_tones
+from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.simulation.engine import Engine
+from dechirp.simulation.kernels import selection
+from dechirp.theory.cfar_correlated_cells import correlated_factor
 
 Work = Callable[[], object]
 
@@ -80,12 +80,12 @@ def _echoes() -> Iterator[Job]:
         scatterers = scatterers._replace(rx_gains=np.ones((n_rx, n)))
         out = np.zeros((n_chirps, n_rx, n_samples), np.complex64)
         engine = Engine(kernel=kernel)
-        return lambda: choice.add(out, scatterers, sent, engine=engine)
+        return lambda: selection.add_echoes(out, scatterers, sent, engine=engine)
 
-    for kernel, first in (("direct", 2), ("product", 8), ("nonuniform", 8000)):
+    for kernel, first in (("direct", 2), ("low-rank", 8), ("nufft", 8000)):
         named = partial(work, kernel)
         yield Job(f"echoes, {kernel}", "scatterers", "n", doubled(first, 5), named)
-    for kernel in ("direct", "product"):
+    for kernel in ("direct", "low-rank"):
         yield Job(
             f"echoes, {kernel}", "chirps", "n", doubled(32, 5),
             lambda m, kernel=kernel: work(kernel, n_chirps=m),
@@ -129,12 +129,12 @@ def _detectors() -> Iterator[Job]:
     ) -> Work:
         shape = (n_velocity, n_cells // n_velocity)
         power = rng.exponential(size=shape).astype(np.float32)
-        ring = Ring(
+        ring = TrainingWindow(
             n_training=dc.Cells(range=n_training, velocity=n_training),
             n_guard=dc.Cells(range=4, velocity=4),
         )
         factors = np.full(power.shape[1], FACTOR, np.float32)
-        return lambda: estimator.exceeds(power, ring, factors)
+        return lambda: estimator.exceeds_threshold(power, ring, factors)
 
     def of_ring(estimator: NoiseEstimator, n: int) -> Work:
         # So many cells on each side that the ring less its guard of 9 x 9 holds about n.
@@ -151,12 +151,12 @@ def _detectors() -> Iterator[Job]:
         )  # fmt: skip
 
     def exact(n: int) -> Work:
-        noise = dc.Chain().noise(dc.reference().radar)
-        ring = Ring(
+        noise = dc.Chain().map_noise(dc.reference().radar)
+        ring = TrainingWindow(
             n_training=dc.Cells(range=10, velocity=8),
             n_guard=dc.Cells(range=n // 9 // 2, velocity=4),
         )
-        box = ring.box(noise, ring.half_range)
+        box = ring.noise_box(noise, ring.half_range)
         return lambda: correlated_factor(1e-6, box)
 
     yield Job("CFAR factor, exact", "guard cells", "n^3", (81, 171, 351, 711), exact)
@@ -171,14 +171,14 @@ def _estimates() -> Iterator[Job]:
         rng = np.random.default_rng(1)
         samples = rng.normal(size=(128, 1, 512, 2)).astype(np.float32).view(np.complex64)[..., 0]
         slow, fast = rng.uniform(0, 2 * np.pi, (2, n))
-        return lambda: refine(samples, slow, fast, np.ones(n))
+        return lambda: refine_tones(samples, slow, fast, np.ones(n))
 
     yield Job("refinement", "detections", "n", doubled(32, 5), tones)
 
     def directions(kind: str, n: int) -> Work:
         seen = Aperture(angles.line(n))
         estimator, x = DirectionEstimator.members()[kind](), angles.one_source(seen, 100)
-        return lambda: estimator.directions(x, seen, np.ones(100))
+        return lambda: estimator.find_directions(x, seen, np.ones(100))
 
     # A grid as fine as the beam times a product for each of its points; or eigenvectors.
     for kind, law in (("bartlett", "n^2"), ("capon", "n^3"), ("music", "n^3")):
@@ -201,7 +201,7 @@ def _clusters(n: int) -> Work:
 
 def _study(n: int) -> Work:
     def work() -> None:
-        with ThreadPoolExecutor(1) as one, study_machinery.given(one) as workers:
+        with ThreadPoolExecutor(1) as one, study_machinery.issued(one) as workers:
             study_machinery.study(workers, n // study_machinery.BLOCK, 0)
 
     return work

@@ -160,7 +160,7 @@ def main() -> None:
     )
     rows = []
     for job in jobs():
-        if asked.job in job.name:
+        if asked.trial_job in job.name:
             rows.append(measured(job))
             print(line_of(rows[-1]), file=sys.stderr, flush=True)
     if asked.json:

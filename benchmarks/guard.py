@@ -91,13 +91,13 @@ def measured() -> Ratios:
 def written(repeats: list[Ratios]) -> Path:
     """Keep the ratios as those of this version."""
     import dechirp
-    from dechirp.experiment.study.environment import environment
+    from dechirp.experiments.study.environment import describe_environment
 
     file = RELEASES / f"{dechirp.__version__}.json"
     about = {
         "version": dechirp.__version__,
         "date": datetime.now(UTC).date().isoformat(),
-        "environment": environment(),
+        "environment": describe_environment(),
         "ratios": {
             job: float(f"{median(ratios[job] for ratios in repeats):.4g}") for job in repeats[0]
         },
@@ -114,7 +114,7 @@ def main() -> int:
     if asked.write:
         print(written(repeats))
         return 0
-    from dechirp.experiment.study.environment import environment
+    from dechirp.experiments.study.environment import describe_environment
 
     release = last_release()
     print(f"{'ours over plain':48} {release['version']:>8}   now")
@@ -123,7 +123,7 @@ def main() -> int:
         now = [f"{ratios[job]:8.3f}" for ratios in repeats if job in ratios]
         print(f"{job:48} {'new' if before is None else f'{before:8.3f}':>8} {' '.join(now)}")
     lines = judged(release["ratios"], repeats)
-    there, here = release["environment"]["processor"], environment()["processor"]
+    there, here = release["environment"]["processor"], describe_environment()["processor"]
     if lines and there != here:
         lines.append(f"The release was measured on another processor, {there}; this one is {here}.")
     print("\n".join(lines) or "Nothing is more than 25 % above.")

@@ -28,9 +28,9 @@ os.environ["NUMBA_NUM_THREADS"] = str(asked.threads)
 import numpy as np
 
 import dechirp as dc
-from dechirp.echoes import oscillator
-from dechirp.echoes.impairments.base import Impairment
-from dechirp.echoes.parts import direct_parts, window
+from dechirp.simulation import phase_error
+from dechirp.simulation.echo_groups import direct_echo_groups, sample_window
+from dechirp.simulation.impairments.base import Impairment
 
 warnings.simplefilter("ignore", dc.PhysicsWarning)
 WAVELENGTH_M = 299_792_458.0 / 77e9
@@ -51,7 +51,7 @@ def highway_radar() -> dc.Radar:
         n_chirps=128,
         interval_s=18e-6,
         period_s=50e-3,
-        multiplexing=dc.Tdm(order=(0, 1, 2)),
+        multiplexing=dc.multiplexing.Tdm(order=(0, 1, 2)),
     )
     array = dc.Array(
         tx_m=[(0, 2 * WAVELENGTH_M * k, 0) for k in range(3)],
@@ -68,7 +68,7 @@ def highway_scene() -> dc.Scene:
     for number in range(20):
         ahead = number % 2 == 0
         speed = float(rng.uniform(22, 38))
-        kind = dc.Truck if number % 5 < 3 else (dc.Car, dc.Van)[number % 2]
+        kind = dc.bodies.Truck if number % 5 < 3 else (dc.bodies.Car, dc.bodies.Van)[number % 2]
         targets.append(
             dc.Target(
                 name=f"vehicle-{number}",
@@ -102,17 +102,19 @@ def ends_of(scene: dc.Scene) -> tuple[int, int]:
 
 def phase_noise(scene: dc.Scene, radar: dc.Radar) -> Callable[[], None]:
     """The oscillator's stage for a frame, the sum of the echoes left out."""
-    (noise,) = (i for i in dc.Typical77Ghz().impairments(radar) if i.kind() == "phase-noise")
-    rng, kept = np.random.default_rng(1), window(radar, 0)
-    parts = list(direct_parts(scene, radar, 0, rng))
+    (noise,) = (
+        i for i in dc.impairments.Typical77Ghz().impairments(radar) if i.kind() == "phase-noise"
+    )
+    rng, kept = np.random.default_rng(1), sample_window(radar, 0)
+    parts = list(direct_echo_groups(scene, radar, 0, rng))
 
     def stage() -> None:
-        reach = oscillator.reach(parts, kept, radar)
-        wide = kept.wider(reach.before, reach.after)
-        phase_rad = noise.phase_rad(reach.phase_window(wide), radar, rng)
-        oscillator.turned(echo[..., : wide.n_times], phase_rad, reach, radar)
+        reach = phase_error.find_delay_spread(parts, kept, radar)
+        wide = kept.widen(reach.n_before, reach.n_after)
+        phase_rad = noise.phase_error_rad(reach.phase_window(wide), radar, rng)
+        phase_error.apply_phase_error(echo[..., : wide.n_times], phase_rad, reach, radar)
 
-    echo = np.zeros((radar.frame.n_sent, radar.array.n_rx, 512), np.complex64)
+    echo = np.zeros((radar.frame.n_chirps_total, radar.array.n_rx, 512), np.complex64)
     return stage
 
 
@@ -136,8 +138,8 @@ def main() -> None:
         )
 
     alone_s = frames_s([])
-    found = {"echoes alone": alone_s, "typical-77ghz": frames_s([dc.Typical77Ghz()])}
-    for impairment in dc.Typical77Ghz().impairments(radar):
+    found = {"echoes alone": alone_s, "typical-77ghz": frames_s([dc.impairments.Typical77Ghz()])}
+    for impairment in dc.impairments.Typical77Ghz().impairments(radar):
         found[f"echoes and {impairment.kind()}"] = frames_s([impairment])
     for name, took_s in found.items():
         print(f"{name:>32} {1e3 * took_s:7.1f} ms a frame, {took_s / alone_s:5.2f} x echoes alone")

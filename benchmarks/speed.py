@@ -47,8 +47,8 @@ from sides.plain_maps import (
 )
 
 import dechirp as dc
-from dechirp.process.cfar.base import Ring
-from dechirp.process.spectrum import Transform, mean_power
+from dechirp.processing.cfar.base import TrainingWindow
+from dechirp.processing.spectrum import Transform, mean_power
 
 FACTOR = 13.965
 # Rank 3 / 4 of 644 cells at 1e-6: log 4 = 1.386 times the mean, within 1 %.
@@ -105,17 +105,17 @@ def of_detectors() -> dict[str, dict[str, float]]:
     noise = np.random.default_rng(1).exponential(size=(128, 2048)).astype(np.float32)
     step = noise.copy()
     step[:, 1024:] *= 100
-    ring = Ring(
+    ring = TrainingWindow(
         n_training=dc.Cells(range=TRAINING[1], velocity=TRAINING[0]),
         n_guard=dc.Cells(range=GUARD[1], velocity=GUARD[0]),
     )
-    mean, ranked = dc.CellAveraging(), dc.OrderedStatistic(rank=RANK)
+    mean, ranked = dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic(rank=RANK)
     of_mean = np.full(2048, FACTOR, np.float32)
     of_rank = np.full(2048, RANK_FACTOR, np.float32)
     found = {
         "ca, noise": compare(
             "ca, noise",
-            lambda: mean.exceeds(noise, ring, of_mean),
+            lambda: mean.exceeds_threshold(noise, ring, of_mean),
             lambda: plain_cell_averaging(noise, FACTOR),
             0.5 / 0.95,
         )
@@ -123,7 +123,7 @@ def of_detectors() -> dict[str, dict[str, float]]:
     for name, power, bar in (("os, noise", noise, 1.5 / 32), ("os, step", step, 3 / 32)):
         found[name] = compare(
             name,
-            partial(ranked.exceeds, power, ring, of_rank),
+            partial(ranked.exceeds_threshold, power, ring, of_rank),
             partial(plain_ordered_statistic, power, RANK_FACTOR, RANK),
             bar,
         )

@@ -25,21 +25,21 @@ import numpy as np
 
 import dechirp as dc
 from dechirp.core.findings import PhysicsWarning
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
-from dechirp.evaluate.match import Matcher
-from dechirp.experiment.link import added_noise_w
-from dechirp.experiment.scenario import Scenario, load, reference
-from dechirp.experiment.statistical.sensor import Sensor
-from dechirp.process.cfar.base import Cells, Cfar
-from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain
-from dechirp.process.detect import detected_columns
+from dechirp.evaluation.association import Associator
+from dechirp.experiments.link_budget import added_noise_w
+from dechirp.experiments.scenario import Scenario, load, reference
+from dechirp.experiments.statistical.sensor import StatisticalSensor
+from dechirp.processing.cfar.base import Cells, Cfar
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.chain import Chain
+from dechirp.processing.detect import detect_columns
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
 
 Frames = Callable[[], dict[str, np.ndarray]]
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -134,7 +134,7 @@ def score(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
     """Detections of one frame each, against the truth."""
     noise_w = added_noise_w(scenario, scenario.radar)
     truth = dc.truth(scenario.scene, scenario.radar, noise_power_w=noise_w)
-    matched = Matcher(truth, scenario.radar)
+    matched = Associator(truth, scenario.radar)
     n_found, n_false, errors, found = 0, 0, [], []
     for _ in range(n_trials):
         columns = frames()
@@ -161,15 +161,15 @@ def score(scenario: Scenario, frames: Frames, n_trials: int) -> Score:
 def compare(scenario: Scenario, n_trials: int) -> tuple[Score, Score]:
     """Of samples, and drawn."""
     rng = np.random.default_rng(1)
-    chain = scenario.chain.fitted(scenario.radar)
+    chain = scenario.chain.fit_to_radar(scenario.radar)
 
     def of_samples() -> dict[str, np.ndarray]:
         cube = dc.simulate(
             scenario.scene, scenario.radar, seed=rng, impairments=scenario.impairments
         )
-        return detected_columns([cube], scenario.radar, chain)
+        return detect_columns([cube], scenario.radar, chain)
 
-    sensor, other = Sensor(scenario), np.random.default_rng(2)
+    sensor, other = StatisticalSensor(scenario), np.random.default_rng(2)
     return (
         score(scenario, of_samples, n_trials),
         score(scenario, lambda: sensor.detections(other), n_trials),
@@ -199,7 +199,7 @@ def report(scenario: Scenario, snrs_db: list[float], fluctuation: str, n_trials:
 
 
 def speed(scenario: Scenario) -> None:
-    sensor, rng = Sensor(scenario), np.random.default_rng(1)
+    sensor, rng = StatisticalSensor(scenario), np.random.default_rng(1)
     sensor.detections(rng)
     started, n = process_time(), 0
     while process_time() - started < 2.0:

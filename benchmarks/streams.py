@@ -47,14 +47,14 @@ RADAR = dc.Radar(
         n_chirps=128,
         interval_s=40e-6,
         period_s=1 / FRAMES_PER_S,
-        multiplexing=dc.Tdm(order=(0, 1)),
+        multiplexing=dc.multiplexing.Tdm(order=(0, 1)),
     ),
     array=dc.Array(
         tx_m=((0.0, 0.0, 0.0), (0.0, 0.0076, 0.0)),
         rx_m=tuple((0.0, 0.0019 * n, 0.0) for n in range(4)),
     ),
 )
-FRAME_BYTES = RADAR.frame.n_sent * 4 * 256 * 4
+FRAME_BYTES = RADAR.frame.n_chirps_total * 4 * 256 * 4
 SENDER = """
 import sys, dechirp as dc
 print(dc.replay(sys.argv[1], sys.argv[2], bytes_per_s=float(sys.argv[3])))

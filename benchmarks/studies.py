@@ -4,10 +4,10 @@ Measured, on one thread, warm (compiled, factors known), in memory that is used 
 samples of one receiver:
 
 noise     circular Gaussian noise added to a cube; against NumPy's ziggurat.
-cube      a trial of `Repeated`: kept echo and noise; against `simulate`.
-map       power of each cell, `power_of`; against SciPy's transforms.
+cube      a trial of `MonteCarloSimulator`: kept echo and noise; against `simulate`.
+map       power of each cell, `range_doppler_power`; against SciPy's transforms.
 cfar      cells over the threshold of `CellAveraging`.
-columns   `detected_columns`, from samples to columns.
+columns   `detect_columns`, from samples to columns.
 trial     cube and columns: samples to detections.
 cells     noise, map and threshold, without a scene: what a study of false alarms takes.
 
@@ -37,10 +37,10 @@ import numpy as np
 import scipy.fft
 
 import dechirp as dc
-from dechirp.core.normal import add_white_noise
-from dechirp.echoes.repeated import Repeated
-from dechirp.process.detect import detected_columns
-from dechirp.process.maps import power_of
+from dechirp.core.gaussian_noise import add_white_noise
+from dechirp.processing.detect import detect_columns
+from dechirp.processing.range_doppler_map import range_doppler_power
+from dechirp.simulation.monte_carlo import MonteCarloSimulator
 
 TRIALS_PER_S, CELLS_PER_S = 600.0, 1e8
 """Asked for on two cores."""
@@ -63,17 +63,21 @@ def works() -> Works:
     scenario = dc.reference()
     scene, radar = scenario.scene, scenario.radar
     assert radar is not None
-    chain = scenario.chain.fitted(radar)
-    rng, law, trials = np.random.default_rng(1), chain.noise(radar), Repeated(scene, radar)
-    again = trials.cube(rng)
+    chain = scenario.chain.fit_to_radar(radar)
+    rng, law, trials = (
+        np.random.default_rng(1),
+        chain.map_noise(radar),
+        MonteCarloSimulator(scene, radar),
+    )
+    again = trials.simulate_trial(rng)
     samples, alone = again.values[0].copy(), np.zeros_like(again.values[0])
-    power = power_of(samples, radar, chain)
-    taper = np.outer(law.over_velocity.weights, law.over_range.weights).astype(np.float32)
+    power = range_doppler_power(samples, radar, chain)
+    taper = np.outer(law.doppler_transform.weights, law.range_transform.weights).astype(np.float32)
 
     def cells() -> None:
         alone[:] = 0
         add_white_noise(alone, 1.0, rng)
-        chain.cfar.exceeds(power_of(alone, radar, chain), law)
+        chain.cfar.exceeds_threshold(range_doppler_power(alone, radar, chain), law)
 
     def plain_noise() -> None:
         numbers = samples.view(np.float32)
@@ -87,11 +91,11 @@ def works() -> Works:
     return Works(
         {
             "noise": lambda: add_white_noise(samples, 1e-20, rng),
-            "cube": lambda: trials.cube(rng, again),
-            "map": lambda: power_of(samples, radar, chain),
-            "cfar": lambda: chain.cfar.exceeds(power, law),
-            "columns": lambda: detected_columns([again], radar, chain),
-            "trial": lambda: detected_columns([trials.cube(rng, again)], radar, chain),
+            "cube": lambda: trials.simulate_trial(rng, again),
+            "map": lambda: range_doppler_power(samples, radar, chain),
+            "cfar": lambda: chain.cfar.exceeds_threshold(power, law),
+            "columns": lambda: detect_columns([again], radar, chain),
+            "trial": lambda: detect_columns([trials.simulate_trial(rng, again)], radar, chain),
             "cells": cells,
         },
         {

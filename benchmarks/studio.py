@@ -24,7 +24,7 @@ from time import perf_counter, sleep
 from playwright.sync_api import Page, sync_playwright
 
 import dechirp as dc
-from dechirp.studio.player import Player
+from dechirp.studio.frame_player import FramePlayer
 
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
@@ -56,11 +56,11 @@ CHANGE = """async seed => {
 def moment_s() -> float:
     """Median time of a moment, without server and browser."""
     with resources.as_file(resources.files("dechirp.studio") / "start.yaml") as file:
-        player = Player(dc.load(file))
+        player = FramePlayer(dc.load(file))
     times_s = []
     for step in range(60):
         began = perf_counter()
-        player.look(step, None)
+        player.frame_at(step, None)
         times_s.append(perf_counter() - began)
     return median(times_s[20:])
 

@@ -38,11 +38,16 @@ for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
 
 import numpy as np
 
-from dechirp.experiment.study.block import Block
-from dechirp.experiment.study.executors import Workers, dask, given, local
-from dechirp.experiment.study.ledger import Ledger
-from dechirp.experiment.study.running import run_blocks
-from dechirp.experiment.study.study import Trials
+from dechirp.experiments.study.block import Block
+from dechirp.experiments.study.executors import (
+    Workers,
+    dask_workers,
+    local_workers,
+    workers_from_executor,
+)
+from dechirp.experiments.study.ledger import Ledger
+from dechirp.experiments.study.scheduler import run_blocks
+from dechirp.experiments.study.study import TrialBudget
 
 BLOCK, COLUMNS = 50, 10
 
@@ -66,7 +71,7 @@ def steps_of(seconds: float) -> int:
 
 def study(workers: Workers, n_blocks: int, n_steps: int, n_points: int = 1) -> float:
     """Seconds that a study takes."""
-    trials = Trials(at_most=n_blocks // n_points * BLOCK, block=BLOCK)
+    trials = TrialBudget(at_most=n_blocks // n_points * BLOCK, block=BLOCK)
     with tempfile.TemporaryDirectory() as folder:
         start = perf_counter()
         with Ledger.open(Path(folder), identity={}, environment={}) as ledger:
@@ -78,10 +83,10 @@ def study(workers: Workers, n_blocks: int, n_steps: int, n_points: int = 1) -> f
 
 def overhead() -> None:
     n = 1000
-    with local(1) as workers:
+    with local_workers(1) as workers:
         study(workers, 10, 0)
         through = [study(workers, n, 0) for _ in range(3)]
-    with ThreadPoolExecutor(1) as one, given(one) as workers:
+    with ThreadPoolExecutor(1) as one, workers_from_executor(one) as workers:
         in_thread = [study(workers, n, 0) for _ in range(3)]
     print(f"overhead: {1e3 * median(through) / n / BLOCK:.4f} ms a trial by a process (bar 0.2),")
     print(f"          {1e3 * median(in_thread) / n / BLOCK:.4f} ms by a thread of this process")
@@ -90,7 +95,7 @@ def overhead() -> None:
         with Ledger.open(Path(folder), identity={}, environment={}) as ledger:
             start = perf_counter()
             for block in blocks:
-                ledger.add([block])
+                ledger.add_blocks([block])
             alone = (perf_counter() - start) / len(blocks)
         with (Path(folder) / "file").open("wb") as file:
             start = perf_counter()
@@ -133,7 +138,7 @@ def two() -> None:
             process.communicate()
         return perf_counter() - start
 
-    with local(2) as workers:
+    with local_workers(2) as workers:
         study(workers, 4, 0)
         ratios = [independent() / study(workers, n, n_steps) for _ in range(3)]
     print(f"two: {median(ratios):.3f} of two independent processes (bar 0.9), {sorted(ratios)}")
@@ -165,8 +170,12 @@ def cluster(n_workers: int) -> Iterator[str]:
 
 def loopback() -> None:
     n_steps, n = steps_of(0.005), 24
-    with cluster(2) as address, dask(address, timeout_s=60) as there, local(2) as here:
-        while there.count() < 2:
+    with (
+        cluster(2) as address,
+        dask_workers(address, timeout_s=60) as there,
+        local_workers(2) as here,
+    ):
+        while there.capacity() < 2:
             pass
         for workers in (there, here):
             study(workers, 8, 0)
@@ -176,8 +185,8 @@ def loopback() -> None:
 
 def tasks() -> None:
     for n_workers in (1, 2):
-        with cluster(n_workers) as address, dask(address, timeout_s=60) as there:
-            while there.count() < n_workers:
+        with cluster(n_workers) as address, dask_workers(address, timeout_s=60) as there:
+            while there.capacity() < n_workers:
                 pass
             study(there, 20, 0)
             n = 300
@@ -202,12 +211,12 @@ def million() -> None:
 import resource, sys
 from pathlib import Path
 from time import perf_counter
-from dechirp.experiment.study.ledger import Ledger
+from dechirp.experiments.study.ledger import Ledger
 start = perf_counter()
 with Ledger.open(Path(sys.argv[1]), identity={}, environment={}) as ledger:
-    done = ledger.done()
-    total = sum(sums.sum(axis=0) for _, sums in ledger.all_sums())
-    ledger.n_failures()
+    done = ledger.finished_blocks()
+    total = sum(sums.sum(axis=0) for _, sums in ledger.iter_point_sums())
+    ledger.count_failures()
 used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
 seconds = perf_counter() - start
 print(f"million: {len(done)} blocks: {seconds:.2f} s (bar 5), {used:.2f} GiB (bar 1)")
@@ -218,7 +227,7 @@ print(f"million: {len(done)} blocks: {seconds:.2f} s (bar 5), {used:.2f} GiB (ba
             rng = np.random.default_rng(1)
             with Ledger.open(Path(folder), identity={}, environment={}) as ledger:
                 for number in range(n // n_points // size):
-                    ledger.add(
+                    ledger.add_blocks(
                         Block(point, number, number * size, rng.random((size, COLUMNS)), 0.1)
                         for point in range(n_points)
                     )
@@ -228,7 +237,7 @@ print(f"million: {len(done)} blocks: {seconds:.2f} s (bar 5), {used:.2f} GiB (ba
 def start() -> None:
     for n_workers in (1, 2):
         begin = perf_counter()
-        with local(n_workers) as workers:
+        with local_workers(n_workers) as workers:
             study(workers, n_workers, 0)
             print(f"start: {perf_counter() - begin:.2f} s to the first blocks of {n_workers}")
 

@@ -25,13 +25,13 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 import xarray as xr
 
-from dechirp.config import files
-from dechirp.evaluate.gospa import gospa
-from dechirp.evaluate.nees import mean_nees_interval, nees
-from dechirp.evaluate.ospa import ospa_m
-from dechirp.evaluate.track_trial import Outcome, TrackTrial, draw, judge
+from dechirp.config import loading
+from dechirp.evaluation.gospa import gospa
+from dechirp.evaluation.nees import mean_nees_interval, nees
+from dechirp.evaluation.ospa import ospa_m
+from dechirp.evaluation.track_trial import TrackingOutcome, TrackTrial, draw_trial, judge_tracks
+from dechirp.tracking.batch import STATE, track
 from dechirp.tracking.tracker import Association, Filter
-from dechirp.tracking.tracks import STATE, track
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "crossing-tracks.yaml"
 
@@ -40,7 +40,7 @@ def states(of: xr.Dataset) -> np.ndarray:
     return np.stack([of[name].values for name in STATE], axis=-1)
 
 
-def sureness(outcome: Outcome) -> np.ndarray:
+def sureness(outcome: TrackingOutcome) -> np.ndarray:
     """NEES of each target, (n_targets, n_frames), NaN while no track holds it."""
     holder = outcome.identities.holder.values
     target, frame = np.nonzero(holder >= 0)
@@ -51,7 +51,7 @@ def sureness(outcome: Outcome) -> np.ndarray:
     return found
 
 
-def distances(outcome: Outcome, cutoff_m: float) -> np.ndarray:
+def distances(outcome: TrackingOutcome, cutoff_m: float) -> np.ndarray:
     """OSPA and GOSPA of each frame, (n_frames, 2)."""
     confirmed = outcome.tracks.status.values == "confirmed"
     found, truth = (states(of)[..., [0, 2]] for of in (outcome.tracks, outcome.drawn.truth))
@@ -69,14 +69,14 @@ def distances(outcome: Outcome, cutoff_m: float) -> np.ndarray:
 def measure(trial: TrackTrial) -> None:
     outcomes, took_s = [], 0.0
     for number in range(asked.trials):
-        drawn = draw(trial, number)
+        drawn = draw_trial(trial, number)
         begun_s = process_time()
         tracks = track(drawn.detections, trial.times_s, trial.tracker)
         took_s += process_time() - begun_s
-        outcomes.append(judge(trial, drawn, tracks))
+        outcomes.append(judge_tracks(trial, drawn, tracks))
     n_targets = len(trial.scene.targets)
     settled = trial.tracker.confirm_after[1]
-    whole = [one for one in outcomes if one.is_whole]
+    whole = [one for one in outcomes if one.is_complete]
     sure = np.nanmean(np.concatenate([sureness(one) for one in whole])[:, settled:], axis=0)
     low, high = mean_nees_interval(4, len(whole) * n_targets, outside_probability=1e-6 / len(sure))
     apart = np.mean([distances(one, trial.cutoff_m) for one in outcomes], axis=0)[settled:]
@@ -94,7 +94,7 @@ def measure(trial: TrackTrial) -> None:
 
 
 def main() -> None:
-    trial = files.read(EXAMPLE, TrackTrial)
+    trial = loading.read_settings(EXAMPLE, TrackTrial)
     for association in get_args(Association):
         for name in get_args(Filter):
             if asked.association in ("", association) and asked.filter in ("", name):

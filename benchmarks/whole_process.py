@@ -238,9 +238,9 @@ def factors(_folder: str) -> Found:
     import numpy as np
 
     import dechirp as dc
-    from dechirp.process.cfar.base import NoiseEstimator
+    from dechirp.processing.cfar.base import NoiseEstimator
 
-    noise = dc.Chain().noise(dc.reference().radar)
+    noise = dc.Chain().map_noise(dc.reference().radar)
     found: Found = {}
     print(f"{'':20} {'one':>8} {'two receivers':>15} {'error':>8}", file=sys.stderr)
     for kind, member in NoiseEstimator.members().items():
@@ -251,11 +251,15 @@ def factors(_folder: str) -> Found:
         for n_channels in (1, 2):
             law = replace(noise, n_channels=n_channels)
             start = perf_counter()
-            cfar.error(law)
+            cfar.false_alarm_error(law)
             seconds.append(perf_counter() - start)
-        found[kind] = {"one_s": seconds[0], "two_s": seconds[1], "error": cfar.error(noise)}
+        found[kind] = {
+            "one_s": seconds[0],
+            "two_s": seconds[1],
+            "error": cfar.false_alarm_error(noise),
+        }
         print(
-            f"{kind:20} {seconds[0]:8.3f} {seconds[1]:15.3f} {cfar.error(noise):8.4f}",
+            f"{kind:20} {seconds[0]:8.3f} {seconds[1]:15.3f} {cfar.false_alarm_error(noise):8.4f}",
             file=sys.stderr,
         )
     return found

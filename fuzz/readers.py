@@ -194,7 +194,10 @@ RECORDINGS: dict[str, tuple[Callable[[], bytes], dict[str, object]]] = {
     "hdf5": (hdf5, FREE),
     "kept": (saved("kept.h5"), {}),
     "mcap": (saved("mcap.mcap"), {}),
-    "text": (text, {"format": "text", "axes": "frame,chirp,sample,iq", "encoding": "int16"}),
+    "text": (
+        text,
+        {"format": "text-columns", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
+    ),
     "urad": (urad, {"format": "urad"}),
     "sync-wav": (sound, {"format": "sync-wav"}),
     "sirad": (sirad, {}),
@@ -212,7 +215,7 @@ SETTINGS: dict[str, tuple[Callable[[], bytes], str]] = {
 
 def radar_of(kind: str, folder: Path) -> object:
     """Radar of a recording of a kind; leaves its settings in a folder."""
-    from dechirp.formats.settings.read import read_settings
+    from dechirp.recordings.settings.read import read_settings
 
     file = folder / "radar.yaml"
     file.write_text(RADAR_YAML.replace("complex", "real") if kind == "sync-wav" else RADAR_YAML)
@@ -222,7 +225,7 @@ def radar_of(kind: str, folder: Path) -> object:
 def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
     """What is called with each mutation."""
     from dechirp.core.errors import InvalidFile, RecordingError
-    from dechirp.formats.settings.read import read_settings
+    from dechirp.recordings.settings.read import read_settings
     from formats.any_bytes import gives_a_cube_or_says_why
 
     if kind in SETTINGS:
@@ -233,7 +236,7 @@ def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
             try:
                 read_settings(file)
             except (RecordingError, InvalidFile) as error:
-                assert all(m.got and m.need and m.fix for m in error.mistakes)
+                assert all(m.value and m.expected and m.fix for m in error.mistakes)
 
         return settings
     told = RECORDINGS[kind][1]
@@ -251,8 +254,8 @@ def child(kind: str, seconds: int) -> None:
     import atheris
 
     sys.path.insert(0, str(ROOT / "tests"))
-    with atheris.instrument_imports(include=["dechirp.formats"]):
-        import dechirp.formats.recording  # noqa: F401
+    with atheris.instrument_imports(include=["dechirp.recordings"]):
+        import dechirp.recordings.recording  # noqa: F401
     with tempfile.TemporaryDirectory() as name:
         folder, corpus = Path(name), Path(name) / "corpus"
         corpus.mkdir()
@@ -273,11 +276,11 @@ def main() -> None:
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.child:
-        child(asked.kinds[0], asked.seconds)
+        child(asked.packets_per_item_type[0], asked.seconds)
         return
     FOUND.mkdir(exist_ok=True)
     failed = []
-    for kind in asked.kinds:
+    for kind in asked.packets_per_item_type:
         command = [sys.executable, __file__, "--child", kind, "--seconds", str(asked.seconds)]
         done = subprocess.run(command, check=False, capture_output=True, text=True)
         said = [line for line in done.stderr.splitlines() if "executed_units" in line]

@@ -10,14 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import dechirp as dc
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
-from dechirp.evaluate.score.detection_probability import DetectionProbability
-from dechirp.experiment.scenario import Scenario
-from dechirp.experiment.study.study import Listed, Study, Trials, Until
+from dechirp.evaluation.score.detection_probability import DetectionProbability
+from dechirp.experiments.scenario import Scenario
+from dechirp.experiments.study.study import StopRule, Study, SweptSetting, TrialBudget
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
 from trial_cases import small, target
 
 SCENE = dc.Scene(targets=(target(name="car"), target(41.3, -5.0, name="van", rcs_m2=3.0)))
-RCS = Listed(
+RCS = SweptSetting(
     path="scene.targets.car.rcs",
     texts=("-20 dBsm", "-10 dBsm", "0 dBsm"),
     numbers=(-20.0, -10.0, 0.0),
@@ -32,7 +32,7 @@ def study(**changed) -> Study:
         "scenario": Scenario(scene=SCENE, radar=small(2), impairments=(ThermalNoise(),)),
         "seed": 3,
         "vary": (RCS,),
-        "trials": Trials(at_most=23, block=5),
+        "trials": TrialBudget(at_most=23, block=5),
         "scores": (DetectionProbability(),),
         "keep": ALL,
     }
@@ -41,7 +41,7 @@ def study(**changed) -> Study:
 
 def adaptive() -> Study:
     """The same, each point until its probability is known to 0.5."""
-    until = Until(score="detection_probability", width=0.5)
+    until = StopRule(score="detection_probability", width=0.5)
     return study(trials=replace(study().trials, until=until))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.process.angle.aperture import Aperture
+from dechirp.processing.angle.aperture import Aperture
 
 HALF_POWER = 0.886
 """Width of the beam of a uniform line, over 1 / length, in sines."""
@@ -33,7 +33,7 @@ def snapshots(
     elevation: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """(n, n_looks, n_elements), of sources (n, k) with amplitudes (n, k, n_looks)."""
-    steering = aperture.steering(azimuth, elevation)
+    steering = aperture.steering_vectors(azimuth, elevation)
     clean = np.einsum("nkl,nke->nle", amplitudes, steering)
     noise = rng.normal(size=(*clean.shape, 2)) @ [1, 1j]
     return clean + np.sqrt(noise_power / 2) * noise

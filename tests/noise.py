@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 import dechirp as dc
-from dechirp.core.normal import add_white_noise
+from dechirp.core.gaussian_noise import add_white_noise
 
 
 def noisy(clean: xr.DataArray, snr_db: float, rng: np.random.Generator) -> xr.DataArray:
@@ -32,7 +32,7 @@ def looks(
 def noise_cube(radar: dc.Radar, rng: np.random.Generator) -> xr.DataArray:
     """One frame of nothing but noise of unit power."""
     chirp = radar.frame.chirp
-    shape = (1, radar.frame.n_sent, radar.array.n_rx, chirp.n_samples)
+    shape = (1, radar.frame.n_chirps_total, radar.array.n_rx, chirp.n_samples)
     kind = np.complex64 if chirp.sampling == "complex" else np.float32
     cube = xr.DataArray(np.zeros(shape, kind), dims=("frame", "chirp", "rx", "sample"))
     add_white_noise(cube.values, 1.0, rng)
@@ -44,7 +44,7 @@ def alarms(radar: dc.Radar, rng: np.random.Generator, *, n_frames: int) -> tuple
     chain = dc.Chain(
         range_window="rectangular",
         doppler_window="rectangular",
-        cfar=dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-3),
+        cfar=dc.Cfar(estimator=dc.cfar.CellAveraging(), false_alarm_probability=1e-3),
     )
     hits = trials = 0
     for _ in range(n_frames):

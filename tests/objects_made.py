@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from dechirp.objects.rows import MEASURED, STATUSES, made
+from dechirp.results.object_lists.list_columns import MEASURED, STATUSES, build_object_list
 
 STEPS = {"x": 0.01, "y": 0.01, "z": 0.1, "vx": 0.01, "vy": 0.01, "length": 0.1, "width": 0.1}
 STEPS |= {"x_std": 0.02, "y_std": 0.02, "vx_std": 0.05, "vy_std": 0.05, "snr": 0.2}
@@ -24,14 +24,14 @@ def objects_at(*n_objects: int, seed: int = 0, period_s: float = 0.05) -> xr.Dat
     columns["number"] = np.concatenate([np.arange(n) for n in (0, *n_objects)])
     columns["status"] = rng.choice(STATUSES, n)
     cycles = np.arange(len(n_objects))
-    return made(columns, cycles, cycles * period_s)
+    return build_object_list(columns, cycles, cycles * period_s)
 
 
 def one(**columns) -> xr.Dataset:
     """Object list of one frame and one object, 50 m ahead unless columns say otherwise."""
     row = dict.fromkeys(MEASURED, np.nan) | {"x": 50.0, "y": 0.0, "vx": -5.0, "vy": 0.0}
     row |= {"frame": 0, "time": 0.0, "number": 0, "status": "confirmed"} | columns
-    return made(
+    return build_object_list(
         {name: np.array([cell]) for name, cell in row.items()}, [row["frame"]], [row["time"]]
     )
 

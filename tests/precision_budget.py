@@ -8,16 +8,16 @@ import numpy as np
 
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.echoes.kernels.base import Scatterers, Sent
-from dechirp.echoes.kernels.direct import add
-from dechirp.process.angle.aperture import FieldOfView
-from dechirp.process.angle.bartlett import Bartlett
-from dechirp.process.cfar.base import Noise
-from dechirp.process.cfar.ring_means import ring_means
-from dechirp.process.interpolation import between_bins
-from dechirp.process.refine import refine
-from dechirp.process.sources import aperture_of
-from dechirp.process.spectrum import Transform, amplitude_weights, mean_power, split_spectrum
+from dechirp.processing.angle.aperture import FieldOfView
+from dechirp.processing.angle.bartlett import Bartlett
+from dechirp.processing.cfar.base import MapNoise
+from dechirp.processing.cfar.window_means import window_means
+from dechirp.processing.direction_finding import direction_aperture
+from dechirp.processing.peak_interpolation import interpolate_peaks
+from dechirp.processing.refine import refine_tones
+from dechirp.processing.spectrum import Transform, amplitude_weights, mean_power, split_spectrum
+from dechirp.simulation.kernels.base import Scatterers, Transmission
+from dechirp.simulation.kernels.direct import add_echoes
 from small_radars import echoes, small
 
 N_CHIRPS, N_SAMPLES = 128, 256
@@ -88,7 +88,7 @@ def echo_engine() -> float:
 def echo_phase(range_m=100.0, start_s=10.0) -> float:
     """Phase in rad at 77 GHz of an echo at some range, some seconds after mid-frame."""
     speed = 7.7
-    sent = Sent(
+    sent = Transmission(
         starts_s=np.array([start_s]),
         weights=np.ones((1, 1)),
         tx_m=np.zeros((1, 3)),
@@ -101,7 +101,7 @@ def echo_phase(range_m=100.0, start_s=10.0) -> float:
     path_m = np.zeros((2, 1, 3))
     path_m[:, 0, 0] = range_m - speed * start_s, speed
     out = np.zeros((1, 1, 256), np.complex128)
-    add(out, Scatterers(path_m, np.ones(1), np.ones((1, 1)), np.ones((1, 1))), sent)
+    add_echoes(out, Scatterers(path_m, np.ones(1), np.ones((1, 1)), np.ones((1, 1))), sent)
     worst = 0.0
     with mpmath.workdps(50):
         for n in (0, 100, 255):
@@ -149,7 +149,7 @@ def means(target_db: float | None = None) -> float:
     cells = np.random.default_rng(2).exponential(size=(64, 200)).astype(np.float32)
     if target_db is not None:
         cells[20, [50, 51, 90]] = 10 ** (target_db / 10)
-    found = ring_means(cells, np.ones(200, np.float32), 6, 4, 2, 2).astype(float)
+    found = window_means(cells, np.ones(200, np.float32), 6, 4, 2, 2).astype(float)
     box = np.zeros(cells.shape)
     for dv in range(-6, 7):
         for dr in range(-8, 9):
@@ -163,7 +163,7 @@ def means(target_db: float | None = None) -> float:
 def longest_sum() -> float:
     """Mean of a ring of 2^20 cells, the most that anybody would take, relative."""
     cells = np.random.default_rng(2).exponential(size=(1025, 1027)).astype(np.float32)
-    found = ring_means(cells, np.ones(1027, np.float32), 511, 511, 1, 1)
+    found = window_means(cells, np.ones(1027, np.float32), 511, 511, 1, 1)
     # About range 512 the box holds ranges 0 to 1024, and all velocities.
     guard = cells[:, 511:514].sum(axis=1, dtype=float)
     guard = guard + np.roll(guard, 1) + np.roll(guard, -1)
@@ -175,16 +175,16 @@ def bins() -> float:
     """Place of a peak between bins, in bins."""
     exact = abs(in_double(tone())[:, 0]) ** 2
     rounded = mean_power(tone(), "complex", *AXES)
-    transforms = Noise(over_range=AXES[0], over_velocity=AXES[1])
+    transforms = MapNoise(range_transform=AXES[0], doppler_transform=AXES[1])
     cell = np.array([np.unravel_index(exact.argmax(), exact.shape)])
-    at = [np.ravel(between_bins(one, cell, transforms)) for one in (rounded, exact)]
+    at = [np.ravel(interpolate_peaks(one, cell, transforms)) for one in (rounded, exact)]
     return float((abs(at[0] - at[1]) / (2 * np.pi) * (N_CHIRPS, N_SAMPLES)).max())
 
 
 def frequency() -> float:
     """Refined frequency of a tone, over its Cramer-Rao bound at 60 dB."""
     start = [np.array([f + 0.1 * 2 * np.pi / n]) for f, n in zip(TONE, (128, 256), strict=True)]
-    tones = refine(tone(), *start, np.array([1e-6]))
+    tones = refine_tones(tone(), *start, np.array([1e-6]))
     off = np.array([tones.slow[0], tones.fast[0]]) - TONE
     bound = np.sqrt(6 / 1e6) / np.array([N_CHIRPS, N_SAMPLES])
     return float((abs(off) / bound).max())
@@ -193,10 +193,10 @@ def frequency() -> float:
 def azimuth() -> float:
     """Azimuth by beams of single precision, over its Cramer-Rao bound at 40 dB."""
     radar = small(n_rx=8)
-    aperture = aperture_of(radar, FieldOfView())
+    aperture = direction_aperture(radar, FieldOfView())
     true = 0.3217
-    x = aperture.steering(true)
-    found = Bartlett().directions(x.reshape(1, 1, -1), aperture, np.array([1e-4]))
+    x = aperture.steering_vectors(true)
+    found = Bartlett().find_directions(x.reshape(1, 1, -1), aperture, np.array([1e-4]))
     across = aperture.positions[:, 1] - aperture.positions[:, 1].mean()  # in wavelengths
     bound = 1 / (2 * np.pi * np.cos(true) * np.sqrt(2e4 * (across**2).sum()))
     return abs(float(np.ravel(found.azimuth_rad)[0]) - true) / bound
@@ -208,7 +208,7 @@ def phase() -> float:
     range_m = 20.0
     scene = dc.Scene(targets=[dc.Target(position_m=(range_m, 0, 0), velocity_m_per_s=(1, 0, 0))])
     cube = dc.simulate(scene, radar, impairments=(), engine=dc.Engine(kernel="direct"))
-    trace = dc.slow_time(cube, radar, range_m).values[:, 0].astype(np.complex128)
+    trace = dc.slow_time.slow_time(cube, radar, range_m).values[:, 0].astype(np.complex128)
     chirp = radar.frame.chirp
     n = np.arange(chirp.n_samples) - (chirp.n_samples - 1) / 2
     still = np.exp(-2j * np.pi * chirp.beat_frequency_hz(range_m) / chirp.sample_rate_hz * n)

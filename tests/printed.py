@@ -2,16 +2,16 @@
 
 import re
 
-from dechirp.report.html_tree import Element, tree
-from dechirp.report.pdf import pdf_of
+from dechirp.report.html_tree import Element, parse_html
+from dechirp.report.pdf import html_to_pdf
 
 
 def captions(page: str) -> list[tuple[str, str]]:
     """Title and words of each figure."""
     made = []
-    for figure in tree(page).all("figure"):
-        (caption,) = figure.all("figcaption")
-        title = next(caption.all("b"))
+    for figure in parse_html(page).descendants("figure"):
+        (caption,) = figure.descendants("figcaption")
+        title = next(caption.descendants("b"))
         made.append((title.text, caption.text.replace(title.text, "", 1)))
     return made
 
@@ -38,10 +38,10 @@ def text_of(pdf: bytes) -> str:
 
 def check_pdf(page: str) -> bytes:
     """The PDF of a page says all that the page says."""
-    made = pdf_of(page)
-    said, read = text_of(made), tree(page)
+    made = html_to_pdf(page)
+    said, read = text_of(made), parse_html(page)
     for kind in ("h1", "h2", "h3", "figcaption", "th", "td", "p", "li", "pre"):
-        for one in read.all(kind):
+        for one in read.descendants(kind):
             for part in _parts(one):
                 assert squeezed(part) in said, (kind, part)
     return made

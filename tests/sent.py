@@ -12,11 +12,12 @@ from collections.abc import Iterable
 import xarray as xr
 
 import dechirp as dc
+from dechirp.recordings.live.udp import Listener
 
 _GIVE_UP_S = 60.0  # only a failure takes so long
 
 
-def heard(sent: Iterable[bytes], radar: dc.Radar, **told) -> tuple[list[xr.DataArray], dc.Listener]:
+def heard(sent: Iterable[bytes], radar: dc.Radar, **told) -> tuple[list[xr.DataArray], Listener]:
     """Frames that a stream gives of packets, and the stream when it has ended."""
     stream = dc.listen("127.0.0.1:0", radar=radar, idle_s=_GIVE_UP_S, **told)
     ended = threading.Event()
@@ -29,7 +30,7 @@ def heard(sent: Iterable[bytes], radar: dc.Radar, **told) -> tuple[list[xr.DataA
         sender.join()
 
 
-def _send_all(stream: dc.Listener, sent: list[bytes], ended: threading.Event) -> None:
+def _send_all(stream: Listener, sent: list[bytes], ended: threading.Event) -> None:
     send(stream, sent, ended)
     wait_for(stream, len(sent), ended)
     while stream.n_waiting and not ended.is_set():
@@ -37,7 +38,7 @@ def _send_all(stream: dc.Listener, sent: list[bytes], ended: threading.Event) ->
     stream._idle_s = 0.0  # as if nothing had come for so long
 
 
-def send(stream: dc.Listener, sent: list[bytes], ended: threading.Event | None = None) -> None:
+def send(stream: Listener, sent: list[bytes], ended: threading.Event | None = None) -> None:
     """Send, but never more than 64 packets ahead of what the receiver has taken, until it ends."""
     host, port = stream.address.split(":")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
@@ -46,7 +47,7 @@ def send(stream: dc.Listener, sent: list[bytes], ended: threading.Event | None =
             out.sendto(one, (host, int(port)))
 
 
-def wait_for(stream: dc.Listener, n: int, ended: threading.Event | None = None) -> None:
+def wait_for(stream: Listener, n: int, ended: threading.Event | None = None) -> None:
     """Until so many packets came, or no more are taken."""
     give_up_s = time.monotonic() + _GIVE_UP_S
     while stream.n_packets < n and time.monotonic() < give_up_s:

@@ -42,7 +42,7 @@ def in_a_row(n: int, apart_m: float) -> list[tuple[float, float, float]]:
 def chain(window="hann", **changed) -> dc.Chain:
     """A detector whose ring fits into the maps of these radars, 15 dB over the noise."""
     cfar = dc.Cfar(
-        estimator=dc.CellAveraging(),
+        estimator=dc.cfar.CellAveraging(),
         n_training=dc.Cells(range=4, velocity=3),
         n_guard=dc.Cells(range=3, velocity=3),
         offset=30.0,

@@ -5,17 +5,23 @@ import dataclasses
 import numpy as np
 
 from dechirp.core.findings import Finding
-from dechirp.core.values import value
-from dechirp.evaluate.score.base import Estimate, Score
-from dechirp.experiment.scenario import reference
-from dechirp.experiment.study.block import Failure
-from dechirp.experiment.study.layout import Layout
-from dechirp.experiment.study.results import Measured, collect
-from dechirp.experiment.study.study import Draw, Drawn, Listed, Study, Trials
-from dechirp.theory import intervals
+from dechirp.core.values import frozen_dataclass
+from dechirp.evaluation.score.base import Estimate, Score
+from dechirp.experiments.scenario import reference
+from dechirp.experiments.study.block import Failure
+from dechirp.experiments.study.layout import Layout
+from dechirp.experiments.study.results import PointData, estimate_points
+from dechirp.experiments.study.study import (
+    RandomSetting,
+    Sampling,
+    Study,
+    SweptSetting,
+    TrialBudget,
+)
+from dechirp.theory import confidence_intervals
 
 
-@value
+@frozen_dataclass
 class Share(Score):
     """Hits in looks."""
 
@@ -25,7 +31,7 @@ class Share(Score):
     def label(cls):
         return "detection_probability"
 
-    def sums(self, look, case):
+    def trial_sums(self, result, context):
         raise NotImplementedError
 
     def estimate(self, sums, *, confidence):
@@ -33,11 +39,12 @@ class Share(Score):
         if not looks:
             return Estimate(np.nan, np.nan, np.nan)
         return Estimate(
-            hits / looks, *intervals.binomial(int(hits), int(looks), confidence=confidence)
+            hits / looks,
+            *confidence_intervals.binomial_interval(int(hits), int(looks), confidence=confidence),
         )
 
 
-@value
+@frozen_dataclass
 class Rms(Share):
     """Squared errors, one a trial."""
 
@@ -50,11 +57,11 @@ class Rms(Share):
 
     def estimate(self, sums, *, confidence):
         errors = np.sqrt(sums[~np.isnan(sums[:, 0]), 0])
-        ends = intervals.rms(errors, confidence=confidence)
+        ends = confidence_intervals.rms_interval(errors, confidence=confidence)
         return Estimate(np.sqrt(np.mean(errors**2)), *ends)
 
 
-@value
+@frozen_dataclass
 class Alarms(Share):
     """False alarms in cells, of the whole."""
 
@@ -63,20 +70,22 @@ class Alarms(Share):
         return "false_alarm_probability"
 
 
-RCS = Listed(
+RCS = SweptSetting(
     path="scene.targets.car.rcs",
     texts=tuple(f"{n} dBsm" for n in range(-10, 25, 5)),
     numbers=tuple(float(n) for n in range(-10, 25, 5)),
     unit="dBsm",
 )
-WINDOW = Listed(path="chain.range_window", texts=("hann", "rectangular"), numbers=None, unit="")
-DISTANCE = Listed(
+WINDOW = SweptSetting(
+    path="chain.range_window", texts=("hann", "rectangular"), numbers=None, unit=""
+)
+DISTANCE = SweptSetting(
     path="scene.targets.car.position.0",
     texts=tuple(f"{n} m" for n in (10, 20, 40, 80, 160)),
     numbers=(10.0, 20.0, 40.0, 80.0, 160.0),
     unit="m",
 )
-OFFSET = Drawn(
+OFFSET = RandomSetting(
     path="scene.targets.car.position.1", distribution="uniform", first=-1.0, second=1.0, unit="m"
 )
 
@@ -97,7 +106,7 @@ def study(*axes, targets=("car",), n_trials=200, scores=SCORES, **settings):
         ),
         seed=7,
         vary=axes,
-        trials=Trials(at_most=n_trials),
+        trials=TrialBudget(at_most=n_trials),
         scores=scores,
         **settings,
     )
@@ -107,14 +116,14 @@ def points(axes, *, n_draws=0):
     """Settings and numbers of each, lists as a grid, the last one fastest, then draws."""
     made = [((), ())]
     for axis in axes:
-        if isinstance(axis, Listed):
+        if isinstance(axis, SweptSetting):
             numbers = axis.numbers or (None,) * len(axis.texts)
             made = [
                 ((*settings, (axis.path, text)), (*known, number))
                 for settings, known in made
                 for text, number in zip(axis.texts, numbers, strict=True)
             ]
-    drawn = [axis for axis in axes if isinstance(axis, Drawn)]
+    drawn = [axis for axis in axes if isinstance(axis, RandomSetting)]
     if not (drawn and n_draws):
         return made
     rng = np.random.default_rng(3)
@@ -179,10 +188,14 @@ def result(*axes, targets=("car",), scores=SCORES, n_draws=0, n_trials=200, fail
             of_point[failure.trial] = np.nan
         kept.append(of_point)
         found = Finding(
-            level="warning", setting="chain", got="a late echo", need="an early one", fix="Wait."
+            level="warning",
+            setting="chain",
+            value="a late echo",
+            expected="an early one",
+            fix="Wait.",
         )
         made.append(
-            Measured(
+            PointData(
                 settings=at,
                 numbers=numbers,
                 sums=of_point,
@@ -191,6 +204,6 @@ def result(*axes, targets=("car",), scores=SCORES, n_draws=0, n_trials=200, fail
                 findings=(found,) if point % 2 else (),
             )
         )
-    draw = Draw(n=n_draws) if n_draws else None
+    draw = Sampling(n=n_draws) if n_draws else None
     what = study(*axes, targets=targets, n_trials=n_trials, scores=scores, draw=draw, **settings)
-    return collect(what, layout(targets=targets, scores=scores), made), kept
+    return estimate_points(what, layout(targets=targets, scores=scores), made), kept

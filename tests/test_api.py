@@ -1,35 +1,42 @@
-"""What users call and set, kept as a text: who changes it changes `tests/api.txt`, too.
+"""Public interface: `tests/api.txt` and the stub files agree with the package.
 
-python tests/test_api.py        writes the text anew
+python tests/test_api.py        writes both anew
 """
 
 import ast
 import difflib
 import importlib
+import importlib.util
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 
+import pytest
+
 import dechirp
+from dechirp.core.families import Family
+from dechirp.core.namespaces import public_names
 from test_layers import ROOT, parsed
 
-KEPT = Path(__file__).with_name("api.txt")
+API_TEXT = Path(__file__).with_name("api.txt")
 DOCS = ROOT.parents[1] / "docs"
 EXAMPLES = ROOT.parents[1] / "examples"
+NAMESPACES = {name: f"dechirp.{module}" for name, module in dechirp._NAMESPACES.items()}
 
 
 @cache
-def tree(module: str) -> dict[str, ast.stmt]:
-    """Definitions of a module by name."""
+def definitions(module: str) -> dict[str, ast.stmt]:
+    """Return the definitions of a module by name."""
     file = importlib.import_module(module).__file__
-    return {name: node for node in parsed(Path(str(file))).body for name in names(node)}
+    return {name: node for node in parsed(Path(str(file))).body for name in defined_names(node)}
 
 
-def names(node: ast.stmt) -> list[str]:
-    """Names that a statement gives a meaning to."""
+def defined_names(node: ast.stmt) -> list[str]:
+    """Return the names that a statement defines."""
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         return [node.name]
     if isinstance(node, ast.AnnAssign):
@@ -38,68 +45,204 @@ def names(node: ast.stmt) -> list[str]:
 
 
 def signature(node: ast.stmt) -> str:
-    """A definition in one line, as it is written: the same under every Python."""
+    """Write a definition on one line, the same under every version of Python."""
     if isinstance(node, ast.FunctionDef):
         returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
         return f"{node.name}({ast.unparse(node.args)}){returns}"
     return ast.unparse(node)
 
 
-def told(name: str, module: str) -> Iterator[str]:
-    """Lines on a name: how it is called, or what a class has beside what its bases give it."""
+def describe_name(name: str, module: str) -> Iterator[str]:
+    """Yield lines about a name: its signature, and the public members that a class adds."""
     thing = getattr(importlib.import_module(module), name, importlib)
     if isinstance(thing, ModuleType):
         yield f"module {name}"
     elif not isinstance(thing, type):
-        yield signature(tree(module if name in tree(module) else thing.__module__)[name])
+        owner = module if name in definitions(module) else thing.__module__
+        yield signature(definitions(owner)[name])
     else:
         bases = [base.__name__ for base in thing.__bases__ if base is not object]
         yield f"class {name}({', '.join(bases)})"
-        node = tree(thing.__module__)[thing.__name__]
+        node = definitions(thing.__module__)[thing.__name__]
         assert isinstance(node, ast.ClassDef)
-        for one in node.body:
-            kinds = [f"@{ast.unparse(kind)} " for kind in getattr(one, "decorator_list", ())]
-            if any(not known.startswith("_") for known in names(one)):
-                yield f"    {''.join(kinds)}{signature(one)}"
+        for member in node.body:
+            decorators = [f"@{ast.unparse(d)} " for d in getattr(member, "decorator_list", ())]
+            if any(not name.startswith("_") for name in defined_names(member)):
+                yield f"    {''.join(decorators)}{signature(member)}"
 
 
-def shown() -> set[tuple[str, str]]:
-    """Modules and names that pages of the guide and examples import."""
+def documented_names() -> set[tuple[str, str]]:
+    """Collect the modules and names that pages of the guide and examples import."""
     pages = [*DOCS.glob("*.md"), *DOCS.glob("guide/*.md"), *DOCS.glob("gallery/*/*.py")]
     imported = re.compile(r"^from (dechirp\.\S+) import (\([^)]*\)|[^(\n]*)$", re.MULTILINE)
     return {
         (module, name)
         for page in [*pages, *EXAMPLES.rglob("*.py")]
-        for module, listed in imported.findall(page.read_text(encoding="utf-8"))
-        for name in re.findall(r"\w+", re.sub(r"#.*| as \w+", "", listed))
+        for module, names in imported.findall(page.read_text(encoding="utf-8"))
+        for name in re.findall(r"\w+", re.sub(r"#.*| as \w+", "", names))
     }
 
 
+def namespace_names(module: str) -> dict[str, str]:
+    """Map the names of a namespace to the modules that define them."""
+    namespace = importlib.import_module(module)
+    if hasattr(namespace, "__path__"):
+        return public_names(module)
+    return {name: getattr(namespace, name).__module__ for name in namespace.__all__}
+
+
 def api() -> str:
-    """The whole text: names of the package, then those of its modules that users meet."""
-    own = {(f"dechirp.{dechirp._MODULE[name]}", name) for name in dechirp.__all__}
-    beyond = shown() - own
-    for module, name in own | beyond:
+    """Describe the public interface: root names, namespaces, then modules that users import."""
+    root = {(f"dechirp.{dechirp._MODULES[name]}", name) for name in dechirp.__all__}
+    grouped = {
+        namespace: [(owner, name) for name, owner in sorted(namespace_names(module).items())]
+        for namespace, module in NAMESPACES.items()
+    }
+    shown = root | {entry for entries in grouped.values() for entry in entries}
+    further = documented_names() - shown
+    for module, name in shown | further:
         thing = getattr(importlib.import_module(module), name, None)
         for base in getattr(thing, "__mro__", ()):
             if base.__module__.startswith("dechirp."):
-                beyond.add((base.__module__, base.__name__))
+                further.add((base.__module__, base.__name__))
     lines = ["# import dechirp"]
-    for module, name in sorted(own, key=lambda one: one[::-1]):
-        lines += told(name, module)
-    for module in sorted({module for module, _ in beyond - own}):
+    for module, name in sorted(root, key=lambda entry: entry[::-1]):
+        lines += describe_name(name, module)
+    for namespace, entries in sorted(grouped.items()):
+        lines += ["", f"# dechirp.{namespace}"]
+        for module, name in entries:
+            lines += describe_name(name, module)
+    for module in sorted({module for module, _ in further - shown}):
         lines += ["", f"# from {module} import"]
-        for name in sorted(name for of, name in beyond - own if of == module):
-            lines += told(name, module)
+        for name in sorted(name for owner, name in further - shown if owner == module):
+            lines += describe_name(name, module)
     return "\n".join(lines) + "\n"
 
 
-def test_what_users_call_is_what_was_promised():
-    kept = KEPT.read_text(encoding="utf-8").splitlines()
-    changed = list(difflib.unified_diff(kept, api().splitlines(), "promised", "made", lineterm=""))
+def stubs() -> dict[Path, str]:
+    """Write the stub files of the package and of its lazy namespaces."""
+    root = [
+        f"from dechirp.{module} import {name} as {name}"
+        for name, module in dechirp._MODULES.items()
+    ]
+    aliases = []
+    for name, module in sorted(NAMESPACES.items()):
+        package, _, leaf = module.rpartition(".")
+        if leaf == name:
+            root.append(f"from {package} import {name} as {name}")
+        else:  # an import under another name is private to a stub file
+            root.append(f"from {package} import {leaf} as _{name}")
+            aliases.append(f"{name} = _{name}")
+    texts = {ROOT / "__init__.pyi": [*sorted(root), "", *aliases, "__version__: str"]}
+    for module in NAMESPACES.values():
+        namespace = importlib.import_module(module)
+        if hasattr(namespace, "__path__"):
+            texts[Path(namespace.__path__[0]) / "__init__.pyi"] = sorted(
+                f"from {owner} import {name} as {name}"
+                for name, owner in public_names(module).items()
+            )
+    return {
+        path: "\n".join(["# Written by tests/test_api.py.", "", *lines, ""])
+        for path, lines in texts.items()
+    }
 
-    assert not changed, "\n".join([*changed, "if meant: python tests/test_api.py"])
+
+def test_public_interface_is_recorded_in_api_text():
+    recorded = API_TEXT.read_text(encoding="utf-8").splitlines()
+    changes = list(
+        difflib.unified_diff(recorded, api().splitlines(), "api.txt", "src", lineterm="")
+    )
+
+    assert not changes, "\n".join([*changes, "if intended: python tests/test_api.py"])
+
+
+def test_stub_files_agree_with_the_package():
+    written = {path: path.read_text(encoding="utf-8") for path in ROOT.rglob("*.pyi")}
+
+    assert written == stubs(), "run python tests/test_api.py"
+
+
+def test_root_names_are_few_and_no_modules():
+    assert len(dechirp.__all__) == len(set(dechirp.__all__)) <= 64
+    for name in dechirp.__all__:
+        assert not isinstance(getattr(dechirp, name), ModuleType)
+        assert importlib.util.find_spec(f"dechirp.{name}") is None
+
+
+def test_dir_shows_root_names_and_namespaces():
+    assert set(dir(dechirp)) == {*dechirp.__all__, *NAMESPACES, "__version__"}
+    assert not set(dechirp.__all__) & set(NAMESPACES)
+
+
+@pytest.mark.parametrize("namespace", NAMESPACES)
+def test_namespace_shows_and_resolves_its_names(namespace):
+    module = getattr(dechirp, namespace)
+    names = namespace_names(NAMESPACES[namespace])
+
+    assert names
+    assert sorted(module.__all__) == sorted(names)
+    assert set(names) <= set(dir(module))
+    for name, owner in names.items():
+        assert getattr(module, name) is getattr(importlib.import_module(owner), name)
+
+
+@pytest.mark.parametrize("namespace", NAMESPACES)
+def test_namespace_of_a_family_shows_every_member(namespace):
+    package = f"{NAMESPACES[namespace]}."
+    bases = [cls for cls in Family.__subclasses__() if cls.__module__.startswith(package)]
+    members = {
+        member.__name__
+        for base in bases
+        for member in base.members().values()
+        if member.__module__.startswith(package)
+    }
+
+    assert members <= set(dir(getattr(dechirp, namespace)))
+
+
+@pytest.mark.parametrize("module", ["dechirp", "dechirp.processing.cfar"])
+def test_unknown_name_is_an_attribute_error(module):
+    with pytest.raises(AttributeError, match="no attribute 'Sweep'"):
+        getattr(importlib.import_module(module), "Sweep")  # noqa: B009
+
+
+USER_SCRIPT = """
+import dechirp as dc
+
+radar = dc.design(max_range_m=200, range_resolution_m=1, max_velocity_m_per_s=100).radar
+scene = dc.Scene(targets=(dc.Target(position_m=(50, 0, 0), rcs_m2=10),))
+reveal_type(dc.simulate(scene, radar, seed=1))
+reveal_type(dc.cfar.CellAveraging())
+reveal_type(dc.theory.detection_probability(20.0, 1e-6))
+reveal_type(dc.scores.RangeRmse())
+reveal_type(dc.track_metrics.gospa)
+dc.cfar.Sweep
+"""
+
+
+def test_type_checker_resolves_names_of_the_package(tmp_path):
+    script = tmp_path / "user.py"
+    script.write_text(USER_SCRIPT, encoding="utf-8")
+
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", str(script)],
+        cwd=ROOT.parents[1],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    output = "\n".join(line for line in done.stdout.splitlines() if "user.py" in line)
+    revealed = re.findall(r'Revealed type is "(.*)"', output)
+    assert revealed[0] == "xarray.core.dataarray.DataArray"
+    assert revealed[1] == "dechirp.processing.cfar.cell_averaging.CellAveraging"
+    assert revealed[2].startswith("numpy.ndarray")
+    assert revealed[3].endswith(".RangeRmse")
+    assert revealed[4].endswith(".Gospa]")
+    assert re.findall(r"error: (.*)", output) == ['Module has no attribute "Sweep"  [attr-defined]']
 
 
 if __name__ == "__main__":
-    sys.stdout.write(f"{KEPT}: {KEPT.write_text(api(), encoding='utf-8')} characters\n")
+    for path, text in {API_TEXT: api(), **stubs()}.items():
+        path.write_text(text, encoding="utf-8")
+        sys.stdout.write(f"{path}\n")

@@ -32,6 +32,23 @@ def test_every_file_says_in_one_line_what_it_is_for():
     assert [str(path.relative_to(ROOT)) for path in unclear] == []
 
 
+def test_settings_in_messages_belong_to_existing_classes():
+    classes = {
+        node.name
+        for path in FILES
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.ClassDef)
+    }
+    owners = {
+        (str(path.relative_to(ROOT)), owner)
+        for path in FILES
+        for owner in re.findall(r'"([A-Z][a-z]\w+)\.[a-z_{]', path.read_text(encoding="utf-8"))
+    }
+
+    # Thumbs.db is a file of a file manager.
+    assert {owner for _, owner in owners if owner not in classes} <= {"Thumbs"}, owners
+
+
 def declared() -> dict[str, list[str]]:
     """Libraries that a user may install with the package, by extra; `core` are all others'."""
     project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]

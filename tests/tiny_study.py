@@ -16,10 +16,10 @@ import numpy as np
 
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding
-from dechirp.experiment.study.block import Block, Failure
-from dechirp.experiment.study.executors import Workers, given, local
-from dechirp.experiment.study.ledger import NAME, Ledger
-from dechirp.experiment.study.running import Progress, run_blocks
+from dechirp.experiments.study.block import Block, Failure
+from dechirp.experiments.study.executors import Workers, local_workers, workers_from_executor
+from dechirp.experiments.study.ledger import LEDGER_NAME, Ledger
+from dechirp.experiments.study.scheduler import Progress, run_blocks
 
 IDENTITY = {"study": "seed: 1\ntrials: 400", "dechirp": "0.1.0"}
 ENVIRONMENT = {"numpy": np.__version__}
@@ -55,7 +55,7 @@ def work(tiny: Tiny, point: int, number: int) -> Block:
     failed = [t for t in numbers if point == 1 and t in tiny.fails]
     sums[[t - first for t in failed]] = np.nan
     said = Finding(
-        level="warning", setting=f"point {point}", got="so", need="other", fix="Mend it."
+        level="warning", setting=f"point {point}", value="so", expected="other", fix="Mend it."
     )
     return Block(
         point,
@@ -98,7 +98,7 @@ def run(
 def fingerprint(out: Path) -> str:
     """Of all that is kept, to the bit, in the order of the trials; not of how long it took."""
     found = hashlib.sha256()
-    connection = sqlite3.connect(out / NAME)
+    connection = sqlite3.connect(out / LEDGER_NAME)
     for query in (
         "SELECT point, number, first, n_trials, sums FROM blocks ORDER BY point, number",
         "SELECT * FROM failures ORDER BY point, trial",
@@ -127,12 +127,12 @@ def main() -> int:
     print("started", flush=True)
     try:
         if told.workers:
-            with local(told.workers) as workers:
+            with local_workers(told.workers) as workers:
                 run(told.out, workers, Tiny(pause_s=told.pause), until=told.until)
         else:
             from concurrent.futures import ThreadPoolExecutor
 
-            with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+            with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
                 run(told.out, workers, Tiny(pause_s=told.pause), until=told.until)
     except DechirpError as error:
         print(error)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 import dechirp as dc
-from dechirp.echoes.echo import clean_echoes
-from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.match import Matcher
-from dechirp.process.chain import Chain
-from dechirp.process.detect import detect
+from dechirp.evaluation.association import Associator
+from dechirp.evaluation.trial import TrialContext, TrialResult
+from dechirp.processing.chain import Chain
+from dechirp.processing.detect import detect
 from dechirp.radar.budget import noise_power_w
 from dechirp.scene.truth import truth
+from dechirp.simulation.simulate import simulate_ideal_echoes
 from radars import of_street
 
 
@@ -27,26 +27,26 @@ def target(range_m: float = 20.0, velocity: float = 3.0, **changed) -> dc.Target
 
 def case_of(
     radar: dc.Radar, chain: Chain, snr_db: float, *targets: dc.Target, n_frames: int = 1
-) -> Case:
+) -> TrialContext:
     """With so much noise that the first target has that ratio after integration."""
     scene = dc.Scene(targets=targets or (target(),))
     own = float(truth(scene, radar).snr[0, 0])
     noise_w = noise_power_w(radar) * own / 10 ** (snr_db / 10)
     known = truth(scene, radar, n_frames=n_frames, noise_power_w=noise_w)
-    return Case(
+    return TrialContext(
         scene=scene,
         radar=radar,
-        chain=chain.fitted(radar),
+        chain=chain.fit_to_radar(radar),
         truth=known,
         noise_power_w=noise_w,
         times_s=known.time.values,
     )
 
 
-def cubes(case: Case, rng: np.random.Generator):
+def cubes(case: TrialContext, rng: np.random.Generator):
     """Frames of steady targets in white noise, without end."""
     steady = [replace(one, fluctuation="steady") for one in case.scene.targets]
-    clean = clean_echoes(dc.Scene(targets=steady), case.radar)
+    clean = simulate_ideal_echoes(dc.Scene(targets=steady), case.radar)
     kind = np.complex64 if np.iscomplexobj(clean.values) else np.float32
     echoes = clean.values.astype(kind)
     while True:
@@ -55,16 +55,16 @@ def cubes(case: Case, rng: np.random.Generator):
         yield clean.copy(data=echoes + noise.view(kind)[..., 0])
 
 
-def looks(case: Case, n_trials: int, seed: int = 1):
+def looks(case: TrialContext, n_trials: int, seed: int = 1):
     """What so many trials of one frame show."""
-    matcher = Matcher(case.truth, case.radar, case.scene)
+    matcher = Associator(case.truth, case.radar, case.scene)
     each = cubes(case, np.random.default_rng(seed))
     for _ in range(n_trials):
         found = detect(next(each), case.radar, case.chain)
         columns = {name: column.values for name, column in found.items()}
-        yield Look(detections=columns, match=matcher(columns))
+        yield TrialResult(detections=columns, association=matcher(columns))
 
 
-def sums(score, case: Case, n_trials: int, seed: int = 1) -> np.ndarray:
+def sums(score, case: TrialContext, n_trials: int, seed: int = 1) -> np.ndarray:
     """Of all trials, (n_trials, n_subjects, n_sums)."""
-    return np.array([score.sums(look, case) for look in looks(case, n_trials, seed)])
+    return np.array([score.trial_sums(look, case) for look in looks(case, n_trials, seed)])

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import KDTree
 
-from dechirp.evaluate.gospa import gospa
+from dechirp.evaluation.gospa import gospa
 from sides.inputs import case_of
 from sides.kinds import Inputs
 from sides.plain_echoes import direct_sum

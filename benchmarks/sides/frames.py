@@ -21,7 +21,7 @@ def radar_of(n_samples: int, n_chirps: int, n_tx: int, n_rx: int) -> dc.Radar:
         sampling="complex",
     )
     spacing_m = chirp.wavelength_m / 2
-    turns = dc.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None
+    turns = dc.multiplexing.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None
     return dc.Radar(
         frame=dc.Frame(
             chirp=chirp,

@@ -3,13 +3,13 @@
 import numpy as np
 
 import dechirp as dc
-from dechirp.config import files
-from dechirp.echoes.kernels.base import Scatterers, Sent
-from dechirp.evaluate.track_trial import TrackTrial, draw
-from dechirp.process.angle.aperture import Aperture
-from dechirp.process.centroids import placed
-from dechirp.process.cfar.base import Ring
-from dechirp.process.cluster import Reach
+from dechirp.config import loading
+from dechirp.evaluation.track_trial import TrackTrial, draw_trial
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.centroids import to_detection_cells
+from dechirp.processing.cfar.base import TrainingWindow
+from dechirp.processing.cluster import Reach
+from dechirp.simulation.kernels.base import Scatterers, Transmission
 from dechirp.theory.direction_bounds import direction_std_rad
 from sides import scenes
 from sides.frames import CROSSING, frame_of, radar_of, targets
@@ -26,12 +26,12 @@ def echoes(case: scenes.Case) -> Inputs:
     return kept | {"n_samples": np.array(n_samples)}
 
 
-def case_of(x: Inputs) -> tuple[Scatterers, Sent]:
+def case_of(x: Inputs) -> tuple[Scatterers, Transmission]:
     """Back to scatterers, and what is sent at them."""
     numbers = ("start_frequency_hz", "slope_hz_per_s", "adc_start_s", "sample_rate_hz")
     return (
         Scatterers(x["path_m"], x["amplitudes"], x["tx_gains"], x["rx_gains"]),
-        Sent(
+        Transmission(
             x["starts_s"],
             x["weights"],
             x["tx_m"],
@@ -56,15 +56,15 @@ def noise_maps(n_maps: int, n_velocity: int, n_range: int, pfa: float, step: flo
     rng = np.random.default_rng(1)
     power = rng.exponential(size=(n_maps, n_velocity, n_range)).astype(np.float32)
     power[..., n_range // 2 :] *= step
-    ring = Ring(
+    ring = TrainingWindow(
         n_training=dc.Cells(velocity=TRAINING[0], range=TRAINING[1]),
         n_guard=dc.Cells(velocity=GUARD[0], range=GUARD[1]),
     )
     rank = 3 * N_RING // 4
     middle = ring.offsets(ring.half_range)
     factors = [
-        estimator.independent_factor(pfa, middle, n_channels=1)
-        for estimator in (dc.CellAveraging(), dc.OrderedStatistic(rank=rank))
+        estimator.independent_cells_factor(pfa, middle, n_channels=1)
+        for estimator in (dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic(rank=rank))
     ]
     return {
         "power": power,
@@ -104,7 +104,7 @@ def snapshots(n: int, n_elements: int) -> Inputs:
     seen = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
     azimuth = rng.uniform(-1, 1, n)
     noise = rng.normal(size=(2, n, n_elements)) / np.sqrt(2)
-    x = np.sqrt(SNR) * seen.steering(azimuth) + noise[0] + 1j * noise[1]
+    x = np.sqrt(SNR) * seen.steering_vectors(azimuth) + noise[0] + 1j * noise[1]
     sines = np.linspace(-1, 1, 181)
     bound = direction_std_rad(
         positions=seen.positions,
@@ -112,11 +112,11 @@ def snapshots(n: int, n_elements: int) -> Inputs:
         elevation_rad=[0.0],
         amplitudes=[np.sqrt(SNR)],
         noise_power=1.0,
-        tells=seen.tells,
+        unknown=seen.resolves,
     )[0, 0]
     return {
         "snapshots": x.astype(np.complex64),
-        "towards": seen.steering(np.arcsin(sines)).astype(np.complex64),
+        "towards": seen.steering_vectors(np.arcsin(sines)).astype(np.complex64),
         "sines": sines,
         "load": np.array(1.0),
         "azimuth_rad": azimuth,
@@ -149,8 +149,8 @@ def points(n: int) -> Inputs:
         "azimuth": np.arcsin(sine) + 0.01 * rng.normal(size=n),
         "snr": 100 * rng.exponential(size=n),
     }
-    unknown = {"elevation": np.full(n, np.nan), "fold": np.full(n, np.nan)}
-    cells = placed(told | unknown, radar).cells / Reach().of_axes
+    unknown = {"elevation": np.full(n, np.nan), "ambiguity_number": np.full(n, np.nan)}
+    cells = to_detection_cells(told | unknown, radar).cells / Reach().by_axis
     return {f"detections_{name}": values for name, values in told.items()} | {
         "places": cells[:, :3],
         "owner": owner,
@@ -159,8 +159,8 @@ def points(n: int) -> Inputs:
 
 def tracking(n_frames: int) -> Inputs:
     """The first frames of the example in which ten targets cross."""
-    trial = files.read(CROSSING, TrackTrial)
-    drawn = draw(trial, 0)
+    trial = loading.read_settings(CROSSING, TrackTrial)
+    drawn = draw_trial(trial, 0)
     kept = drawn.detections.isel(detection=drawn.detections.frame.values < n_frames)
     area = np.prod([high - low for low, high in trial.false_alarms.bounds])
     truth = np.stack([drawn.truth.x.values, drawn.truth.y.values], axis=-1)

@@ -8,20 +8,20 @@ import numpy as np
 import xarray as xr
 
 import dechirp as dc
-from dechirp.config import files
+from dechirp.config import loading
 from dechirp.core.findings import PhysicsWarning
-from dechirp.echoes.engine import Engine
-from dechirp.echoes.kernels import choice
-from dechirp.evaluate.track_trial import TrackTrial
-from dechirp.formats.samples.layouts import Code, TwoLanes
-from dechirp.process.angle.aperture import Aperture
-from dechirp.process.angle.bartlett import beam_power
-from dechirp.process.angle.capon import Capon
-from dechirp.process.angle.music import Music
-from dechirp.process.cfar.base import NoiseEstimator, Ring
-from dechirp.process.cluster import Dbscan, cluster
-from dechirp.radar.cube import labelled_cube
-from dechirp.tracking.tracks import track
+from dechirp.evaluation.track_trial import TrackTrial
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.bartlett import beam_power
+from dechirp.processing.angle.capon import Capon
+from dechirp.processing.angle.music import Music
+from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
+from dechirp.processing.cluster import Dbscan, cluster
+from dechirp.radar.cube import label_cube
+from dechirp.recordings.samples.layouts import SampleCode, TwoLanes
+from dechirp.simulation.engine import Engine
+from dechirp.simulation.kernels import selection
+from dechirp.tracking.batch import track
 from sides.frames import CROSSING, radar_of
 from sides.inputs import case_of
 from sides.kinds import Inputs, Timed
@@ -38,7 +38,7 @@ def echoes(x: Inputs) -> Timed:
 
     def add() -> np.ndarray:
         samples[:] = 0
-        choice.add(samples, scatterers, sent, engine=engine)
+        selection.add_echoes(samples, scatterers, sent, engine=engine)
         return samples
 
     return add
@@ -47,32 +47,32 @@ def echoes(x: Inputs) -> Timed:
 def power_map(x: Inputs) -> Timed:
     n_chirps, n_samples = x["samples"].shape
     radar = radar_of(n_samples, n_chirps, 1, 1)
-    cube = labelled_cube(x["samples"][None, :, None], radar, units="sqrt(W)").isel(frame=0)
+    cube = label_cube(x["samples"][None, :, None], radar, units="sqrt(W)").isel(frame=0)
     chain = dc.Chain(n_range_bins=int(x["n_bins"]))
     return lambda: dc.power_map(cube, radar, chain).values
 
 
 def cell_averaging(x: Inputs) -> Timed:
-    return masks(dc.CellAveraging(), x)
+    return masks(dc.cfar.CellAveraging(), x)
 
 
 def ordered_statistic(x: Inputs) -> Timed:
-    return masks(dc.OrderedStatistic(rank=int(x["rank"])), x)
+    return masks(dc.cfar.OrderedStatistic(rank=int(x["rank"])), x)
 
 
 def masks(estimator: NoiseEstimator, x: Inputs) -> Timed:
     """Edges with factors of their own: fewer guard cells fit into a box at the end of the map."""
     training, guard = (dc.Cells(velocity=n[0], range=n[1]) for n in (TRAINING, GUARD))
-    ring = Ring(n_training=training, n_guard=guard)
-    places = ring.places(x["power"].shape[2])
+    ring = TrainingWindow(n_training=training, n_guard=guard)
+    places = ring.box_rows(x["power"].shape[2])
     factors = {
-        place: estimator.independent_factor(
+        place: estimator.independent_cells_factor(
             float(x["false_alarm_probability"]), ring.offsets(place), n_channels=1
         )
         for place in np.unique(places).tolist()
     }
     of_rows = np.array([factors[place] for place in places.tolist()], np.float32)
-    return lambda: [estimator.exceeds(power, ring, of_rows) for power in x["power"]]
+    return lambda: [estimator.exceeds_threshold(power, ring, of_rows) for power in x["power"]]
 
 
 def frame(x: Inputs) -> Timed:
@@ -80,7 +80,7 @@ def frame(x: Inputs) -> Timed:
     n_tx, n_rx, n_chirps, n_samples = x["sizes"].tolist()
     radar = radar_of(n_samples, n_chirps, n_tx, n_rx)
     samples = x["samples"].reshape(1, n_chirps * n_tx, n_rx, n_samples)
-    cube = labelled_cube(samples, radar, units="sqrt(W)")
+    cube = label_cube(samples, radar, units="sqrt(W)")
 
     def places() -> np.ndarray:
         found = dc.detect(cube, radar)
@@ -106,7 +106,7 @@ def azimuths(estimator: Capon | Music, x: Inputs) -> Timed:
     n, n_elements = x["snapshots"].shape
     seen = Aperture(np.array([(0, i / 2, 0) for i in range(n_elements)]))
     looks, noise = x["snapshots"][:, None], np.ones(n)
-    return lambda: estimator.directions(looks, seen, noise).azimuth_rad[:, 0]
+    return lambda: estimator.find_directions(looks, seen, noise).azimuth_rad[:, 0]
 
 
 def dbscan(x: Inputs) -> Timed:
@@ -119,7 +119,7 @@ def dbscan(x: Inputs) -> Timed:
 def tracking(x: Inputs) -> Timed:
     """Positions of confirmed tracks in each frame, NaN where there is none."""
     detections, times_s = table(x, "detections_"), x["times_s"]
-    tracker = replace(files.read(CROSSING, TrackTrial).tracker, association="nearest")
+    tracker = replace(loading.read_settings(CROSSING, TrackTrial).tracker, association="nearest")
 
     def positions() -> np.ndarray:
         found = track(detections, times_s, tracker)
@@ -145,7 +145,7 @@ def decode(x: Inputs) -> Timed:
 
     def samples() -> np.ndarray:
         # Words are sorted in place: a reader hands over the bytes that it has read.
-        TwoLanes().decode(words.copy().reshape(len(out), -1), out, Code())
+        TwoLanes().decode(words.copy().reshape(len(out), -1), out, SampleCode())
         return out
 
     return samples

@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dechirp.echoes.kernels.base import Scatterers, Sent
+from dechirp.simulation.kernels.base import Scatterers, Transmission
 
 C = 299_792_458.0
 HAS_FINUFFT = importlib.util.find_spec("finufft") is not None
 
 
 def direct_sum(
-    scatterers: Scatterers, sent: Sent, n_samples: int, chirps: np.ndarray
+    scatterers: Scatterers, sent: Transmission, n_samples: int, chirps: np.ndarray
 ) -> np.ndarray:
     """The law as one writes it with NumPy, some of the chirps, (chirp, rx, sample)."""
     late_s = sent.adc_start_s + np.arange(n_samples) / sent.sample_rate_hz
@@ -37,7 +37,7 @@ def direct_sum(
     return out
 
 
-def low_rank_product(scatterers: Scatterers, sent: Sent, n_samples: int) -> np.ndarray:
+def low_rank_product(scatterers: Scatterers, sent: Transmission, n_samples: int) -> np.ndarray:
     """One matrix product with three Taylor orders of range migration, complex64; cube A alone."""
     tone, time_s, late_s = tones(scatterers, sent, n_samples)
     slow = tone.strength[:, None] * np.exp(2j * np.pi * tone.doppler_hz[:, None] * time_s)
@@ -48,7 +48,7 @@ def low_rank_product(scatterers: Scatterers, sent: Sent, n_samples: int) -> np.n
     return np.concatenate(left).astype(np.complex64).T @ np.concatenate(right).astype(np.complex64)
 
 
-def with_finufft(scatterers: Scatterers, sent: Sent, n_samples: int) -> np.ndarray:
+def with_finufft(scatterers: Scatterers, sent: Transmission, n_samples: int) -> np.ndarray:
     """Two-dimensional transforms, five Taylor orders of range migration, double; cube A alone."""
     import finufft  # not everywhere installed
 
@@ -85,7 +85,7 @@ class Tones(NamedTuple):
 
 
 def tones(
-    scatterers: Scatterers, sent: Sent, n_samples: int
+    scatterers: Scatterers, sent: Transmission, n_samples: int
 ) -> tuple[Tones, np.ndarray, np.ndarray]:
     """Tones, times of chirps and of samples, both from the middle of the window and frame."""
     late_s = (np.arange(n_samples) - n_samples // 2) / sent.sample_rate_hz
@@ -112,7 +112,7 @@ def tones(
     )
 
 
-def recurrence(scatterers: Scatterers, sent: Sent, n_samples: int) -> np.ndarray:
+def recurrence(scatterers: Scatterers, sent: Transmission, n_samples: int) -> np.ndarray:
     """A phasor turned from sample to sample, its turn too: phases to second order in a chirp."""
     middle_s = sent.adc_start_s + n_samples / 2 / sent.sample_rate_hz
     out = np.zeros((len(sent.starts_s), len(sent.rx_m), n_samples), np.complex64)

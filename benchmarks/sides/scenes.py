@@ -8,15 +8,15 @@ the MIMO radar).
 
 import numpy as np
 
-from dechirp.echoes.kernels.base import Scatterers, Sent
+from dechirp.simulation.kernels.base import Scatterers, Transmission
 
 C = 299_792_458.0
-Case = tuple[Scatterers, Sent, tuple[int, int, int]]
+Case = tuple[Scatterers, Transmission, tuple[int, int, int]]
 
 
 def cube_a(n: int, farthest_m: float, rng: np.random.Generator) -> Case:
     interval_s = 150e6 / 20.4545e12
-    sent = Sent(
+    sent = Transmission(
         centred(128, interval_s),
         np.ones((128, 1), complex),
         np.zeros((1, 3)),
@@ -33,7 +33,7 @@ def mimo(n: int, rng: np.random.Generator) -> Case:
     n_chirps, wavelength_m = 3 * 128, C / 77e9
     weights = np.zeros((n_chirps, 3), complex)
     weights[np.arange(n_chirps), np.arange(n_chirps) % 3] = 1
-    sent = Sent(
+    sent = Transmission(
         centred(n_chirps, 30e-6),
         weights,
         np.array([[0, 2 * k * wavelength_m, 0] for k in range(3)]),
@@ -47,7 +47,7 @@ def mimo(n: int, rng: np.random.Generator) -> Case:
 
 
 def long_chirp(n: int, rng: np.random.Generator) -> Case:
-    sent = Sent(
+    sent = Transmission(
         centred(512, 60e-6),
         np.ones((512, 1), complex),
         np.zeros((1, 3)),
@@ -69,7 +69,7 @@ def scene(
     nearest_m: float,
     farthest_m: float,
     fastest: float,
-    sent: Sent,
+    sent: Transmission,
     rng: np.random.Generator,
 ) -> Scatterers:
     """Scatterers ahead, evenly spread over range and azimuth, of exponential cross section."""

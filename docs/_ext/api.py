@@ -1,12 +1,15 @@
-"""Pages of the API: a page for each folder that names of `dechirp.__all__` come from.
+"""API pages: a page for each folder that defines public names, written to `docs/api`.
 
-What a page is called, what it says first and which names it has is read from the package: a
-folder's docstring, and where each name is loaded from. They are written to `docs/api`.
+Public names are those of `dechirp.__all__` and of the namespaces, such as `cfar.CellAveraging`.
+The title and introduction of a page come from the folder's docstring.
 """
 
 import importlib
+import inspect
+from collections import Counter
 from dataclasses import fields, is_dataclass
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,173 +20,207 @@ from sphinx.environment import BuildEnvironment
 from sphinx.ext.napoleon.docstring import GoogleDocstring
 
 import dechirp
-from dechirp.config.fields import settings
+from dechirp.config.fields import list_settings
 from dechirp.core.families import Family
 
 _ORDER = (
     "radar",
     "scene",
-    "echoes",
-    "process",
+    "simulation",
+    "recordings",
+    "processing",
     "tracking",
-    "evaluate",
-    "experiment",
-    "formats",
-    "live",
-    "objects",
-    "store",
-    "exchange",
+    "evaluation",
+    "experiments",
+    "results",
+    "theory",
 )
-"""Folders in the order in which one meets them; others come after."""
+"""Top folders in reading order; others follow."""
 _MEMBERS = """
    :members:
    :undoc-members:
    :inherited-members: Family, Exception, object"""
 
 
-def by_folder() -> dict[str, list[str]]:
-    """Names by the folder that they come from, `process.angle` and so on."""
-    found: dict[str, list[str]] = {}
-    for name in dechirp.__all__:
-        module = getattr(dechirp, name).__module__
-        found.setdefault(module.removeprefix("dechirp.").rpartition(".")[0], []).append(name)
-    return dict(sorted(found.items(), key=lambda item: _place(item[0])))
+def _load(name: str) -> Any:
+    """Return the object of a public name such as `cfar.CellAveraging`."""
+    return attrgetter(name)(dechirp)
 
 
-def _place(folder: str) -> tuple[int, str]:
+@cache
+def public_names() -> dict[str, str]:
+    """Map each public name to the folder of its module, `processing.angle` and so on."""
+    members = (
+        f"{namespace}.{name}"
+        for namespace in dechirp._NAMESPACES
+        for name in getattr(dechirp, namespace).__all__
+        if name not in dechirp.__all__
+    )
+    names = (*dechirp.__all__, *members)
+    folders = {name: _load(name).__module__.removeprefix("dechirp.") for name in names}
+    return {name: module.rpartition(".")[0] or module for name, module in folders.items()}
+
+
+@cache
+def _unique_names() -> dict[str, str]:
+    """Map the last part of public names to the name, if it is unique."""
+    counts = Counter(name.rpartition(".")[2] for name in public_names())
+    last_parts = {name.rpartition(".")[2]: name for name in public_names()}
+    return {last: name for last, name in last_parts.items() if counts[last] == 1}
+
+
+def names_by_folder() -> dict[str, list[str]]:
+    """Group the public names by folder."""
+    folders: dict[str, list[str]] = {}
+    for name, folder in public_names().items():
+        folders.setdefault(folder, []).append(name)
+    return dict(sorted(folders.items(), key=lambda item: _sort_key(item[0])))
+
+
+def _sort_key(folder: str) -> tuple[int, str]:
     top = folder.partition(".")[0]
     return (_ORDER.index(top) if top in _ORDER else len(_ORDER)), folder
 
 
-def _page(folder: str, names: list[str], below: list[str]) -> str:
+def _write_page(folder: str, names: list[str], subfolders: list[str]) -> str:
     title = folder.rpartition(".")[2].replace("_", " ").capitalize()
-    about = importlib.import_module(f"dechirp.{folder}").__doc__ or ""
-    about = about.strip().partition("\n\n")[0]
-    lines = [title, "=" * len(title), "", about, ""]
-    if below:
+    introduction = importlib.import_module(f"dechirp.{folder}").__doc__ or ""
+    introduction = introduction.strip().partition("\n\n")[0]
+    lines = [title, "=" * len(title), "", introduction, ""]
+    if subfolders:
         lines += [".. toctree::", "   :maxdepth: 1", ""]
-        lines += [f"   {one}" for one in below] + [""]
+        lines += [f"   {subfolder}" for subfolder in subfolders] + [""]
     lines += [".. currentmodule:: dechirp", "", ".. autosummary::", "   :nosignatures:", ""]
     lines += [f"   {name}" for name in names] + [""]
     for name in names:
-        is_class = isinstance(getattr(dechirp, name), type)
-        lines += [name, "-" * len(name), ""]
-        lines += [f".. auto{'class' if is_class else 'function'}:: {name}"]
-        lines += _members(getattr(dechirp, name)) if is_class else []
+        thing = _load(name)
+        directive = "autofunction" if inspect.isroutine(thing) else "autoclass"
+        lines += [name, "-" * len(name), "", f".. {directive}:: dechirp.{name}"]
+        lines += _member_options(thing) if isinstance(thing, type) else []
         lines += [""]
     return "\n".join(lines)
 
 
-def _members(cls: type) -> list[str]:
-    """Ask for the fields, and the methods that its family does not ask of every member."""
-    asked = [
+def _member_options(cls: type) -> list[str]:
+    """Show the fields and methods of a class, but not those that its family requires."""
+    required = [
         name
         for base in cls.__mro__[1:]
         if issubclass(cls, Family) and issubclass(base, Family)
         for name, thing in vars(base).items()
         if callable(getattr(thing, "__func__", thing)) or name == "group"
     ]
-    hidden = [f"   :exclude-members: {', '.join(sorted(set(asked)))}"] if asked else []
+    hidden = [f"   :exclude-members: {', '.join(sorted(set(required)))}"] if required else []
     return [*_MEMBERS.splitlines()[1:], *hidden]
 
 
-def _write(app: Sphinx) -> None:
-    """Write the pages, those alone that changed: the others are not read again."""
-    if not any(one.startswith(("api", "**")) for one in app.config.include_patterns):
+def _write_pages(app: Sphinx) -> None:
+    """Write the pages that changed, so that Sphinx does not read the others again."""
+    if not any(pattern.startswith(("api", "**")) for pattern in app.config.include_patterns):
         return
-    here = Path(app.srcdir) / "api"
-    here.mkdir(exist_ok=True)
-    folders = by_folder()
+    target = Path(app.srcdir) / "api"
+    target.mkdir(exist_ok=True)
+    folders = names_by_folder()
     tops = list(dict.fromkeys(folder.partition(".")[0] for folder in folders))
+    for top in tops:
+        folders.setdefault(top, [])
     pages = {
-        folder: _page(folder, names, [one for one in folders if one.startswith(folder + ".")])
+        folder: _write_page(
+            folder, names, [inner for inner in folders if inner.startswith(folder + ".")]
+        )
         for folder, names in folders.items()
     }
-    pages["index"] = _index(folders, tops)
-    for file in here.glob("*.rst"):
+    pages["index"] = _write_index(folders, tops)
+    for file in target.glob("*.rst"):
         if file.stem not in pages:
             file.unlink()
     for name, text in pages.items():
-        file = here / f"{name}.rst"
+        file = target / f"{name}.rst"
         if not file.exists() or file.read_text(encoding="utf-8") != text:
             file.write_text(text, encoding="utf-8")
 
 
-def _index(folders: dict[str, list[str]], tops: list[str]) -> str:
-    lines = ["API", "===", "", f"The {len(dechirp.__all__)} names of ``import dechirp as dc``, by"]
-    lines += ["the folder that they come from. Fields carry their SI unit in the name; settings"]
-    lines += ["files use the name without it. All names are in the :ref:`index <genindex>`.", ""]
+def _write_index(folders: dict[str, list[str]], tops: list[str]) -> str:
+    lines = ["API", "===", "", f"The {len(dechirp.__all__)} names of ``import dechirp as dc`` and"]
+    lines += [f"the members of its {len(dechirp._NAMESPACES)} namespaces, by the folder that"]
+    lines += ["defines them. Fields carry their SI unit in the name; settings files use the name"]
+    lines += ["without it. All names are in the :ref:`index <genindex>`.", ""]
     lines += [".. toctree::", "   :hidden:", "", *(f"   {top}" for top in tops), ""]
     lines += [".. list-table::", "   :widths: 25 75", ""]
     for folder, names in folders.items():
-        linked = ", ".join(f":py:obj:`~dechirp.{name}`" for name in names)
-        lines += [f"   * - :doc:`{folder}`", f"     - {linked}"]
+        if names:
+            links = ", ".join(f":py:obj:`~dechirp.{name}`" for name in names)
+            lines += [f"   * - :doc:`{folder}`", f"     - {links}"]
     return "\n".join([*lines, ""])
 
 
-def _short(
+def _shorten_signature(
     app: Sphinx, what: str, name: str, thing: Any, _: Any, signature: str, result: str
 ) -> tuple[str, str] | None:
-    """Leave types and defaults of a value class to its fields, which follow."""
+    """Omit types and defaults of a value class, whose fields follow."""
     if what != "class" or not is_dataclass(thing):
         return None
-    required = {one.field for one in settings(thing).values() if one.required}
-    names = [one.name if one.name in required else f"{one.name}=..." for one in fields(thing)]
+    settings = list_settings(thing).values()
+    required = {setting.field for setting in settings if setting.is_required}
+    names = [
+        field.name if field.name in required else f"{field.name}=..." for field in fields(thing)
+    ]
     return (f"(*, {', '.join(names)})" if names else "()"), ""
 
 
 @cache
-def _units(owner: type) -> dict[str, tuple[str, str | None]]:
-    return {one.field: (key, one.slot.unit) for key, one in settings(owner).items()}
+def _field_units(owner: type) -> dict[str, tuple[str, str | None]]:
+    settings = list_settings(owner).items()
+    return {setting.field: (key, setting.slot.unit) for key, setting in settings}
 
 
-def _unit(app: Sphinx, what: str, name: str, thing: Any, _: Any, lines: list[str]) -> None:
-    """Say the unit of a field, and what settings files call it."""
+def _add_unit(app: Sphinx, what: str, name: str, thing: Any, _: Any, lines: list[str]) -> None:
+    """Append the unit of a field and its name in settings files."""
     owner, _, field = name.rpartition(".")
-    owner_class = getattr(dechirp, owner.removeprefix("dechirp."), None)
-    if what != "attribute" or not is_dataclass(owner_class):
+    owner = owner.removeprefix("dechirp.")
+    if what != "attribute" or owner not in public_names() or not is_dataclass(_load(owner)):
         return
-    key, unit = _units(owner_class).get(field, (field, None))
+    key, unit = _field_units(_load(owner)).get(field, (field, None))
     if unit is not None:
         while lines and not lines[-1]:
             lines.pop()
-        said = lines.pop() + " " if lines else ""
-        lines += [f"{said}In {unit}; ``{key}`` in settings files.", ""]
+        sentence = lines.pop() + " " if lines else ""
+        lines += [f"{sentence}In {unit}; ``{key}`` in settings files.", ""]
 
 
-def _alias(
-    app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: nodes.Element
+def _resolve_public_name(
+    app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.Element
 ) -> nodes.Element | None:
-    """Lead from `dechirp.radar.radar.Radar`, as a signature has it, to `dechirp.Radar`."""
+    """Resolve `dechirp.radar.radar.Radar` and `CellAveraging` to their public names."""
     target = node.get("reftarget", "")
-    name = target.rpartition(".")[2]
-    if node.get("refdomain") != "py" or name not in dechirp.__all__:
+    name = _unique_names().get(target.rpartition(".")[2])
+    if node.get("refdomain") != "py" or name is None:
         return None
     return env.domains.python_domain.resolve_xref(
-        env, node["refdoc"], app.builder, "obj", f"dechirp.{name}", node, shown
+        env, node["refdoc"], app.builder, "obj", f"dechirp.{name}", node, content
     )
 
 
-def _plain_words(_: Sphinx, tree: nodes.document) -> None:
-    """Take the link off a word such as `path` where a docstring has it for a type."""
+def _unlink_plain_words(_: Sphinx, tree: nodes.document) -> None:
+    """Remove the link of a word such as `path` that stands for a type in a docstring."""
     for link in list(tree.findall(pending_xref)):
         word = link["reftarget"]
-        if link.hasattr("refspecific") and "." not in word and word not in dechirp.__all__:
+        if link.hasattr("refspecific") and "." not in word and word not in _unique_names():
             link.replace_self(link.children)
 
 
-def _words(docstring: Any) -> list[str]:
-    """Lines of an attribute's docstring: napoleon takes what stands before a colon for its type."""
+def _parse_attribute(docstring: Any) -> list[str]:
+    """Return the lines of an attribute's docstring; napoleon would read a type before a colon."""
     return list(type(docstring)(docstring._consume_to_end(), docstring._config).lines())
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the pages before they are read."""
+    """Register the extension, which writes the pages before Sphinx reads them."""
     app.setup_extension("sphinx.ext.autodoc")
-    app.connect("builder-inited", _write)
-    app.connect("autodoc-process-signature", _short)
-    app.connect("autodoc-process-docstring", _unit)
-    app.connect("doctree-read", _plain_words)
-    app.connect("missing-reference", _alias)
-    GoogleDocstring._parse_attribute_docstring = _words  # there is no setting for it
+    app.connect("builder-inited", _write_pages)
+    app.connect("autodoc-process-signature", _shorten_signature)
+    app.connect("autodoc-process-docstring", _add_unit)
+    app.connect("doctree-read", _unlink_plain_words)
+    app.connect("missing-reference", _resolve_public_name)
+    GoogleDocstring._parse_attribute_docstring = _parse_attribute  # napoleon has no setting
     return {"parallel_read_safe": True, "parallel_write_safe": True}

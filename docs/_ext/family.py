@@ -10,7 +10,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from dechirp.cli.list import families, members
+from dechirp.cli.commands.list import base_classes, member_settings
 
 
 class Members(SphinxDirective):
@@ -21,7 +21,7 @@ class Members(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Give a definition list: each kind, what it is, and a table of its settings."""
         shown = nodes.definition_list()
-        for kind, member in members(families()[self.arguments[0]]).items():
+        for kind, member in member_settings(base_classes()[self.arguments[0]]).items():
             text = nodes.definition("", nodes.paragraph("", member["help"]))
             if member["settings"]:
                 text += _table(member["settings"])
@@ -38,7 +38,7 @@ def _table(settings: dict[str, Any]) -> nodes.table:
     group += nodes.thead("", _row("setting", "takes", "default"))
     body = nodes.tbody()
     for name, told in settings.items():
-        need = f"{told['need']}. {told['help']}".strip()
+        need = f"{told['expected']}. {told['help']}".strip()
         written = "required" if told["required"] else _written(told["default"])
         body += _row(nodes.literal(name, name), need, written)
     group += body

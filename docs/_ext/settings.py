@@ -26,17 +26,17 @@ from sphinx.directives.code import container_wrapper
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
-from dechirp.config import files
-from dechirp.config.models import Context
-from dechirp.config.tree import Node, read_tree
+from dechirp.config import loading
+from dechirp.config.validation import ValidationContext
+from dechirp.config.yaml_tree import YamlNode, parse_yaml
 from dechirp.core.errors import DechirpError
-from dechirp.experiment.scenario import READERS, Scenario
-from dechirp.experiment.study.read import load_study
-from dechirp.experiment.tune.read import load_tune
+from dechirp.experiments.scenario import READERS, Scenario
+from dechirp.experiments.study.parsing import load_study
+from dechirp.experiments.tune.parsing import load_tune
+from dechirp.radar.design.requirements import Requirements
 from dechirp.radar.radar import Radar
-from dechirp.radar.requirements import Requirements
 
-_REFERENCE = Path(str(resources.files("dechirp.experiment"))) / "reference.yaml"
+_REFERENCE = Path(str(resources.files("dechirp.experiments"))) / "reference.yaml"
 _LOG = logging.getLogger(__name__)
 _EXAMPLES = Path(__file__).parents[2] / "examples"
 _REST: dict[str, dict[str, str]] = {
@@ -44,7 +44,7 @@ _REST: dict[str, dict[str, str]] = {
     "tune": {
         "scenarios": f"[{_REFERENCE}]",
         "search": "{chain.cfar.n_guard.range: [3, 4]}",
-        "aim": "{most: detection_probability}",
+        "objective": "{maximise: detection_probability}",
     },
     "requirements": {
         "max_range": "200 m",
@@ -113,16 +113,16 @@ def _radar(file: Path, base: Path | None) -> None:
 
 
 def _load(file: Path, base: Path | None, kind: type) -> None:
-    given = read_tree(file.read_text(encoding="utf-8"), file.name)
+    given = parse_yaml(file.read_text(encoding="utf-8"), file.name)
     if base is not None:
-        under = read_tree(base.read_text(encoding="utf-8"), base.name)
+        under = parse_yaml(base.read_text(encoding="utf-8"), base.name)
         if kind is Radar and isinstance(under.content, dict):
             under = under.content.get("radar", under)
         given = _laid(_without_what_it_replaces(under, given), given)
-    files.of_tree(given, kind, Context(base=file.parent, readers=READERS))
+    loading.build_value(given, kind, ValidationContext(folder=file.parent, readers=READERS))
 
 
-def _without_what_it_replaces(under: Node, given: Node) -> Node:
+def _without_what_it_replaces(under: YamlNode, given: YamlNode) -> YamlNode:
     """Leave out what goes with a scene where another is given, or a recording."""
     assert isinstance(under.content, dict)
     assert isinstance(given.content, dict)
@@ -135,7 +135,7 @@ def _without_what_it_replaces(under: Node, given: Node) -> Node:
     return replace(under, content=left)
 
 
-def _laid(under: Node, over: Node) -> Node:
+def _laid(under: YamlNode, over: YamlNode) -> YamlNode:
     """Settings over others; a member of a family of another kind brings all of its own."""
     if not (isinstance(under.content, dict) and isinstance(over.content, dict)):
         return over
@@ -157,7 +157,9 @@ def _tune(file: Path, base: Path | None) -> None:
 
 
 def _requirements(file: Path, base: Path | None) -> None:
-    _with_the_rest(file, base, "requirements", lambda path: files.read(path, Requirements))
+    _with_the_rest(
+        file, base, "requirements", lambda path: loading.read_settings(path, Requirements)
+    )
 
 
 def _with_the_rest(
@@ -167,7 +169,7 @@ def _with_the_rest(
     if base is None:
         load(file)
         return
-    content = read_tree(text, file.name).content
+    content = parse_yaml(text, file.name).content
     assert isinstance(content, dict)
     rest = dict(_REST[kind])
     if base != _REFERENCE and "scenario" in rest:

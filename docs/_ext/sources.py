@@ -2,7 +2,7 @@
 
     {cite}`rohling` leads to Rohling 1983 in the list that the directive `sources` prints.
 
-The list is `report/references.py`, what the reference report cites, and `docs/sources.txt`.
+The list is `certificate/paper.py`, what the reference report cites, and `docs/sources.txt`.
 """
 
 import re
@@ -14,7 +14,7 @@ from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 from sphinx.util.docutils import SphinxDirective, SphinxRole
 
-from dechirp.report.references import REFERENCES
+from dechirp.certificate.paper import REFERENCES
 
 _PAGE = "guide/bibliography"
 _AUTHOR = re.compile(r"\b(?:[A-Z]\.[ -]?)+(?:McK\. )?((?:Van )?[A-Z][\w'-]+)")
@@ -26,7 +26,9 @@ def read() -> dict[str, str]:
     lines = (Path(__file__).parents[1] / "sources.txt").read_text(encoding="utf-8").splitlines()
     own = dict(line.split(": ", 1) for line in lines if line and not line.startswith("#"))
     if twice := sorted(set(own) & set(REFERENCES)):
-        raise ExtensionError(f"docs/sources.txt: {', '.join(twice)}: in references.py already")
+        raise ExtensionError(
+            f"docs/sources.txt: {', '.join(twice)}: in certificate/paper.py already"
+        )
     return {
         key: re.sub(r"(pp\. \d+)-", "\\1\N{EN DASH}", text)
         for key, text in {**REFERENCES, **own}.items()

@@ -5,8 +5,10 @@ python docs/figures/detectors.py
 
 from pathlib import Path
 
-from dechirp.report.figures.detectors import beside_each_other, height_in
-from dechirp.report.figures.style import png
+from dechirp.report.figures.detectors import draw_detector_comparison, height_in
+from dechirp.report.figures.style import render_png
 
 if __name__ == "__main__":
-    Path(__file__).with_suffix(".png").write_bytes(png(beside_each_other, height_in=height_in()))
+    Path(__file__).with_suffix(".png").write_bytes(
+        render_png(draw_detector_comparison, height_in=height_in())
+    )

@@ -9,6 +9,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import struct
 import sys
 import warnings
@@ -22,6 +23,7 @@ import numpy as np
 
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import PhysicsWarning
+from dechirp.results.hex_vectors import read_vectors, read_words
 
 CORPUS = Path(__file__).with_name("corpus")
 Entry = Callable[[Path, Path], object]
@@ -53,9 +55,9 @@ def must_say_all(error: DechirpError) -> None:
     assert error.mistakes, "an error without a mistake"
     for one in error.mistakes:
         assert one.setting.strip(), f"no place: {one!r}"
-        assert str(one.got).strip(), f"nothing got: {one!r}"
-        assert one.need.strip(), f"nothing needed: {one!r}"
-        assert one.fix.strip().endswith((".", "?", "!")), f"no sentence that mends it: {one!r}"
+        assert str(one.value).strip(), f"nothing got: {one!r}"
+        assert one.expected.strip(), f"nothing needed: {one!r}"
+        assert one.fix.strip(), f"no fix: {one!r}"
         assert len(str(one)) < 6000, f"nobody reads that much: {str(one)[:300]}"
         assert "\n" not in str(one), f"more than a line: {one!r}"
         assert all(c.isprintable() for c in str(one)), f"not to be printed: {str(one)!r}"
@@ -84,21 +86,21 @@ def _tune(file: Path, _: Path) -> object:
 
 
 def _radar(file: Path, _: Path) -> object:
-    from dechirp.formats.settings.read import read_radar
+    from dechirp.recordings.settings.read import read_radar
 
     return read_radar(file)
 
 
 def _requirements(file: Path, _: Path) -> object:
-    from dechirp.config import files
-    from dechirp.radar.design import design
-    from dechirp.radar.requirements import Requirements
+    from dechirp.config import loading
+    from dechirp.radar.design.design import design
+    from dechirp.radar.design.requirements import Requirements
 
-    return design(files.read(file, Requirements))
+    return design(loading.read_settings(file, Requirements))
 
 
 def _calibration(file: Path, _: Path) -> object:
-    from dechirp.formats.settings.calibration import read_calibration
+    from dechirp.recordings.settings.calibration import read_calibration
 
     return read_calibration(file)
 
@@ -106,17 +108,17 @@ def _calibration(file: Path, _: Path) -> object:
 def _mesh(file: Path, _: Path) -> object:
     import dechirp as dc
 
-    return dc.Mesh(path=str(file))
+    return dc.bodies.Mesh(path=str(file))
 
 
 def _option(file: Path, _: Path) -> object:
     """`--set`, an option a line: on a scenario, on a study, and as typed into the studio."""
     import dechirp as dc
-    from dechirp.studio.settings import Limits, changed
+    from dechirp.studio.scenario_edits import PageLimits, apply_options
 
     options = file.read_bytes().decode("utf-8", "surrogateescape").split("\n")
     try:
-        changed(dc.reference(), options, Limits())
+        apply_options(dc.reference(), options, PageLimits())
     except DechirpError as error:
         must_say_all(error)
     return dc.reference(options)
@@ -124,9 +126,9 @@ def _option(file: Path, _: Path) -> object:
 
 def _studio_text(file: Path, _: Path) -> object:
     """The settings of a page of the studio, as a text."""
-    from dechirp.studio.settings import Limits, parsed
+    from dechirp.studio.scenario_edits import PageLimits, parse_scenario
 
-    return parsed(file.read_bytes().decode("utf-8", "replace"), Limits())
+    return parse_scenario(file.read_bytes().decode("utf-8", "replace"), PageLimits())
 
 
 # Files of samples, objects and results
@@ -134,15 +136,15 @@ def _studio_text(file: Path, _: Path) -> object:
 
 @cache
 def _radar_of(sampling: str) -> object:
-    from dechirp.config import files
+    from dechirp.config import loading
     from dechirp.radar.radar import Radar
 
-    return files.parse(RADAR_YAML.replace("complex", sampling), Radar)
+    return loading.parse_settings(RADAR_YAML.replace("complex", sampling), Radar)
 
 
 _FREE = {"axes": "frame,chirp,rx,sample", "encoding": "full-scale"}
 _TOLD: dict[str, dict[str, str]] = {
-    ".txt": {"format": "text", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
+    ".txt": {"format": "text-columns", "axes": "frame,chirp,sample,iq", "encoding": "int16"},
     ".urad": {"format": "urad"},
     **dict.fromkeys((".npy", ".npz", ".mat", ".h5"), _FREE),
 }
@@ -192,11 +194,11 @@ def _description(file: Path, scratch: Path) -> object:
 def _objects(file: Path, _: Path) -> object:
     import dechirp as dc
 
-    return dc.read_objects(file)
+    return dc.object_lists.read_objects(file)
 
 
 def _dbc(file: Path, scratch: Path) -> object:
-    from dechirp.objects.can_logs import read_can_log, write_can_log
+    from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
     from objects_made import objects_at
 
     made = scratch / "made.log"
@@ -209,31 +211,33 @@ def _dbc(file: Path, scratch: Path) -> object:
 
 
 def _table(file: Path, _: Path) -> object:
-    from dechirp.store.parquet import read_parquet
+    from dechirp.results.parquet import read_parquet
 
     return read_parquet(file)
 
 
 def _vectors(file: Path, scratch: Path) -> object:
     """Words of a bench as they are, and the description of a folder of them."""
-    import dechirp as dc
 
     if file.suffix == ".hex":
-        return dc.read_words(file, bits=16, signed=True)
+        return read_words(file, bits=16, signed=True)
     (scratch / "vectors.json").write_bytes(file.read_bytes())
     (scratch / "words.hex").write_text("0001\nffff\n")
-    return dc.read_vectors(scratch)
+    return read_vectors(scratch)
 
 
 def _record(file: Path, scratch: Path) -> object:
     """The record of a study."""
-    from dechirp.experiment.study.record import NAME, Record
+    from dechirp.experiments.study.ledger_reader import LEDGER_NAME, LedgerReader
 
-    (scratch / NAME).write_bytes(file.read_bytes())
-    with Record.read(scratch) as record:
-        numbers = [(record.trials(point), record.theory(point)) for point, _ in record.all_sums()]
-        told = record.failures(), record.findings(), record.ended(), record.seconds()
-        return record.identity, record.environments, record.done(), numbers, told
+    (scratch / LEDGER_NAME).write_bytes(file.read_bytes())
+    with LedgerReader.open_existing(scratch) as record:
+        numbers = [
+            (record.trial_numbers(point), record.point_theory(point))
+            for point, _ in record.iter_point_sums()
+        ]
+        told = record.failures(), record.findings(), record.ended_points(), record.total_seconds()
+        return record.identity, record.environments, record.finished_blocks(), numbers, told
 
 
 # The network
@@ -250,8 +254,8 @@ def udp_packets(content: bytes) -> Iterator[tuple[int, bytes]]:
 
 def _udp(file: Path, _: Path) -> object:
     """Packets as a DCA1000 sends them, or anything else, put in their places."""
-    from dechirp.live.places import Window
-    from dechirp.live.taking import Slots
+    from dechirp.recordings.live.reassembly import ReassemblyWindow
+    from dechirp.recordings.live.socket_reader import PacketSlots
 
     packets = list(udp_packets(file.read_bytes()))
     content = np.zeros((len(packets), 1472), np.uint8)
@@ -259,14 +263,14 @@ def _udp(file: Path, _: Path) -> object:
         row[: len(packet)] = np.frombuffer(packet[:1472], np.uint8)
     sizes = np.array([len(packet) for _, packet in packets], np.int64)
     senders = np.array([sender for sender, _ in packets], np.int64)
-    window = Window(4096, most_lost=1000)
+    window = ReassemblyWindow(4096, max_lost_frames=1000)
     last = -1
-    placed = window.place(Slots(content, sizes, senders))
-    for frame in chain(placed, window.up_to(2**40)):
+    placed = window.reassemble(PacketSlots(content, sizes, senders))
+    for frame in chain(placed, window.flush_before(2**40)):
         assert frame.number > last, "a frame came twice, or late"
         last = frame.number
-        assert frame.arrived.any(), "a frame of nothing"
-        assert not frame.content[~frame.arrived].any(), "what was lost is not zero"
+        assert frame.received_mask.any(), "a frame of nothing"
+        assert not frame.content[~frame.received_mask].any(), "what was lost is not zero"
     assert window.lost_bytes >= 0
     return last
 
@@ -315,13 +319,15 @@ def _must_be_told(words: list[str], out: str, err: str) -> None:
     if any(word.startswith("--json") for word in words):
         found = json.loads(out)["errors"]
         assert found, words
-        assert all(one[key] for one in found for key in ("setting", "got", "need", "fix")), found
+        assert all(one[key] for one in found for key in ("setting", "value", "expected", "fix")), (
+            found
+        )
         return
     lines = err.splitlines()
     assert lines, f"{words}: refused without a word"
-    said = [line for line in lines if ", but must be " in line]
+    said = [line for line in lines if "; expected " in line]
     assert said, lines
-    assert all(line.rstrip().endswith((".", "?", "!")) for line in said), lines
+    assert all(re.search(r"; expected \S.*; \S.*[^\s.,;:]$", line.rstrip()) for line in said), lines
 
 
 class _NoFurther(Exception):
@@ -335,17 +341,17 @@ def _no_further(*given: object, **_: object) -> None:
 
 
 _LASTING = (
-    "dechirp.experiment.verify.certificate.verify",
-    "dechirp.experiment.study.executors.chosen",
-    "dechirp.cli.study._replay",
-    "dechirp.experiment.run.run",
-    "dechirp.experiment.run.one_frame",
-    "dechirp.experiment.twin.twin.twin",
-    "dechirp.experiment.inspection.inspect",
-    "dechirp.process.calibration.calibrate.calibrate",
-    "dechirp.exchange.convert.write",
-    "dechirp.cli.studio._serve",
-    "dechirp.cli.followed.followed",
+    "dechirp.certificate.certificate.verify",
+    "dechirp.experiments.study.executors.workers_from_options",
+    "dechirp.cli.commands.study._replay_trial",
+    "dechirp.experiments.run.run",
+    "dechirp.experiments.run.load_frame",
+    "dechirp.experiments.twin.twin.twin",
+    "dechirp.experiments.inspection.inspect",
+    "dechirp.processing.calibration.calibrate.calibrate",
+    "dechirp.recordings.convert.write",
+    "dechirp.cli.commands.studio._serve_until_signal",
+    "dechirp.cli.stream.process_live",
 )
 """What commands call once the call and its files are read."""
 

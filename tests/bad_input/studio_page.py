@@ -11,8 +11,8 @@ from bokeh.model import Model
 
 import dechirp.studio.session as sessions
 from dechirp.core.errors import Mistake
-from dechirp.studio.page import page
-from dechirp.studio.settings import Limits, parsed
+from dechirp.studio.page import build_page
+from dechirp.studio.scenario_edits import PageLimits, parse_scenario
 
 SMALL = """
 name: small
@@ -56,17 +56,24 @@ class Page:
         start = sessions.Session.start
         try:
             sessions.Session.start = lambda self: made.append(self)  # noqa: PLW0108
-            page(self.document, worker=worker, scenario=parsed(SMALL, Limits()), limits=Limits())
+            build_page(
+                self.document,
+                worker=worker,
+                scenario=parse_scenario(SMALL, PageLimits()),
+                limits=PageLimits(),
+            )
         finally:
             sessions.Session.start = start
         (self.session,) = made
-        self.session.on_trouble.append(self._hear)
-        self.session.on_moment.append(lambda _: self.session.drawn(self.session._n_shown + 1))
+        self.session.on_mistakes.append(self._hear)
+        self.session.on_frame.append(
+            lambda _: self.session.confirm_drawn(self.session._n_shown + 1)
+        )
         self.session.start()
 
     def _hear(self, mistakes: tuple[Mistake, ...]) -> None:
         self.n_told += 1  # with each moment, and for each that cannot be made
-        self.own_faults += [one for one in mistakes if one == sessions._OWN_FAULT]
+        self.own_faults += [one for one in mistakes if one == sessions._INTERNAL_ERROR]
 
     def ends(self) -> Iterator[tuple[Model, str]]:
         """Every property and event of the page that something listens to."""
@@ -101,10 +108,10 @@ class Page:
 
     async def settled(self) -> None:
         """Wait until what was sent is worked off, and two answers more came."""
-        self.session.play(False)
+        self.session.set_playing(False)
         for _ in range(2):
             told = self.n_told
-            self.session.go(0)
+            self.session.go_to_step(0)
             async with asyncio.timeout(60):
                 while self.session._edits or self.n_told == told:
                     await asyncio.sleep(2e-3)
@@ -136,7 +143,7 @@ def flood(seed: int, n_messages: int, *, at_once: int = 40) -> None:
                 await one.settled()
                 told = [(type(m).__name__, a, str(v)[:60]) for m, a, v in sent]
                 assert not one.own_faults, f"message {at}: {told}"
-            one.session.replace(SMALL)
+            one.session.replace_settings(SMALL)
             await one.settled()
             assert one.session.scenario.name == "small"
             one.session.close()

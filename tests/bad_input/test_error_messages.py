@@ -18,7 +18,7 @@ import dechirp as dc
 from bad_input.entries import must_say_all
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.memory import must_fit
+from dechirp.core.memory import check_memory
 
 SRC = Path(dechirp.__file__).parent
 
@@ -37,13 +37,13 @@ def _chirp(**changed: object) -> dc.Chirp:
 
 def _study(folder: Path) -> None:
     (folder / "study.sqlite").write_bytes(b"something else")
-    from dechirp.experiment.study.record import Record
+    from dechirp.experiments.study.ledger_reader import LedgerReader
 
-    Record.read(folder)
+    LedgerReader.open_existing(folder)
 
 
 def _huge_cube(_: Path) -> None:
-    must_fit("the cube", needed_bytes=1e18, fix="Take fewer chirps.")
+    check_memory("the cube", needed_bytes=1e18, fix="take fewer chirps")
 
 
 def _far_target(_: Path) -> None:
@@ -60,8 +60,8 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         lambda _: _chirp(ramp_duration_s=9.9999999e-6, sample_rate_hz=6.3e6),
         "Chirp.ramp_duration_s",
         "9.9999999e-06 s",
-        "at least 1e-05 s, when the last sample is taken",
-        "Lengthen the ramp",
+        "at least 1e-05 s, the time of the last sample",
+        "lengthen the ramp",
     ),
     (
         "InvalidSetting",
@@ -69,20 +69,20 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         "Chirp.n_samples",
         "True",
         "a whole number from 2 to",
-        "Give a whole number",
+        "give a whole number",
     ),
     (
         "InvalidFile",
         lambda folder: dc.load(_written(folder, "sed: 1\n")),
-        "scenario.yaml:1:1: sed",
+        "scenario.yaml:1:1: sed: ",
         "not a known name",
         "one of name, seed, n_frames",
-        "Did you mean seed?",
+        "did you mean seed?",
     ),
     (
         "InvalidFile",
         lambda folder: dc.load(_written(folder, "channelCfg 1 5 0\n", "x.cfg")),
-        "x.cfg: the file",
+        "x.cfg: the file: ",
         "settings of a radar, as its vendor writes them",
         "a scenario: YAML",
         "dechirp.open(RECORDING, radar=FILE)",
@@ -90,26 +90,28 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
     (
         "RecordingError",
         lambda folder: dc.open(_written(folder, "", "empty.bin")),
-        "empty.bin: recording",
+        "empty.bin: recording: ",
         "an empty file (0 bytes)",
         "a recording",
-        "Copy it again",
+        "copy it again",
     ),
     (
         "RecordingError",
-        lambda folder: dc.read_objects(_written(folder, "a text, and no log\n", "log.asc")),
-        "log.asc: recording",
-        "no frame can be read of it",
-        "a whole log",
-        "give the file that is one",
+        lambda folder: dc.object_lists.read_objects(
+            _written(folder, "a text, and no log\n", "log.asc")
+        ),
+        "log.asc: recording: ",
+        "it has no readable frame",
+        "a complete log",
+        "or give a valid file",
     ),
     (
         "NotEnoughMemory",
         _huge_cube,
         "the cube",
         "9.31e+08 GiB of memory",
-        "GiB, what is free now",
-        "Take fewer chirps.",
+        "GiB, the free memory",
+        "take fewer chirps",
     ),
     (
         "DechirpError",
@@ -117,17 +119,17 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
         "study.sqlite",
         "no database",
         "the record of a study, or absent",
-        "Name another folder with --out.",
+        "name another folder with --out",
     ),
     (
-        "ElsewhereError",  # told as an InvalidFile of the file that is named
+        "ReferencedFileError",  # told as an InvalidFile of the file that is named
         lambda folder: dc.load(
             _written(folder, f"radar: {_written(folder, 'frame: 3', 'radar.yaml').name}\n")
         ),
-        "radar.yaml:1:8: frame",
+        "radar.yaml:1:8: frame: ",
         "3",
         "a mapping of",
-        "Write its settings below it",
+        "write its settings below it",
     ),
     (
         "PhysicsWarning",
@@ -141,10 +143,10 @@ CASES: tuple[tuple[str, Callable[[Path], object], str, str, str, str], ...] = (
 """Class, what makes it happen, and parts of its text: where, got, need, fix."""
 
 OF_OTHERS = {
-    "UnknownElement": "for who adds to the template of reports: a test of the PDF reads it",
-    "_FailsLater": "of a candidate, whose mistakes become warnings where it is caught",
-    "_NoCode": "caught in the file that raises it",
-    "Stopped": "ends a loop, and reaches nobody",
+    "UnknownElementError": "for who adds to the template of reports: a test of the PDF reads it",
+    "_ConfirmationFailed": "of a candidate, whose mistakes become warnings where it is caught",
+    "_NotACodeError": "caught in the file that raises it",
+    "WorkerStopped": "ends a loop, and reaches nobody",
 }
 """Classes that are no message to a user."""
 
@@ -185,28 +187,28 @@ def test_every_class_of_error_has_a_case_that_makes_it_happen():
     assert _classes() == named
 
 
-@pytest.mark.parametrize(("name", "make", "where", "got", "need", "fix"), CASES)
+@pytest.mark.parametrize(("name", "make", "where", "value", "expected", "fix"), CASES)
 def test_an_error_says_where_and_what_and_how_to_mend_it(
-    name, make, where, got, need, fix, tmp_path
+    name, make, where, value, expected, fix, tmp_path
 ):
     if name == "PhysicsWarning":
         with pytest.warns(PhysicsWarning) as heard:
             make(tmp_path)
         (said,) = heard[0].message.args
         assert isinstance(said, Finding)
-        assert all((said.setting, said.got, said.need, said.fix))
+        assert all((said.setting, said.value, said.expected, said.fix))
         assert str(said) == str(heard[0].message)
         return
     with pytest.raises(DechirpError) as caught:
         make(tmp_path)
-    expected = "InvalidFile" if name == "ElsewhereError" else name
-    assert type(caught.value).__name__ == expected
+    error_class = "InvalidFile" if name == "ReferencedFileError" else name
+    assert type(caught.value).__name__ == error_class
     must_say_all(caught.value)
     one = caught.value.mistakes[0]
-    place, _, rest = str(one).partition(" is ")
-    assert where in place
-    assert got in rest and need in one.need and fix in one.fix
-    assert rest.endswith(f", but must be {one.need}. {one.fix}")
+    assert where in str(one).partition("; expected ")[0]
+    rest = str(one).partition(f"{one.setting}: ")[2]
+    assert value in rest and expected in one.expected and fix in one.fix
+    assert rest.endswith(f"; expected {one.expected}; {one.fix}")
 
 
 def test_what_cannot_be_printed_is_told_all_the_same():
@@ -241,20 +243,20 @@ def _texts(node: ast.expr) -> Iterator[str]:
             yield from _texts(other)
 
 
-def test_every_message_of_the_package_is_whole_sentences():
-    """As `WHERE is GOT, but must be NEED. FIX`, of all that are written where they are raised."""
+def test_every_message_of_the_package_has_one_form():
+    """Check the form `SETTING: VALUE; expected EXPECTED; FIX` of all messages in the source."""
     wrong, n_read = [], 0
     for place, call in _calls():
         given = {word.arg: word.value for word in call.keywords}
-        if not {"got", "need", "fix"} <= set(given):
+        if not {"value", "expected", "fix"} <= set(given):
             continue
-        for part in ("got", "need", "fix"):
+        for part in ("value", "expected", "fix"):
             for text in _texts(given[part]):
                 n_read += 1
-                is_end = part == "fix" and not re.search(r"[.?!…]$", text)
-                is_sentence = part != "fix" and re.search(r"\.$", text)
-                twice = part == "need" and re.match(r"(must|is|should) ", text)
-                if not text.strip() or is_end or is_sentence or twice or "  " in text:
+                ends_badly = re.search(r"(?<!\.)[.,;:]$", text)
+                is_sentence = part == "fix" and re.match(r"[A-Z][a-z]+ ", text)
+                twice = part == "expected" and re.match(r"(must|is|should|expected) ", text)
+                if not text.strip() or ends_badly or is_sentence or twice or "  " in text:
                     wrong.append(f"{place}: {part}={text!r}")
     assert not wrong, "\n".join(wrong)
     assert n_read > 1000

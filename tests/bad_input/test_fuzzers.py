@@ -13,7 +13,7 @@ import pytest
 
 import dechirp as dc
 from bad_input.entries import CORPUS, ENTRIES, told_of
-from dechirp.formats.settings.read import read_settings
+from dechirp.recordings.settings.read import read_settings
 from nightly import nightly
 
 FUZZ = Path(__file__).parents[2] / "fuzz"

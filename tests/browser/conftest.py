@@ -13,8 +13,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from dechirp.config.files import parse
-from dechirp.experiment.scenario import Scenario, load
+from dechirp.config.loading import parse_settings
+from dechirp.experiments.scenario import Scenario, load
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 SHOTS = os.environ.get("DECHIRP_SCREENSHOTS")
@@ -152,7 +152,7 @@ class Looked:
         """In force, as the text that is copied and downloaded has them."""
         call = """() => [...Bokeh.documents[0].get_model_by_name("settings_file").references()]
           .find((model) => model.type === "TextAreaInput").tags[0]"""
-        return parse(self.page.evaluate(call), Scenario)
+        return parse_settings(self.page.evaluate(call), Scenario)
 
     def drawn_after(self, act: Callable[[], object]) -> None:
         """Do something, and wait until another frame was drawn."""

@@ -3,8 +3,8 @@
 import pytest
 
 import dechirp as dc
-from dechirp.experiment.run import run
-from dechirp.report.page import render
+from dechirp.experiments.run import run
+from dechirp.report.page import render_report
 from trial_cases import small, target
 
 CLOSED, OPEN = "document.querySelector('dialog').open", "dialog[open] svg"
@@ -14,7 +14,7 @@ CLOSED, OPEN = "document.querySelector('dialog').open", "dialog[open] svg"
 def file(tmp_path_factory):
     scenario = dc.Scenario(radar=small(), scene=dc.Scene(targets=(target(name="car"),)))
     made = tmp_path_factory.mktemp("report") / "report.html"
-    made.write_text(render(run(scenario), yaml="name: car"), encoding="utf-8")
+    made.write_text(render_report(run(scenario), yaml="name: car"), encoding="utf-8")
     return made
 
 

@@ -100,4 +100,9 @@ def test_the_api_has_every_name_of_the_package():
     lines = zlib.decompress(packed).decode().splitlines()
     told = {line.split()[0] for line in lines if line.split()[1].startswith("py:")}
 
-    assert {f"dechirp.{name}" for name in dechirp.__all__} <= told
+    members = {
+        f"{namespace}.{name}"
+        for namespace in dechirp._NAMESPACES
+        for name in getattr(dechirp, namespace).__all__
+    }
+    assert {f"dechirp.{name}" for name in (*dechirp.__all__, *members)} <= told

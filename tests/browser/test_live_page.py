@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dechirp.process.cfar.smallest_of import SmallestOf
+from dechirp.processing.cfar.smallest_of import SmallestOf
 
 TILES = ("scene", "range_doppler", "range_azimuth", "beat", "cut", "micro_doppler")
 
@@ -102,8 +102,8 @@ def test_another_detector_has_another_threshold_and_stands_in_the_file(looked, t
 @pytest.mark.parametrize(
     ("path", "text", "words"),
     [
-        ("radar.hardware.noise_factor", "loud", "is loud, but must be a ratio, as 4 or 6 dB."),
-        ("scene.targets.car.position", "[48, -3.5, 0]", "is 48, but must be a length, as 50 m."),
+        ("radar.hardware.noise_factor", "loud", "loud; expected a ratio, as 4 or 6 dB"),
+        ("scene.targets.car.position", "[48, -3.5, 0]", "48; expected a length, as 50 m"),
         ("scene.targets.car.rcs", "__import__('os').getpid()", "but must be a radar cross section"),
     ],
 )
@@ -112,15 +112,15 @@ def test_a_wrong_value_is_answered_beside_it_and_the_page_lives_on(looked, path,
     held = looked.settings
     looked.type(path, text)
     note = looked.page.locator("[data-part=trouble]")
-    note.get_by_text("but must be").wait_for()
+    note.get_by_text("; expected ").wait_for()
     said = looked.text("[data-part=trouble]")
     assert path in said and words in said, said
-    looked.page.locator("#page-targets .wrong").filter(has_text="needs").first.wait_for()
+    looked.page.locator("#page-targets .wrong").filter(has_text="expected").first.wait_for()
     looked.shot("wrong")
     looked.knob(path).press("Escape")
     looked.drawn_after(lambda: looked.press("Step"))
     assert looked.settings == held
-    assert not note.get_by_text("but must be").is_visible()
+    assert not note.get_by_text("; expected ").is_visible()
 
 
 def test_a_file_outside_of_the_folders_is_refused(looked):
@@ -144,9 +144,9 @@ def test_a_radar_is_designed_from_what_it_should_do_and_taken(looked):
     looked.type("max_range", "60 m")
     looked.type("max_velocity", "20 m/s")
     answer.get_by_role("heading", name="Met", exact=True).wait_for()
-    looked.page.get_by_role("button", name="Take this radar").hover()
+    looked.page.get_by_role("button", name="Use this radar").hover()
     looked.shot("design")
-    looked.drawn_after(lambda: looked.press("Take this radar"))
+    looked.drawn_after(lambda: looked.press("Use this radar"))
     looked.until(
         lambda: looked.settings.radar.frame.chirp.range_resolution_m == pytest.approx(0.5, rel=0.01)
     )

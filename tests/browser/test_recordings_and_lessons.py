@@ -12,7 +12,7 @@ def test_a_recording_is_looked_over_opened_and_walked_through(looked):
     file = panel.get_by_label("Recording or scenario")
     looked.until(lambda: file.locator("option").count() > 1)
     file.select_option(label=file.locator("option", has_text="street.npz").text_content())
-    panel.get_by_text(re.compile("Found in .* frames|Nothing is wrong")).first.wait_for()
+    panel.get_by_text(re.compile("Found in .* frames|No faults were found")).first.wait_for()
     looked.drawn_after(lambda: looked.press("Open"))
     looked.until(lambda: "target" not in looked.title("scene"))
     seen = {looked.data("range_doppler")}

@@ -7,10 +7,10 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.echoes.codes import codes
-from dechirp.echoes.impairments.quantisation import Quantisation
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
-from dechirp.store.cube import write_cube
+from dechirp.recordings.cube_store import write_cube
+from dechirp.simulation.adc_codes import extract_adc_codes
+from dechirp.simulation.impairments.quantisation import Quantisation
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
 
 
 def simulated(radar, sampling="complex", **changes):
@@ -39,7 +39,7 @@ def test_codes_are_written_as_int16_and_read_back_as_the_samples(tmp_path, radar
 
     with xr.open_zarr(tmp_path / "cube.zarr", consolidated=False) as stored:
         assert stored.cube.dtype == np.int16
-        xr.testing.assert_equal(stored.cube.load(), codes(cube))
+        xr.testing.assert_equal(stored.cube.load(), extract_adc_codes(cube))
         assert stored.cube.attrs["scale"] == cube.attrs["scale"]
         assert stored.cube.attrs["bits"] == 12
     opened = dc.open(tmp_path / "cube.zarr").cube

@@ -11,19 +11,19 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.config import files
-from dechirp.config.fields import settings
-from dechirp.config.texts import dump
-from dechirp.core.columns import COLUMNS
-from dechirp.store import results
-from dechirp.store.results import FILES
+from dechirp.config import loading
+from dechirp.config.dumping import dump
+from dechirp.config.fields import list_settings
+from dechirp.core.table_columns import COLUMNS
+from dechirp.results import results
+from dechirp.results.results import FILES
 
 HEAVY = ["numpy", "scipy", "xarray", "numba", "matplotlib", "pint", "pydantic", "zarr"]
 
 RUN_KEYS = (
     "version seed source radar frames detections clusters tracks truth findings timing_s files"
 )
-ERROR_KEYS = ["file", "line", "column", "setting", "got", "need", "fix"]
+ERROR_KEYS = ["file", "line", "column", "setting", "value", "expected", "fix"]
 
 DESIGN = ["--max-range", "200m", "--range-resolution", "1m"]
 FAST = [*DESIGN, "--max-velocity", "60 m/s"]
@@ -83,7 +83,9 @@ def refused(call):
         for line, error in zip(err.splitlines(), errors, strict=True):
             place = ":".join(str(error[key]) for key in ERROR_KEYS[:3] if error[key] is not None)
             where = f"{place}: {error['setting']}" if place else error["setting"]
-            assert line == f"{where} is {error['got']}, but must be {error['need']}. {error['fix']}"
+            assert (
+                line == f"{where}: {error['value']}; expected {error['expected']}; {error['fix']}"
+            )
         return errors
 
     return called
@@ -142,8 +144,8 @@ needs_full = pytest.mark.skipif(
     not Path("/dev/full").exists(), reason="only Linux has a device that is always full"
 )
 FULL = (
-    "standard output is not writable (No space left on device), but must be a place that can"
-    " be written and has room. Send it elsewhere.\n"
+    "standard output: not writable (No space left on device); expected a place that can"
+    " be written and has room; redirect it elsewhere\n"
 )
 
 
@@ -216,7 +218,7 @@ def test_what_fails_but_printing_is_not_called_so(monkeypatch):
     def fail(_words):
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr("dechirp.cli.main._status", fail)
+    monkeypatch.setattr("dechirp.cli.main._run_command", fail)
 
     with pytest.raises(OSError, match="Input/output error"):
         main(["list"])
@@ -420,58 +422,58 @@ def test_the_report_of_later_frames_says_how_far_the_peak_is_over_the_threshold(
 def test_frames_that_a_recording_does_not_have_are_refused(refused, recorded):
     [error] = refused(*recorded, "--frames", "2:4")
 
-    assert error["got"].startswith("of 3 frames")
+    assert error["value"].startswith("of 3 frames")
 
 
 # Wrong calls
 
 
 @pytest.mark.parametrize(
-    ("words", "setting", "got", "fix"),
+    ("words", "setting", "value", "fix"),
     [
-        (["rn"], "the command", "rn", "Did you mean run?"),
-        (["run", "--sed", "1"], "--sed", "not an option of this command", "Did you mean --seed?"),
-        (["run", "--seed", "one"], "--seed", "one", "Write digits alone"),
-        (["run", "--seed", "1.5"], "--seed", "1.5", "Write digits alone"),
-        (["run", "--seed", "-1"], "--seed", "-1", "Give a whole number"),
-        (["run", "--seed"], "--seed", "without a value", "See dechirp run --help."),
-        (["run", "--seed=1", "--seed=2"], "--seed", "given twice", "Keep one of them."),
-        (["run", "--iq", "qq"], "--iq", "qq", "Take one of these"),
-        (["run", "a.npy", "b.npy"], "the call", "given b.npy more than it takes", "Put names"),
-        (["run", "--quiet=yes!"], "--quiet", "yes!", "See dechirp run --help."),
-        (["run", "--set", "seed"], "--set", "seed", "Write --set"),
-        (["run", "--frames", "2:x"], "--frames", "2:x", "Frames are counted from 0"),
-        (["run", "--frames", "2:3"], "--frames", "2:3", "Frames are counted from 0"),
-        (["run", "--frames", "0"], "--frames", "0", "Give a whole number"),
-        (["run", "--axes", "chirp,sample"], "--axes", "given for a scene", "Leave it out"),
-        (["run", "--out", "small.yaml"], "--out", "small.yaml, a file", "Give the name"),
-        (["run", "--out", "."], "--out", "., the folder you are in", "It would be"),
-        (["run", "--out", "small.yaml/x"], "--out", "small.yaml/x, not writable", "Name a place"),
-        (["run", "--out", ".."], "--out", "..", "It would be"),
-        (["design", *FAST, "--set", "limts.idle=1us"], "limts", "not a known", "Did you mean lim"),
-        (["design", *FAST, "--set", "limits.idle=1"], "limits.idle", "1", "Units that fit"),
-        (["design", *FAST, "--set", "limits.idle=1us"], "--set", "given for limits", "Add --rule"),
-        (["list", "cfra"], "FAMILY", "cfra", "Did you mean cfar?"),
-        (["design", *DESIGN, "--max-velocity", "100"], "--max-velocity", "100", "Units that fit"),
-        (["design", *DESIGN, "--max-velocity", "-9 m/s"], "--max-velocity", "-9 m/s", "Give a"),
-        (["design", *DESIGN], "--max-velocity", "missing", "Add --max-velocity."),
-        (["design", "--rule", "thumb"], "--rule", "thumb", "Take one of these"),
+        (["rn"], "command", "rn", "did you mean run?"),
+        (["run", "--sed", "1"], "--sed", "not an option of this command", "did you mean --seed?"),
+        (["run", "--seed", "one"], "--seed", "one", "write digits only"),
+        (["run", "--seed", "1.5"], "--seed", "1.5", "write digits only"),
+        (["run", "--seed", "-1"], "--seed", "-1", "give a whole number"),
+        (["run", "--seed"], "--seed", "no value", "see dechirp run --help"),
+        (["run", "--seed=1", "--seed=2"], "--seed", "given twice", "keep one of them"),
+        (["run", "--iq", "qq"], "--iq", "qq", "use one of these"),
+        (["run", "a.npy", "b.npy"], "command line", "unexpected argument b.npy", "quote names"),
+        (["run", "--quiet=yes!"], "--quiet", "yes!", "see dechirp run --help"),
+        (["run", "--set", "seed"], "--set", "seed", "write --set"),
+        (["run", "--frames", "2:x"], "--frames", "2:x", "count frames from 0"),
+        (["run", "--frames", "2:3"], "--frames", "2:3", "count frames from 0"),
+        (["run", "--frames", "0"], "--frames", "0", "give a whole number"),
+        (["run", "--axes", "chirp,sample"], "--axes", "given for a simulated scene", "remove it"),
+        (["run", "--out", "small.yaml"], "--out", "small.yaml, a file", "name a folder"),
+        (["run", "--out", "."], "--out", "., the working folder", "name a folder inside"),
+        (["run", "--out", "small.yaml/x"], "--out", "small.yaml/x, not writable", "name a wri"),
+        (["run", "--out", ".."], "--out", "..", "name a folder inside"),
+        (["design", *FAST, "--set", "limts.idle=1us"], "limts", "not a known", "did you mean lim"),
+        (["design", *FAST, "--set", "limits.idle=1"], "limits.idle", "1", "units that fit"),
+        (["design", *FAST, "--set", "limits.idle=1us"], "--set", "a limit, together", "add --rule"),
+        (["list", "cfra"], "FAMILY", "cfra", "did you mean cfar?"),
+        (["design", *DESIGN, "--max-velocity", "100"], "--max-velocity", "100", "units that fit"),
+        (["design", *DESIGN, "--max-velocity", "-9 m/s"], "--max-velocity", "-9 m/s", "give a"),
+        (["design", *DESIGN], "--max-velocity", "missing", "add --max-velocity"),
+        (["design", "--rule", "thumb"], "--rule", "thumb", "use one of these"),
     ],
     ids=lambda part: " ".join(part[:3]) if isinstance(part, list) else "",
 )
-def test_a_wrong_call_says_what_is_needed(refused, words, setting, got, fix):
+def test_a_wrong_call_says_what_is_needed(refused, words, setting, value, fix):
     [error] = refused(*words)
 
     assert error["setting"] == setting
-    assert error["got"].startswith(got)
+    assert error["value"].startswith(value)
     assert error["fix"].startswith(fix)
     assert error["file"] in (None, "--set")
     assert error["file"] is None or "--set" in words
 
 
 def test_a_command_without_options_offers_none(call):
-    need = "is not an option of this command, but must be left out. See dechirp schema --help."
-    assert call("schema", "--pdf") == (2, "", f"--pdf {need}\n")
+    need = "not an option of this command; expected no options; see dechirp schema --help"
+    assert call("schema", "--pdf") == (2, "", f"--pdf: {need}\n")
 
 
 @pytest.mark.parametrize("words", [["run", "--seed", "x"], ["run", "--sed", "1"]])
@@ -485,7 +487,7 @@ def test_a_script_that_says_json_in_any_way_gets_its_mistakes_as_json(call, word
 def test_every_wrong_option_is_told_at_once(refused):
     errors = refused("design", "--max-range", "200", "--range-resolution", "1 s", "--band", "60")
 
-    assert {error["setting"]: error["got"] for error in errors} == {
+    assert {error["setting"]: error["value"] for error in errors} == {
         "--max-range": "200",
         "--range-resolution": "1 s",
         "--max-velocity": "missing",
@@ -497,22 +499,22 @@ def test_every_wrong_option_is_told_at_once(refused):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "setting", "got", "fix"),
+    ("old", "new", "line", "setting", "value", "fix"),
     [
-        ("n_chirps", "n_chrips", 7, "radar.frame.n_chrips", "not a known", "Did you mean n_chirps"),
-        ("35 us", "35 ms/s", 8, "radar.frame.interval", "35 ms/s", "Did you mean ms?"),
-        ("35 us", "35", 8, "radar.frame.interval", "35", "Units that fit: s, ms"),
-        ("n_chirps: 32", "n_chirps: '32'", 7, "radar.frame.n_chirps", "the text '32'", "Write"),
-        ("seed: 5", "name: two", 2, "name", "given twice, first on line 1", "Keep one"),
-        ("n_chirps: 32", "n_chirps: -32", 7, "radar.frame.n_chirps", "-32", "Give a whole number"),
-        ("n_chirps: 32", "n_chirps: 0", 7, "radar.frame.n_chirps", "0", "Give a whole number"),
-        ("10 MHz", "-10 MHz", 6, "radar.frame.chirp.sample_rate", "-10 MHz", "Give a positive"),
+        ("n_chirps", "n_chrips", 7, "radar.frame.n_chrips", "not a known", "did you mean n_chirps"),
+        ("35 us", "35 ms/s", 8, "radar.frame.interval", "35 ms/s", "did you mean ms?"),
+        ("35 us", "35", 8, "radar.frame.interval", "35", "units that fit: s, ms"),
+        ("n_chirps: 32", "n_chirps: '32'", 7, "radar.frame.n_chirps", "the text '32'", "write"),
+        ("seed: 5", "name: two", 2, "name", "given twice, first on line 1", "keep one"),
+        ("n_chirps: 32", "n_chirps: -32", 7, "radar.frame.n_chirps", "-32", "give a whole number"),
+        ("n_chirps: 32", "n_chirps: 0", 7, "radar.frame.n_chirps", "0", "give a whole number"),
+        ("10 MHz", "-10 MHz", 6, "radar.frame.chirp.sample_rate", "-10 MHz", "give a positive"),
         ("n_samples: 128", "n_samples: 99999999999", 6, "radar.frame.chirp.n_samples", "9999", ""),
-        ("small", "[", 1, "the text", "not YAML", "Mend it there"),
+        ("small", "[", 1, "the text", "not YAML", "correct it there"),
     ],
     ids=["name", "unit", "no unit", "type", "twice", "negative", "zero", "rate", "absurd", "yaml"],
 )
-def test_a_mistake_in_a_file_is_pointed_at(refused, folder, old, new, line, setting, got, fix):
+def test_a_mistake_in_a_file_is_pointed_at(refused, folder, old, new, line, setting, value, fix):
     assert old in SCENARIO
     (folder / "wrong.yaml").write_text(SCENARIO.replace(old, new))
 
@@ -520,7 +522,7 @@ def test_a_mistake_in_a_file_is_pointed_at(refused, folder, old, new, line, sett
 
     assert error["file"] == "wrong.yaml"
     assert error["setting"] == setting
-    assert error["got"].startswith(got)
+    assert error["value"].startswith(value)
     assert error["fix"].startswith(fix)
     if setting != "the text":
         assert error["line"] == line
@@ -599,8 +601,8 @@ def test_a_scene_larger_than_memory_is_refused_before_it_starts(refused, folder)
     [error] = refused("run", "small.yaml", "--set", "radar.frame.n_chirps=1000000000")
 
     # 3 cubes of 1e9 chirps x 128 samples x 8 bytes.
-    assert error["got"] == "2.86e+03 GiB of memory"
-    assert "GiB, what is free now" in error["need"]
+    assert error["value"] == "2.86e+03 GiB of memory"
+    assert "GiB, the free memory" in error["expected"]
     assert not (folder / "dechirp-run").exists()
 
 
@@ -609,7 +611,7 @@ def nan(file):
 
 
 @pytest.mark.parametrize(
-    ("name", "make", "got"),
+    ("name", "make", "value"),
     [
         ("none.npy", lambda file: None, "not readable (no such file or folder)"),
         ("empty.npy", lambda file: file.write_bytes(b""), "an empty file"),
@@ -617,18 +619,18 @@ def nan(file):
         ("cut.npy", lambda file: file.write_bytes(Path("car.npy").read_bytes()[:5000]), ""),
         ("size.npy", lambda file: np.save(file, np.zeros((32, 127), np.complex64)), ""),
         ("nan.npy", nan, ""),
-        ("cut.bin", lambda file: file.write_bytes(bytes(range(256)) * 8), "of 2048 bytes"),
+        ("cut.bin", lambda file: file.write_bytes(bytes(range(256)) * 8), "2048 bytes"),
     ],
     ids=["absent", "empty", "text", "truncated", "other size", "nan", "short bin"],
 )
-def test_a_recording_that_is_none_is_refused(refused, recorded, folder, name, make, got):
+def test_a_recording_that_is_none_is_refused(refused, recorded, folder, name, make, value):
     make(folder / name)
     axes = ["--axes", "chirp,sample"] if name.endswith(".npy") and name != "cut.npy" else []
     axes = recorded[4:] if name == "cut.npy" else axes
 
     [error] = refused("run", name, "--radar", "radar.yaml", *axes)
 
-    assert error["got"].startswith(got)
+    assert error["value"].startswith(value)
     assert not (folder / "dechirp-run").exists()
 
 
@@ -722,7 +724,7 @@ def test_a_design_is_the_radar_of_a_run(call, folder):
 
     status, out, _ = call(*CALL, "--radar", "made.yaml")
 
-    made = files.read(folder / "made.yaml", dc.Radar)
+    made = loading.read_settings(folder / "made.yaml", dc.Radar)
     assert status == 0
     assert json.loads(out)["radar"]["frame"]["interval_s"] == made.frame.interval_s
 
@@ -730,7 +732,7 @@ def test_a_design_is_the_radar_of_a_run(call, folder):
 def test_every_requirement_is_an_option(call):
     _, out, _ = call("design", "--help")
 
-    assert all(f"--{name.replace('_', '-')}" in out for name in settings(dc.Requirements))
+    assert all(f"--{name.replace('_', '-')}" in out for name in list_settings(dc.Requirements))
 
 
 def test_every_family_lists_its_members_with_their_settings(call):
@@ -743,14 +745,14 @@ def test_every_family_lists_its_members_with_their_settings(call):
         " writer"
     )
     assert (
-        families["multiplexing"]["tdm"]["settings"]["order"]["need"]
+        families["multiplexing"]["tdm"]["settings"]["order"]["expected"]
         == "a list, each a whole number"
     )
     assert {"dca1000", "infineon", "npy", "pcap", "ti-uart"} <= set(families["format"])
     snr = families["impairment"]["white-noise"]["settings"]["snr"]
     assert snr["required"]
     assert snr["default"] is None
-    assert snr["need"] == "a ratio, as 4 or 6 dB"
+    assert snr["expected"] == "a ratio, as 4 or 6 dB"
     assert "Echo power over noise power" in snr["help"]
     assert all(member["help"] for members in families.values() for member in members.values())
 
@@ -791,7 +793,7 @@ def test_the_doctor_finds_what_is_there_and_that_kernels_work(call, installed):
         "dev": {"pytest": pytest.__version__},
         "web": {"no-such-thing": None},
     }
-    assert "channel_power.over_chirps" in document["kernels"]
+    assert "simd_range_doppler.transform_chirps" in document["kernels"]
     assert document["problem"] is None
     assert document["cores"] >= document["threads"] >= 1
     assert document["free_memory_bytes"] > 0

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
-from dechirp.experiment.scenario import Scenario
+from dechirp.config.loading import parse_settings
+from dechirp.experiments.scenario import Scenario
 
 DOCS = Path(dc.__file__).parents[2] / "docs"
 RADAR = """
@@ -33,7 +33,7 @@ def shown(page: str) -> list[str]:
 @pytest.mark.parametrize("text", shown("hardware.md"))
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_every_impairment_that_is_shown_can_be_simulated(text):
-    scenario = parse(text + RADAR, Scenario)
+    scenario = parse_settings(text + RADAR, Scenario)
     assert scenario.impairments
     cube = dc.simulate(scenario.scene, scenario.radar, impairments=scenario.impairments)
     assert abs(cube).max() > 0
@@ -42,7 +42,7 @@ def test_every_impairment_that_is_shown_can_be_simulated(text):
 @pytest.mark.parametrize("text", [t for t in shown("scenes.md") if "  targets:\n" in t])
 def test_every_target_that_is_shown_is_one(text):
     without_scene = RADAR[: RADAR.index("scene:")]
-    scenario = parse(f"{text}{without_scene}", Scenario)
+    scenario = parse_settings(f"{text}{without_scene}", Scenario)
     assert scenario.scene.n_scatterers >= len(scenario.scene.targets) > 0
 
 
@@ -53,7 +53,7 @@ def in_space() -> dc.Scenario:
 
 @pytest.mark.parametrize("text", shown("angles.md"))
 def test_every_chain_that_is_shown_finds_the_car(text, in_space):
-    shown_chain = parse(text + RADAR, Scenario).chain
+    shown_chain = parse_settings(text + RADAR, Scenario).chain
 
     found = dc.run(replace(in_space, chain=shown_chain)).detections
 
@@ -65,7 +65,7 @@ def test_every_chain_that_is_shown_finds_the_car(text, in_space):
 @pytest.mark.parametrize("text", shown("tracks.md"))
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_every_way_to_follow_that_is_shown_runs(text):
-    scenario = parse(text + RADAR, Scenario)
+    scenario = parse_settings(text + RADAR, Scenario)
 
     result = dc.run(scenario)
 

@@ -9,9 +9,9 @@ from ruamel.yaml import YAML
 from scipy.stats import chi2
 
 import dechirp as dc
-from dechirp.config.texts import dump
-from dechirp.report import tracked
-from dechirp.report.page import render
+from dechirp.config.dumping import dump
+from dechirp.report import objects_section
+from dechirp.report.page import render_report
 from dechirp.theory.detection import required_snr
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
@@ -72,7 +72,7 @@ def detectable(result: dc.Result) -> list[str]:
         if target.body is not None:
             rcs_m2 = target.body.cross_sections_m2()
             snr *= rcs_m2.max() / rcs_m2.sum()
-        looks = result.radar.n_summed
+        looks = result.radar.n_summed_maps
         need = required_snr(0.9, 1e-6, n_summed=looks, swerling=SWERLING[target.fluctuation])
         if snr / looks / LOSSES > need:
             found.append(name)
@@ -119,20 +119,20 @@ def test_detections_of_the_scenes_belong_to_their_targets(scene_result):
     by_frame = [
         {name for name in names if is_hit(result, name, frame)} for frame in range(result.n_frames)
     ]
-    page = render(result, yaml=dump(result.scenario))
+    page = render_report(result, yaml=dump(result.scenario))
 
     found, n = len(by_frame[0]), len(names)
     assert f"Detected: {found} of {n} targets" in page
     assert f"in all frames {sum(map(len, by_frame))} of {n * result.n_frames}" in page
     # The truth is marked on the map, bodies by their scatterers.
     assert page.count("truth, scatterers of bodies") == 2
-    assert "auto: " in page and "10⁻⁵ of the root mean square" in page
+    assert "auto: " in page and "10⁻⁵ of the RMS value" in page
     assert len(page.encode()) < 1_500_000
 
 
 def followed(result: dc.Result) -> list[str]:
     """The target that each track is of in all frames in which it is confirmed."""
-    of_each = tracked.targets(result, result.tracks)
+    of_each = objects_section.targets_of_tracks(result, result.tracks)
     assert all(len(names) == 1 for names in of_each)
     return [names[0] for names in of_each]
 
@@ -165,8 +165,8 @@ def test_each_vehicle_whose_velocity_is_told_has_one_track_and_nothing_else_has_
         # Of 13 tracks one is beyond once in 3e5, were there nothing but its errors.
         assert error @ np.linalg.solve(covariance[1::2, 1::2], error) < chi2.ppf(1 - 2e-7, 2), name
     assert np.all(abs(result.ego.vx - 30) < 0.1)
-    page = render(result, yaml="")
-    assert "Tracks are of 13 of 14 targets that move over ground, one of each." in page
+    page = render_report(result, yaml="")
+    assert "Tracks cover 13 of 14 targets that move over ground, one each." in page
 
 
 def test_pedestrian_and_bicyclist_have_one_track_each():
@@ -179,7 +179,7 @@ def test_pedestrian_and_bicyclist_have_one_track_each():
         middle_m = result.scenario.scene.target_positions_m(result.truth.time.values[-1:])[0, where]
         # Within the body: a bicycle is 1.8 m long.
         assert np.hypot(*(state[[0, 2]] - middle_m[:2])) < 0.9
-    page = render(result, yaml="")
+    page = render_report(result, yaml="")
     assert 'id="spectrogram"' in page and 'aria-label="Tracks from above"' in page
 
 
@@ -238,7 +238,7 @@ def test_the_settings_that_the_guide_shows_simulate(tmp_path, text):
 
     result = dc.run(dc.load(tmp_path / "guide.yaml"))
 
-    assert not any("hole" in finding.got for finding in result.findings)
+    assert not any("a gap" in finding.value for finding in result.findings)
 
 
 def test_a_hole_in_a_table_is_told_by_the_name_of_its_target():
@@ -248,19 +248,19 @@ def test_a_hole_in_a_table_is_told_by_the_name_of_its_target():
     )
     result = dc.run(dc.load(EXAMPLES / "corner-radar.yaml", [f"{path}={wrong}"]))
 
-    [finding] = [one for one in result.findings if "hole" in one.got]
+    [finding] = [one for one in result.findings if "a gap" in one.value]
     assert finding.setting == f"{path}.azimuth"
-    assert "from -70 deg to 90 deg" in finding.got
+    assert "from -70 deg to 90 deg" in finding.value
 
 
 def test_bounds_of_angles_are_told_in_degrees():
-    with pytest.raises(dc.InvalidFile, match=r"scene.ego.yaw is 400 deg, .* \(360 deg\)"):
+    with pytest.raises(dc.InvalidFile, match=r"scene.ego.yaw: 400 deg; .* \(360 deg\)"):
         dc.load(EXAMPLES / "corner-radar.yaml", ["scene.ego.yaw=400 deg"])
 
 
 def test_intervals_in_turn_tell_the_speed_of_oncoming_traffic():
     result = dc.run(dc.load(EXAMPLES / "intervals-in-turn.yaml"))
-    limit = max(result.radar.at(k).frame.max_velocity_m_per_s for k in range(3))
+    limit = max(result.radar.for_frame(k).frame.max_velocity_m_per_s for k in range(3))
     oncoming = result.truth.sel(target="oncoming")
     assert np.all(oncoming.velocity < -2 * limit)
     for frame in range(6):
@@ -268,8 +268,10 @@ def test_intervals_in_turn_tell_the_speed_of_oncoming_traffic():
             detection=np.flatnonzero(result.detections.frame.values == frame)
         )
         nearest = own.isel(detection=int(abs(own.range - oncoming.range[frame]).values.argmin()))
-        assert float(nearest.fold_confidence) >= 0.99
+        assert float(nearest.ambiguity_confidence) >= 0.99
         error = abs(nearest.velocity - oncoming.velocity[frame])
         # Six standard errors: it walks through half of a range cell.
         assert float(error) < 6 * float(nearest.velocity_std)
-    assert "35 µs, 38 µs, 41 µs, frame by frame" in render(result, yaml="").replace("\u202f", " ")
+    assert "35 µs, 38 µs, 41 µs, frame by frame" in render_report(result, yaml="").replace(
+        "\u202f", " "
+    )

@@ -15,9 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 
 import dechirp as dc
-from dechirp.process.angle_maps import angle_spectrum, range_azimuth_map
-from dechirp.process.cfar.base import Cells, Ring
-from dechirp.process.spectrogram import spectrogram as spectrogram_of
+from dechirp.processing.angle_maps import angle_spectrum, range_azimuth_map
+from dechirp.processing.cfar.base import Cells, TrainingWindow
+from dechirp.processing.spectrogram import spectrogram as spectrogram_of
 from dechirp.report import figures
 from dechirp.report.figures import (
     beat,
@@ -29,31 +29,31 @@ from dechirp.report.figures import (
     detectors,
     diagrams,
     directions,
+    false_alarm_rates,
     frames,
-    heat,
-    operating,
+    heatmap,
     range_doppler,
-    rates,
-    recorded,
+    recording,
+    roc,
     scene,
     spectrogram,
     study,
     tracks,
-    tuned,
+    training_window,
+    tune,
     twin,
     waveform,
-    window,
 )
-from dechirp.report.figures.ground import Seen
-from dechirp.report.figures.style import WIDTH_IN, png, svg
-from dechirp.scene.folding import Place
+from dechirp.report.figures.style import WIDTH_IN, render_png, render_svg
+from dechirp.report.figures.top_view import GroundDetections
+from dechirp.scene.aliasing import RangeVelocity
 from radars import of_eight_receivers
 
 UNIT = re.compile(
-    r"(^|, |\n)(10\S+ )?(m|m/s|s|ms|µs|MHz|GHz|dB|dBm|dBFS|dBsm|°|√W|full scale)(?![\w/])"
+    r"\((10\S+ )?(m|m/s|s|ms|µs|MHz|GHz|dB|dBm|dBFS|dBsm|°|√W|full scale|cells)(, [^)]*)?\)"
 )
-# Of axes without a unit: what is counted, and shares of one.
-WITHOUT = re.compile(r"\b(cells|candidate|number of|share|probability|window)\b")
+# Axes without a unit: counts and proportions.
+WITHOUT = re.compile(r"\b(candidate|number of|proportion|probability|window|rate)\b", re.IGNORECASE)
 
 RADAR = of_eight_receivers()
 TARGETS = (
@@ -68,13 +68,13 @@ def known() -> SimpleNamespace:
     """A run, and what figures of it need."""
     result = dc.run(dc.Scenario(radar=RADAR, scene=dc.Scene(targets=TARGETS)))
     found, cube = result.detections, result.cube
-    seen = Seen(
+    seen = GroundDetections(
         range_m=found.range.values,
         azimuth_rad=found.azimuth.values,
         elevation_rad=np.zeros(found.sizes["detection"]),
         range_std_m=found.range_std.values,
         azimuth_std_rad=found.azimuth_std.values,
-        is_sure=np.ones(found.sizes["detection"], bool),
+        is_unambiguous=np.ones(found.sizes["detection"], bool),
         field_of_view_rad=1.0,
     )
     return SimpleNamespace(
@@ -85,49 +85,54 @@ def known() -> SimpleNamespace:
         marked=range_doppler.MarkedMap(
             power=result.power,
             units="sqrt(W)",
-            found=Place(found.range.values, found.velocity.values),
-            truth=Place(np.array([30.6, 20.6]), np.array([-8.0, 6.0])),
+            detections=RangeVelocity(found.range.values, found.velocity.values),
+            truth=RangeVelocity(np.array([30.6, 20.6]), np.array([-8.0, 6.0])),
         ),
         seen=seen,
-        towards=directions.Towards(np.array([0.2]), np.array([0.0])),
+        towards=directions.Directions(np.array([0.2]), np.array([0.0])),
     )
 
 
-LINE = study.Line(name="", x=N, value=N / 6, low=N / 7, high=N / 5.5, theory=N / 6)
-RCS, SHARE = study.Axis(words="RCS of car, dBsm"), study.Axis(words="detection probability")
-ERROR = study.Axis(words="range RMSE, m")
-CURVE = {"name": "chain", "over": "ratio in each sample, dB", "x": N, "hits": N, "trials": N + 1}
+LINE = study.ScoreLine(name="", x=N, value=N / 6, low=N / 7, high=N / 5.5, theory=N / 6)
+RCS, SHARE = (
+    study.AxisLabel(text="RCS of car (dBsm)"),
+    study.AxisLabel(text="Detection probability"),
+)
+ERROR = study.AxisLabel(text="Range RMSE (m)")
+CURVE = {"name": "chain", "x_label": "SNR per sample (dB)", "x": N, "hits": N, "trials": N + 1}
 CURVE |= {"theory_x": N, "theory": N / 6}
-OPERATING = operating.Operating(
+OPERATING = roc.RocCurve(
     name="", false_alarm=N / 1e6, detection=N / 6, low=N / 7, high=N / 5.5,
     theory_false_alarm=N / 1e6, theory=N / 6,
 )  # fmt: skip
-DECIDED = detections.Decided(title="a", over=np.eye(5) > 0, range_m=N, velocity_m_per_s=N)
-CUT = detections.Line(title="a", range_m=N, power_db=N, threshold_db=N)
-TRACK = tracks.Line(
+DECIDED = detections.DetectionMask(
+    title="a", is_detected=np.eye(5) > 0, range_m=N, velocity_m_per_s=N
+)
+CUT = detections.ThresholdLine(title="a", range_m=N, power_db=N, threshold_db=N)
+TRACK = tracks.TrackLine(
     number=3,
-    way_m=np.stack([10 * N, N], axis=-1),
+    positions_m=np.stack([10 * N, N], axis=-1),
     is_confirmed=N > 2,
     velocity_m_per_s=np.array([10.0, 1.0]),
     covariance_m2=np.eye(2),
 )
-AROUND = tracks.Ground(
-    found_m=np.stack([10 * N, N], axis=-1), is_static=N > 3, paths_m=np.empty((0, 1, 2))
+AROUND = tracks.TrackBackground(
+    detections_m=np.stack([10 * N, N], axis=-1), is_static=N > 3, paths_m=np.empty((0, 1, 2))
 )
 TRIED = {
     label: {"value": 1e-3, "low": 5e-4, "high": 2e-3}
     for label in ("detection_probability", "false_alarm_probability")
 }
 SEARCH = {
-    "aim": {
+    "objective": {
         "score": "detection_probability",
         "unit": None,
-        "towards": "most",
+        "direction": "maximise",
         "limits": [
             {"score": "false_alarm_probability", "unit": None, "at_most": 1e-3, "at_least": None}
         ],
     },
-    "trials": [{"number": 0, "admitted": True, "scores": TRIED}],
+    "candidates": [{"number": 0, "admitted": True, "scores": TRIED}],
     "default": {"scores": TRIED, "number": 0},
     "best": None,
 }
@@ -148,114 +153,136 @@ TONE = np.exp(2j * np.pi * 0.1 * np.arange(256))
 
 # Of each figure function how it is called, on axes or on a figure; after a space, a variant.
 MAKERS: dict[str, Callable[..., Axes | list[Axes]]] = {
-    "beat.signal": lambda on, of: beat.signal(on, of.cube, doppler_frequency_hz=100.0),
-    "beat.signal real": lambda on, of: beat.signal(on, of.cube.real.assign_attrs(of.cube.attrs)),
-    "beat.whole_signal": lambda on, of: beat.whole_signal(on, of.cube),
-    "beat.spectrum": lambda on, of: beat.spectrum(
+    "beat.draw_signal": lambda on, of: beat.draw_signal(on, of.cube, doppler_frequency_hz=100.0),
+    "beat.draw_signal"
+    " real": lambda on, of: beat.draw_signal(on, of.cube.real.assign_attrs(of.cube.attrs)),
+    "beat.draw_signal_parts": lambda on, of: beat.draw_signal_parts(on, of.cube),
+    "beat.draw_spectrum": lambda on, of: beat.draw_spectrum(
         on, of.cube, RADAR.frame.chirp, of.chain, truth_m=np.array([20.0])
     ),
-    "birds_eye.from_above": lambda on, of: birds_eye.from_above(on, of.seen),
-    "cfar.cut": lambda on, of: cfar.cut(
+    "birds_eye.draw_detections_from_above": lambda on, of: (
+        birds_eye.draw_detections_from_above(on, of.seen)
+    ),
+    "cfar.draw_cut": lambda on, of: cfar.draw_cut(
         on, of.result.power, of.result.threshold, of.chain.cfar,
         along="range", cell=(32, 40), units="full scale",
     ),
-    "curves.detection": lambda on, _: curves.detection(
-        on, [CURVE], confidence=0.95, gap=curves.Gap(low_db=2, high_db=4, share=0.5)
+    "curves.draw_detection_curves": lambda on, _: curves.draw_detection_curves(
+        on, [CURVE], confidence=0.95, gap=curves.SnrGap(low_db=2, high_db=4, probability=0.5)
     ),
-    "curves.resolution": lambda on, _: curves.resolution(
-        on, [CURVE | {"over": "separation, m"}], confidence=0.95, required=0.9
+    "curves.draw_resolution_curves": lambda on, _: curves.draw_resolution_curves(
+        on, [CURVE | {"x_label": "Separation (m)"}], confidence=0.95, required=0.9
     ),
-    "data_set.places": lambda on, _: data_set.places(on, {"car": (N, N), "bus": (N, 2 * N)}),
-    "data_set.spread": lambda on, _: data_set.spread(
-        on, {"car": N, "bus": 2 * N}, words="ratio of target to noise, dB", of="targets"
+    "data_set.draw_targets": lambda on, _: (
+        data_set.draw_targets(on, {"car": (N, N), "bus": (N, 2 * N)})
     ),
-    "detections.maps": lambda on, _: detections.maps(
-        on, [[DECIDED, DECIDED]], target=Place(np.array(3.0), np.array(3.0)), reach=(2, 2)
+    "data_set.draw_histogram": lambda on, _: data_set.draw_histogram(
+        on, {"car": N, "bus": 2 * N}, label="SNR (dB)", counted_things="targets"
     ),
-    "detections.thresholds": lambda on, _: detections.thresholds(
+    "detections.draw_detection_maps": lambda on, _: detections.draw_detection_maps(
+        on, [[DECIDED, DECIDED]], target=RangeVelocity(np.array(3.0), np.array(3.0)), reach=(2, 2)
+    ),
+    "detections.draw_thresholds": lambda on, _: detections.draw_thresholds(
         on, [CUT, CUT], around_m=3, reach_m=2
     ),
-    "detectors.beside_each_other": lambda on, _: detectors.beside_each_other(on),
-    "diagrams.data_flow": lambda on, _: diagrams.data_flow(on),
-    "diagrams.demodulator": lambda on, _: diagrams.demodulator(on),
-    "directions.range_azimuth": lambda on, of: directions.range_azimuth(
+    "detectors.draw_detector_comparison": lambda on, _: detectors.draw_detector_comparison(on),
+    "diagrams.draw_data_flow": lambda on, _: diagrams.draw_data_flow(on),
+    "diagrams.draw_demodulator": lambda on, _: diagrams.draw_demodulator(on),
+    "directions.draw_range_azimuth": lambda on, of: directions.draw_range_azimuth(
         on,
-        directions.RangeAzimuth(
+        directions.RangeAzimuthMap(
             power=range_azimuth_map(of.cube.isel(frame=0), RADAR, of.chain),
             units="sqrt(W)",
-            found=(of.found.azimuth.values, of.found.range.values),
+            detections=(of.found.azimuth.values, of.found.range.values),
         ),
     ),
-    "directions.spectrum": lambda on, of: directions.spectrum(
+    "directions.draw_angle_spectrum": lambda on, of: directions.draw_angle_spectrum(
         on,
         angle_spectrum(of.cube.isel(frame=0), RADAR, of.found, 0, of.chain),
-        found=of.towards,
+        estimates=of.towards,
         truth=of.towards,
     ),
-    "directions.spectrum over both": lambda on, of: directions.spectrum(
+    "directions.draw_angle_spectrum over both": lambda on, of: directions.draw_angle_spectrum(
         on,
         xr.DataArray(
             np.ones((5, 5)),
             dims=("elevation", "azimuth"),
             coords={"elevation": N / 9 - 0.3, "azimuth": N / 9 - 0.3},
         ),
-        found=of.towards,
+        estimates=of.towards,
     ),
-    "frames.over_time": lambda on, of: frames.over_time(
+    "frames.draw_estimates_over_time": lambda on, of: frames.draw_estimates_over_time(
         on, of.found, variable="velocity", truth=(N, N[None])
     ),
-    "range_doppler.whole": lambda on, of: range_doppler.whole(on, of.marked),
-    "range_doppler.whole_over_noise": lambda on, of: range_doppler.whole_over_noise(
+    "range_doppler.draw_map": lambda on, of: range_doppler.draw_map(on, of.marked),
+    "range_doppler.draw_map_over_noise": lambda on, of: range_doppler.draw_map_over_noise(
         on, of.marked, highest_db=60.0
     ),
-    "range_doppler.close_up": lambda on, of: range_doppler.close_up(on, of.marked, cell=(32, 40)),
-    "rates.over_design": lambda on, _: rates.over_design(
-        on, [rates.Rates(name="mean", checks=[RATE]), rates.Rates(name="rank", checks=[RATE])]
+    "range_doppler.draw_close_up": lambda on, of: (
+        range_doppler.draw_close_up(on, of.marked, cell=(32, 40))
     ),
-    "recorded.first_map": lambda on, of: recorded.first_map(on, of.result.power, units="sqrt(W)"),
-    "recorded.first_map of one chirp": lambda on, of: recorded.first_map(
+    "false_alarm_rates.draw_alarm_ratios": lambda on, _: false_alarm_rates.draw_alarm_ratios(
+        on,
+        [
+            false_alarm_rates.DetectorRates(name="mean", checks=[RATE]),
+            false_alarm_rates.DetectorRates(name="rank", checks=[RATE]),
+        ],
+    ),
+    "recording.draw_first_map": lambda on, of: (
+        recording.draw_first_map(on, of.result.power, units="sqrt(W)")
+    ),
+    "recording.draw_first_map of one chirp": lambda on, of: recording.draw_first_map(
         on, of.result.power.isel(velocity=[0]), units="full scale"
     ),
-    "recorded.points_from_above": lambda on, _: recorded.points_from_above(on, POINTS),
-    "scene.from_above": lambda on, of: scene.from_above(
-        on, of.result.scenario.scene, detected_m=[12.0], seen=of.seen
+    "recording.draw_points_from_above": lambda on, _: recording.draw_points_from_above(on, POINTS),
+    "scene.draw_scene": lambda on, of: scene.draw_scene(
+        on, of.result.scenario.scene, detected_m=[12.0], detections=of.seen
     ),
-    "spectrogram.over_time": lambda on, of: spectrogram.over_time(
+    "spectrogram.draw_spectrogram": lambda on, of: spectrogram.draw_spectrogram(
         on, spectrogram_of(of.cube, RADAR, n_window=16)
     ),
-    "study.over": lambda on, _: study.over(on, [LINE], x=RCS, y=SHARE, is_ratio=True, limits=[0.5]),
-    "study.scattered": lambda on, _: study.scattered(on, [LINE], x=RCS, y=ERROR, is_ratio=False),
-    "study.columns": lambda on, _: study.columns(
-        on, [LINE], [f"window {n}" for n in N], x=study.Axis(words="range window"), y=SHARE,
+    "study.draw_lines": lambda on, _: (
+        study.draw_lines(on, [LINE], x=RCS, y=SHARE, is_ratio=True, limits=[0.5])
+    ),
+    "study.draw_scatter": lambda on, _: (
+        study.draw_scatter(on, [LINE], x=RCS, y=ERROR, is_ratio=False)
+    ),
+    "study.draw_bars": lambda on, _: study.draw_bars(
+        on, [LINE], [f"window {n}" for n in N], x=study.AxisLabel(text="Range window"), y=SHARE,
         is_ratio=True,
     ),
-    "heat.heat": lambda on, _: heat.heat(
-        on, N, N, np.outer(N, N) / 30, axes_words=(RCS, ERROR), words=SHARE.words, is_ratio=True
+    "heatmap.draw_heatmap": lambda on, _: heatmap.draw_heatmap(
+        on, N, N, np.outer(N, N) / 30, axis_labels=(RCS, ERROR), label=SHARE.text, is_ratio=True
     ),
-    "operating.operating": lambda on, _: operating.operating(
-        on, [OPERATING], x="false alarm probability", y=SHARE.words
+    "roc.draw_roc": lambda on, _: roc.draw_roc(
+        on, [OPERATING], x="False-alarm probability", y=SHARE.text
     ),
-    "tracks.from_above": lambda on, _: tracks.from_above(on, [TRACK], AROUND),
-    "tuned.traded": lambda on, _: tuned.traded(on, SEARCH),
-    "tuned.traded without a limit": lambda on, _: tuned.traded(
-        on, SEARCH | {"aim": SEARCH["aim"] | {"limits": []}}
+    "tracks.draw_tracks": lambda on, _: tracks.draw_tracks(on, [TRACK], AROUND),
+    "tune.draw_tradeoff": lambda on, _: tune.draw_tradeoff(on, SEARCH),
+    "tune.draw_tradeoff without a limit": lambda on, _: tune.draw_tradeoff(
+        on, SEARCH | {"objective": SEARCH["objective"] | {"limits": []}}
     ),
-    "twin.cut": lambda on, of: twin.cut(
+    "twin.draw_cut": lambda on, of: twin.draw_cut(
         on, of.result.power, of.result.power, along="velocity", cell=(32, 40), units="sqrt(W)"
     ),
-    "twin.noise": lambda on, _: twin.noise(
+    "twin.draw_noise": lambda on, _: twin.draw_noise(
         on, [{"range_m": n, "recorded_db": -n, "twin_db": None} for n in N], unit="dBm"
     ),
-    "twin.apart": lambda on, _: twin.apart(on, [PEAK, PEAK | {"judged": False}], within_db=1.0),
-    "waveform.frequencies": lambda on, _: waveform.frequencies(
+    "twin.draw_differences": lambda on, _: (
+        twin.draw_differences(on, [PEAK, PEAK | {"judged": False}], within_db=1.0)
+    ),
+    "waveform.draw_frequencies": lambda on, _: waveform.draw_frequencies(
         on, start_frequency_hz=77e9, bandwidth_hz=150e6, chirp_duration_s=7.3e-6,
         delay_s=0.33e-6, beat_frequency_hz=6.8e6,
     ),
-    "waveform.spectrogram": lambda on, _: waveform.spectrogram(
+    "waveform.draw_spectrograms": lambda on, _: waveform.draw_spectrograms(
         on, TONE, TONE, 10e6, slope_hz_per_s=1e12, highest_beat_hz=3e6
     ),
-    "window.cells": lambda on, _: window.cells(
-        on, Ring(n_training=Cells(range=4, velocity=2), n_guard=Cells(range=1, velocity=1)),
+    "training_window.draw_training_window": lambda on, _: training_window.draw_training_window(
+        on,
+        TrainingWindow(
+            n_training=Cells(range=4, velocity=2), n_guard=Cells(range=1, velocity=1)
+        ),
         n_training=50,
     ),
 }  # fmt: skip
@@ -322,7 +349,7 @@ def labels(figure: FigureBase, but: Axes | FigureBase) -> Iterator[str]:
 
 def test_a_figure_without_a_layout_looks_as_its_owner_wants_and_no_pyplot_is_touched(known):
     figure = Figure()
-    axes = range_doppler.whole(figure.subplots(), known.marked)
+    axes = range_doppler.draw_map(figure.subplots(), known.marked)
 
     assert figure.get_layout_engine() is None
     assert axes.spines["top"].get_visible()
@@ -331,7 +358,7 @@ def test_a_figure_without_a_layout_looks_as_its_owner_wants_and_no_pyplot_is_tou
 
 
 def test_a_page_tells_those_who_cannot_see_what_all_panels_show(known):
-    drawn = svg(lambda figure: beat.whole_signal(figure, known.cube))
+    drawn = render_svg(lambda figure: beat.draw_signal_parts(figure, known.cube))
 
     assert drawn.startswith('<svg viewBox="0 0 ')
     said = re.search(r'aria-label="([^"]*)"', drawn)[1]
@@ -341,11 +368,11 @@ def test_a_page_tells_those_who_cannot_see_what_all_panels_show(known):
 
 
 def test_rows_of_a_legend_make_a_figure_of_a_page_higher_not_its_axes_lower():
-    many = [study.Line(**vars(LINE) | {"name": f"ordered statistic {n}"}) for n in range(6)]
+    many = [study.ScoreLine(**vars(LINE) | {"name": f"ordered statistic {n}"}) for n in range(6)]
 
     def drawn(lines):
-        return svg(
-            lambda figure: study.over(figure.subplots(), lines, x=RCS, y=SHARE, is_ratio=True)
+        return render_svg(
+            lambda figure: study.draw_lines(figure.subplots(), lines, x=RCS, y=SHARE, is_ratio=True)
         )
 
     def height(page):
@@ -356,7 +383,7 @@ def test_rows_of_a_legend_make_a_figure_of_a_page_higher_not_its_axes_lower():
 
 
 def test_a_picture_is_as_wide_as_the_figure_and_says_what_it_shows(known):
-    made = png(lambda figure: recorded.first_map(figure.subplots(), known.result.power,
+    made = render_png(lambda figure: recording.draw_first_map(figure.subplots(), known.result.power,
                                                  units="sqrt(W)"), title="a")  # fmt: skip
     assert made.startswith(b"\x89PNG")
     assert int.from_bytes(made[16:20]) == round(300 * WIDTH_IN)

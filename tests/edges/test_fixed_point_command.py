@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-import dechirp as dc
 from dechirp.cli.main import main
+from dechirp.results.hex_vectors import read_vectors
 
 SMALL = ["--set", "radar.frame.n_chirps=32", "--set", "chain.n_range_bins=4096"]
 
@@ -25,7 +25,7 @@ def test_a_frame_gives_vectors_and_finds_what_floating_point_finds(tmp_path, cap
     assert status == 0
     assert told["n_fixed"] == told["n_float"] > 0 and told["n_only_one"] == 0
     assert told["words"]["range_bits"] == 16 and not any(told["overflows"].values())
-    vectors = dc.read_vectors(out)
+    vectors = read_vectors(out)
     assert int(vectors["detected"].sum()) == told["n_fixed"]
     assert set(told["files"]) == {path.name for path in out.iterdir()}
 
@@ -40,11 +40,11 @@ def test_word_lengths_come_from_a_file_and_overflows_are_told(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--frame", "3"], "--frame is 3, but must be a frame from 0 to 0"),
+        (["--frame", "3"], "--frame: 3; expected a frame from 0 to 0"),
         (["--frame", "3"], "n_frames says how many"),
         (["--set", "chain.cfar.estimator.kind=ordered-statistic"], "chain.cfar.estimator"),
         (["--set", "chain.n_range_bins=3000"], "set n_range_bins to 4096"),
-        (["--words", "nowhere.yaml"], "nowhere.yaml: the file is not there"),
+        (["--words", "nowhere.yaml"], "nowhere.yaml: the file: not found"),
     ],
 )
 def test_what_cannot_be_is_said_and_nothing_is_written(tmp_path, capsys, words, says):

@@ -10,8 +10,9 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.experiment.followed import follow
-from dechirp.process.cluster import Dbscan
+from dechirp.experiments.object_stage import run_object_stage
+from dechirp.experiments.scenario import RecordingSource
+from dechirp.processing.cluster import Dbscan
 from dechirp.tracking.ego import EgoMotion
 from dechirp.tracking.tracker import Tracker
 
@@ -112,7 +113,7 @@ def test_without_own_motion_all_that_is_detected_is_tracked(street):
 
 def test_without_detections_there_is_nothing_to_follow(result):
     none = result.detections.drop_vars(["cluster", "motion"]).isel(detection=[])
-    made = follow(none, result.times_s, result.scenario, result.radar)
+    made = run_object_stage(none, result.times_s, result.scenario, result.radar)
     assert made.ego.sizes["frame"] == made.clusters.sizes["cluster"] == 0
     assert made.tracks.sizes["track"] == 0
     assert made.tracks.sizes["frame"] == N_FRAMES
@@ -122,9 +123,9 @@ def test_without_detections_there_is_nothing_to_follow(result):
 def test_where_no_motion_is_told_the_user_hears_it_and_all_is_tracked(result):
     shy = replace(result.scenario, ego_motion=EgoMotion(min_static=100))
     bare = result.detections.drop_vars(["cluster", "motion"])
-    made = follow(bare, result.times_s, shy, result.radar)
+    made = run_object_stage(bare, result.times_s, shy, result.radar)
     (finding,) = made.findings
-    assert (finding.setting, finding.got[:29]) == ("ego_motion", "no motion of the radar in 6 o")
+    assert (finding.setting, finding.value[:29]) == ("ego_motion", "no motion of the radar in 6 o")
     assert made.tracks.sizes["track"] == 9
 
 
@@ -136,16 +137,16 @@ CANCELLER = "chain.mitigation=[{kind: moving-target-indication, order: 3}]"
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (["tracker.confirm_after=[7, 9]"], "tracker.confirm_after is 7 detections, in a run of 6"),
-        (["tracker.confirm_after=[4, 3]"], "tracker.confirm_after is 4 detections in 3 frames"),
-        (["ego_motion=null", ONE_ELEMENT], "tracker is asked for, of detections without direct"),
-        (["tracker=null", ONE_ELEMENT], "ego_motion is asked for, of detections without direct"),
-        (["chain.angle=null"], "tracker is asked for|ego_motion is asked for"),
+        (["tracker.confirm_after=[7, 9]"], "tracker.confirm_after: 7 detections, in a run of 6"),
+        (["tracker.confirm_after=[4, 3]"], "tracker.confirm_after: 4 detections in 3 frames"),
+        (["ego_motion=null", ONE_ELEMENT], "tracker: enabled for detections without direct"),
+        (["tracker=null", ONE_ELEMENT], "ego_motion: enabled for detections without direct"),
+        (["chain.angle=null"], "tracker: enabled for|ego_motion: enabled for"),
         (
             [LEAKAGE],
-            "chain.mitigation.leakage-subtraction.max_range is 5000 m, but must be",
+            "chain.mitigation.leakage-subtraction.max_range: 5000 m; expected",
         ),
-        ([CANCELLER, "radar.frame.n_chirps=3"], "radar.frame.n_chirps is 3, under mitigation"),
+        ([CANCELLER, "radar.frame.n_chirps=3"], "radar.frame.n_chirps: 3, under mitigation"),
     ],
 )
 def test_what_can_never_be_told_is_refused_by_its_path_before_anything_is_simulated(
@@ -156,14 +157,14 @@ def test_what_can_never_be_told_is_refused_by_its_path_before_anything_is_simula
 
 
 def test_a_recording_of_too_few_frames_is_refused_before_it_is_processed(result, tmp_path):
-    from dechirp.store.cube import write_cube
+    from dechirp.recordings.cube_store import write_cube
 
     path = tmp_path / "two.zarr"
     frames = (result.cube.isel(frame=[i]) for i in range(2))
     write_cube(path, frames, n_frames=2, radar=result.radar, groups={})
     heard = []
-    scenario = dc.Scenario(recording=dc.Source(path=str(path)), tracker=Tracker())
-    with pytest.raises(dc.InvalidSetting, match="tracker.confirm_after is 3 detections, in a run"):
+    scenario = dc.Scenario(recording=RecordingSource(path=str(path)), tracker=Tracker())
+    with pytest.raises(dc.InvalidSetting, match="tracker.confirm_after: 3 detections, in a run"):
         dc.run(scenario, progress=lambda done, of: heard.append(done))
     assert not heard
 
@@ -174,7 +175,11 @@ def test_that_stone_soup_is_missing_is_said_before_anything_is_simulated(result,
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setitem(sys.modules, "stonesoup", None)
     heard = []
-    with pytest.raises(dc.InvalidSetting, match=r"^tracker is a tracker, .*'dechirp\[track\]"):
+    with pytest.raises(
+        dc.InvalidSetting,
+        match=r"^tracker: a tracker without Stone Soup"
+        r" .*'dechirp\[track\]",
+    ):
         dc.run(result.scenario, progress=lambda done, of: heard.append(done))
     assert not heard
 

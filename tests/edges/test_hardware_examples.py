@@ -111,8 +111,8 @@ def test_the_frame_of_the_bicycle_is_one_line_and_feet_turn_about_it(crossing):
 
 def ways(made: dc.Scenario, frame: int) -> dict[str, list[tuple[float, float]]]:
     """Of each target range and velocity: straight, off the rail one way, and both ways."""
-    (wall,) = of_kind(made, dc.Wall)
-    time_s = made.radar.frame.start_s(frame) + made.radar.frame.mid_frame_s
+    (wall,) = of_kind(made, dc.impairments.WallMultipath)
+    time_s = made.radar.frame.frame_start_s(frame) + made.radar.frame.mid_frame_s
     own = np.array(made.scene.ego.velocity_m_per_s)
     found = {}
     for target in made.scene.targets:
@@ -138,7 +138,7 @@ def detected(result: dc.Result, frame: int, place: tuple[float, float]) -> bool:
 def test_each_motorcycle_has_two_ghosts_behind_it_where_images_in_the_rail_say():
     made = scenario("guard-rail")
     result = dc.run(made)
-    alone = dc.run(replace(made, impairments=of_kind(made, dc.Typical77Ghz)))
+    alone = dc.run(replace(made, impairments=of_kind(made, dc.impairments.Typical77Ghz)))
 
     for frame in range(made.n_frames):
         for places in ways(made, frame).values():
@@ -151,7 +151,7 @@ def test_each_motorcycle_has_two_ghosts_behind_it_where_images_in_the_rail_say()
 
 def test_rain_takes_of_the_reflectors_what_p_838_says():
     made = scenario("rain")
-    (rain,) = of_kind(made, dc.Rain)
+    (rain,) = of_kind(made, dc.impairments.RainAttenuation)
     clear, wet = (maps(simulated(made, impairments=listed), made) for listed in ((), (rain,)))
 
     known = dc.truth(made.scene, made.radar, n_frames=made.n_frames)
@@ -176,7 +176,7 @@ def test_rain_takes_of_the_reflectors_what_p_838_says():
 
 def test_rain_is_a_ridge_at_the_speed_of_the_road_that_falls_with_range():
     made = scenario("rain")
-    listed = of_kind(made, dc.ThermalNoise, dc.RainBackscatter)
+    listed = of_kind(made, dc.impairments.ThermalNoise, dc.impairments.RainBackscatter)
     road = replace(made.scene, targets=())
     found = maps(simulated(made, scene=road, impairments=listed), made)
     power = np.mean([one.values for one in found], axis=0)
@@ -203,7 +203,7 @@ def test_rain_is_a_ridge_at_the_speed_of_the_road_that_falls_with_range():
 
 def test_a_radar_that_crosses_is_a_burst_of_0_8_us_and_raises_the_floor():
     made = scenario("interference")
-    (both,) = of_kind(made, dc.Interference)
+    (both,) = of_kind(made, dc.impairments.Interference)
     crossing = replace(both, interferers=both.interferers[:1])
     chirp = made.radar.frame.chirp
     burst = simulated(made, scene=dc.Scene(), impairments=(crossing,)).values[:, :, 0]
@@ -224,7 +224,7 @@ def test_a_radar_that_crosses_is_a_burst_of_0_8_us_and_raises_the_floor():
     assert decibels(level_w / received_w) == pytest.approx(0, abs=0.2)
 
     # What bursts have on average is spread over the map.
-    noise = of_kind(made, dc.ThermalNoise)
+    noise = of_kind(made, dc.impairments.ThermalNoise)
     quiet = simulated(made, impairments=noise)
     loud = simulated(made)
     noise_w = dc.simulate(dc.Scene(), made.radar, impairments=noise).values
@@ -237,7 +237,7 @@ def test_a_radar_that_crosses_is_a_burst_of_0_8_us_and_raises_the_floor():
 def test_a_radar_that_is_alike_is_a_ghost_at_45_m_at_rest_and_a_motorcycle_drowns():
     made = scenario("interference")
     result = dc.run(made)
-    (both,) = of_kind(made, dc.Interference)
+    (both,) = of_kind(made, dc.impairments.Interference)
     # Its way and its lead, as an echo.
     alike = both.interferers[1]
     ghost_m = (np.linalg.norm(alike.position_m) + LIGHT * alike.offset_s) / 2
@@ -247,7 +247,7 @@ def test_a_radar_that_is_alike_is_a_ghost_at_45_m_at_rest_and_a_motorcycle_drown
         assert detected(result, frame, (ghost_m, 0.0))
         car = result.truth.sel(target="car", frame=frame)
         assert detected(result, frame, (car.range.item(), car.velocity.item()))
-    without = dc.run(replace(made, impairments=of_kind(made, dc.ThermalNoise)))
+    without = dc.run(replace(made, impairments=of_kind(made, dc.impairments.ThermalNoise)))
     for frame in range(made.n_frames):
         assert not detected(without, frame, (ghost_m, 0.0))
         # Bursts drown the motorcycle.

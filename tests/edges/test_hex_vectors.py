@@ -8,11 +8,17 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError, RecordingError
-from dechirp.process.fixed_point.chain import blocks, fixed_point_map
-from dechirp.process.fixed_point.samples import whole_samples
-from dechirp.process.fixed_point.tables import tables
-from dechirp.process.fixed_point.words import WordLengths
-from dechirp.store.hex_vectors import FILES, check_out, read_vectors, read_words, write_vectors
+from dechirp.processing.fixed_point.chain import fixed_point_map, stage_outputs
+from dechirp.processing.fixed_point.lookup_tables import make_lookup_tables
+from dechirp.processing.fixed_point.samples import to_integer_samples
+from dechirp.processing.fixed_point.word_lengths import WordLengths
+from dechirp.results.hex_vectors import (
+    FILES,
+    check_output_folder,
+    read_vectors,
+    read_words,
+    write_vectors,
+)
 
 WORDS = WordLengths(range_bits=18, doppler_bits=14, twiddle_bits=17, scaling="none")
 
@@ -39,8 +45,8 @@ def test_every_word_comes_back(tmp_path, radar, sampling, words):
     written = write_vectors(tmp_path / "v", frame, radar, CHAIN, words)
     found = read_vectors(tmp_path / "v")
 
-    plan = tables(radar, CHAIN.fitted(radar), words)
-    for block in blocks(whole_samples(frame, radar, words)[0], radar, plan):
+    plan = make_lookup_tables(radar, CHAIN.fit_to_radar(radar), words)
+    for block in stage_outputs(to_integer_samples(frame, radar, words)[0], radar, plan):
         assert np.array_equal(found.pop(block.name), block.integers), block.name
     for name, table in (
         ("range_weights", plan.range_window),
@@ -88,7 +94,7 @@ def test_vectors_that_were_changed_or_lost_are_refused(tmp_path, radar):
     with pytest.raises(RecordingError, match="SHA-256"):
         read_vectors(folder)
     (folder / "power.hex").write_text("xxxxxxxxxxxx\n" + "".join(lines[1:]))
-    with pytest.raises(RecordingError, match=r"power.hex.*never wrote"):
+    with pytest.raises(RecordingError, match=r"power.hex.*never written"):
         read_vectors(folder)
     (folder / "power.hex").unlink()
     with pytest.raises(RecordingError, match="No such file"):
@@ -125,7 +131,7 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path, radar):
     assert [path.name for path in tmp_path.iterdir()] == ["own.txt"]
 
     write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN)
-    check_out(tmp_path / "v")
+    check_output_folder(tmp_path / "v")
     write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN)
 
 

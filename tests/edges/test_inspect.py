@@ -73,7 +73,7 @@ def test_what_is_wrong_is_told_in_words_and_in_the_document(folder, capsys):
 
     warned = [f for f in json.loads(document)["findings"] if f["level"] == "warning"]
     assert any("clip" in f["setting"] for f in warned)
-    assert any("receiver 1" in f["got"] for f in warned)
+    assert any("receiver 1" in f["value"] for f in warned)
     assert out.count("warning:") == len(warned)
 
 
@@ -206,7 +206,7 @@ def test_an_option_that_the_format_does_not_take_is_a_wrong_call(folder, capsys)
     status, out, _ = call(capsys, "capture.bin", *AXES, "--json")
 
     assert status == 2
-    assert "with axes given" in json.loads(out)["errors"][0]["got"]
+    assert "with axes given" in json.loads(out)["errors"][0]["value"]
 
 
 def test_a_settings_file_is_told_from_a_recording(folder, capsys):
@@ -214,5 +214,5 @@ def test_a_settings_file_is_told_from_a_recording(folder, capsys):
 
     (error,) = json.loads(out)["errors"]
     assert status == 2
-    assert error["got"] == "the settings of a recording, not its samples"
+    assert error["value"] == "the settings of a recording, not its samples"
     assert "--radar" in error["fix"]

@@ -13,10 +13,10 @@ import xarray as xr
 
 import dechirp as dc
 import study_made
-from dechirp.core.columns import columns
-from dechirp.core.kinds import KINDS
-from dechirp.core.words import in_unit
-from dechirp.experiment.study.run import Finished
+from dechirp.core.dimensions import DIMENSIONS
+from dechirp.core.table_columns import dataset_to_columns
+from dechirp.core.text import format_quantity
+from dechirp.experiments.study.run import StudyOutcome
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
 
@@ -141,11 +141,17 @@ def test_a_study_shows_value_interval_and_theory_of_each_point():
     assert [row[0] for row in rows[:7]] == list(study_made.RCS.texts)
     text = rows[0][head.index("detection_probability")]
     value, low, high, theory = found.estimates["detection_probability"][0, 0]
-    assert text == f"{in_unit(value, 'probability', 3)} ({in_unit(low, 'probability', 3)} to" + (
-        f" {in_unit(high, 'probability', 3)}), {in_unit(theory, 'probability', 3)}"
+    assert (
+        text
+        == f"{format_quantity(value, 'probability', 3)} ({format_quantity(low, 'probability', 3)}"
+        f" to"
+        + (
+            f" {format_quantity(high, 'probability', 3)}),"
+            f" {format_quantity(theory, 'probability', 3)}"
+        )
     )
-    finished = Finished(found, ())
-    assert repr(finished) == "Finished(study: 7 points, 1,400 trials)"
+    finished = StudyOutcome(found, ())
+    assert repr(finished) == "StudyOutcome(study: 7 points, 1,400 trials)"
     assert cells(finished) == cells(found)
 
 
@@ -172,7 +178,7 @@ def test_detections_are_shown_with_the_columns_of_their_file(result):
 
     assert repr(found).startswith(f"{result.detections.sizes['detection']} detections, range ")
     table = found.table()
-    assert list(table) == list(columns(result.detections))
+    assert list(table) == list(dataset_to_columns(result.detections))
     assert table.range_m.tolist() == result.detections.range.values.tolist()
     np.testing.assert_allclose(table.azimuth_deg, np.degrees(result.detections.azimuth))
     head = cells(found)[0]
@@ -214,7 +220,7 @@ def test_angles_of_a_map_are_told_in_degrees(mimo, result):
 
 
 def test_what_is_no_map_is_refused(result):
-    with pytest.raises(dc.InvalidSetting, match="a map of powers"):
+    with pytest.raises(dc.InvalidSetting, match="a power map in W"):
         result.cube.dechirp.db()
 
 
@@ -228,7 +234,7 @@ def test_what_is_no_map_is_refused(result):
     ],
 )
 def test_a_dataset_that_is_none_of_ours_is_refused(foreign):
-    with pytest.raises(dc.InvalidSetting, match="detections, clusters, tracks, own motion or"):
+    with pytest.raises(dc.InvalidSetting, match="detections, clusters, tracks, ego motion or"):
         _ = foreign.dechirp
 
 
@@ -249,8 +255,8 @@ def test_a_map_says_its_size_and_its_ends():
 def test_a_page_makes_no_rows_that_it_leaves_out(monkeypatch):
     targets = [dc.Target(name=f"car {n}", position_m=(10 + n, 0, 0)) for n in range(50)]
     asked = []
-    cells_of = dc.Target._cells
-    monkeypatch.setattr(dc.Target, "_cells", lambda one: asked.append(one) or cells_of(one))
+    cells_of = dc.Target._summary_cells
+    monkeypatch.setattr(dc.Target, "_summary_cells", lambda one: asked.append(one) or cells_of(one))
 
     dc.Scene(targets=targets)._repr_html_()
     assert len(asked) == 20
@@ -296,10 +302,10 @@ def test_whoever_has_an_array_of_ours_has_the_accessor(made):
     ],
 )
 def test_a_number_is_told_as_its_kind_is(number, unit, text):
-    assert in_unit(number, unit) == text
+    assert format_quantity(number, unit) == text
 
 
-@pytest.mark.parametrize("unit", KINDS)
+@pytest.mark.parametrize("unit", DIMENSIONS)
 def test_every_kind_of_number_can_be_told(unit):
     for number in (0.0, 1e-9, 1.0, 1e12):
-        assert in_unit(number, unit)[0] in "0123456789\N{MINUS SIGN}"
+        assert format_quantity(number, unit)[0] in "0123456789\N{MINUS SIGN}"

@@ -12,28 +12,33 @@ from hypothesis import strategies as st
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
-from dechirp.objects.can_bus import LENGTHS, CanFd, frame_bits
-from dechirp.objects.can_frames import bus_load, frames, list_s, n_fitting
-from dechirp.objects.can_layout import OBJECT, layout, shipped_dbc
-from dechirp.objects.can_lists import gathered
-from dechirp.objects.can_logs import (
+from dechirp.results.object_lists.can_bus import FRAME_LENGTHS, CanFd, worst_case_frame_bits
+from dechirp.results.object_lists.can_frames import (
+    bus_load,
+    encode_frames,
+    list_duration_s,
+    max_fitting_objects,
+)
+from dechirp.results.object_lists.can_layout import OBJECT_SIGNALS, read_layout, shipped_dbc
+from dechirp.results.object_lists.can_lists import assemble_lists
+from dechirp.results.object_lists.can_logs import (
     SUFFIXES,
     read_can_log,
     receive_can,
     send_can,
     write_can_log,
 )
-from dechirp.objects.rows import made
+from dechirp.results.object_lists.list_columns import build_object_list
 from objects_made import STEPS, must_be_equal, objects_at, one
 
 SHIPPED = shipped_dbc().read_text()
-LAYOUT = layout()
+LAYOUT = read_layout()
 BUS = CanFd()
 
 
 def bits_on_the_bus(data: bytes, identifier: int) -> tuple[int, int]:
     """Count bits of a frame by stuffing it: those before the stuff count, and all after them."""
-    code = LENGTHS.index(len(data))
+    code = FRAME_LENGTHS.index(len(data))
     head = [0, *(identifier >> n & 1 for n in range(10, -1, -1)), 0, 0, 1, 0, 1, 0]
     plain = head + [code >> n & 1 for n in range(3, -1, -1)]
     plain += [byte >> n & 1 for byte in data for n in range(7, -1, -1)]
@@ -50,7 +55,7 @@ def bits_on_the_bus(data: bytes, identifier: int) -> tuple[int, int]:
     return len(sent), 4 + crc + fixed + 1 + 1 + 1 + 7 + 3
 
 
-@given(st.sampled_from(LENGTHS), st.integers(0, 2**11 - 1), st.integers(0), st.booleans())
+@given(st.sampled_from(FRAME_LENGTHS), st.integers(0, 2**11 - 1), st.integers(0), st.booleans())
 def test_no_frame_is_longer_than_its_bound(n_bytes, identifier, seed, is_all_alike):
     rng = np.random.default_rng(seed)
     data = (
@@ -59,7 +64,7 @@ def test_no_frame_is_longer_than_its_bound(n_bytes, identifier, seed, is_all_ali
         else rng.bytes(n_bytes)
     )
 
-    assert sum(bits_on_the_bus(data, identifier)) <= sum(frame_bits(n_bytes))
+    assert sum(bits_on_the_bus(data, identifier)) <= sum(worst_case_frame_bits(n_bytes))
 
 
 def test_the_bound_is_nearly_met_by_runs_of_four_and_five():
@@ -68,22 +73,22 @@ def test_the_bound_is_nearly_met_by_runs_of_four_and_five():
     data = int(pattern[:512], 2).to_bytes(64, "big")
 
     # The head cannot be all runs, as its bits are given: 4 of 133 stuff bits are missing.
-    assert sum(frame_bits(64)) - sum(bits_on_the_bus(data, 0)) <= 4
+    assert sum(worst_case_frame_bits(64)) - sum(bits_on_the_bus(data, 0)) <= 4
 
 
 def test_lengths_are_those_that_linux_has():
     # linux/can/length.h: 579 and 598 bits without stuff bits, 712 and 736 with, intermission too.
     for extended, bare, stuffed in ((False, 579, 712), (True, 598, 736)):
         dynamic = (41 if extended else 22) + 512
-        assert sum(frame_bits(64, extended=extended)) == stuffed
-        assert sum(frame_bits(64, extended=extended)) - (dynamic - 1) // 4 == bare
+        assert sum(worst_case_frame_bits(64, extended=extended)) == stuffed
+        assert sum(worst_case_frame_bits(64, extended=extended)) - (dynamic - 1) // 4 == bare
 
 
 def test_a_frame_takes_the_time_of_its_bits_at_both_rates():
     slow = CanFd(arbitration_bit_rate_hz=500e3, data_bit_rate_hz=500e3)
 
-    assert slow.frame_s(64) == pytest.approx(712 / 500e3)
-    assert BUS.frame_s(64) == pytest.approx(34 / 500e3 + 678 / 2e6)
+    assert slow.frame_duration_s(64) == pytest.approx(712 / 500e3)
+    assert BUS.frame_duration_s(64) == pytest.approx(34 / 500e3 + 678 / 2e6)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -123,7 +128,7 @@ _FINITE = {
 def test_every_value_in_range_is_told_to_half_a_step(row, number, frame, time, status):
     found = one(**row, number=number, frame=frame, time=time, status=status)
 
-    read = gathered(frames(found, LAYOUT, BUS), LAYOUT)
+    read = assemble_lists(encode_frames(found, LAYOUT, BUS), LAYOUT)
 
     must_be_equal(read, found, {**STEPS, "time": 1e-6})
 
@@ -132,31 +137,31 @@ def test_every_value_in_range_is_told_to_half_a_step(row, number, frame, time, s
 def test_values_beyond_the_range_are_told_as_its_end_and_never_wrap(name, size, is_negative):
     positive = name in ("x_std", "y_std", "vx_std", "vy_std", "snr", "length", "width")
     value = size * 1e30 if name == "snr" else -size if is_negative and not positive else size
-    signal = next(signal for signal, one in OBJECT.items() if one.column == name)
+    signal = next(signal for signal, one in OBJECT_SIGNALS.items() if one.column == name)
 
-    with pytest.warns(dc.PhysicsWarning, match=f"1 values told as the nearest.*1 of {signal} "):
-        sent = frames(one(**{name: value}), LAYOUT, BUS)
+    with pytest.warns(dc.PhysicsWarning, match=f"1 values clipped to the range.*1 of {signal} "):
+        sent = encode_frames(one(**{name: value}), LAYOUT, BUS)
 
-    read = gathered(sent, LAYOUT)[name].item()
+    read = assemble_lists(sent, LAYOUT)[name].item()
     told = 10 * np.log10(read) if name == "snr" else read
     codes = LAYOUT.codes[signal]
-    assert told == pytest.approx(codes.least if value < 0 else codes.most)
+    assert told == pytest.approx(codes.min_value if value < 0 else codes.max_value)
 
 
 def test_a_list_of_nothing_is_a_header_alone():
-    sent = frames(objects_at(0, 0), LAYOUT, BUS)
+    sent = encode_frames(objects_at(0, 0), LAYOUT, BUS)
 
     assert [frame.identifier for frame in sent] == [0x300, 0x300]
-    assert gathered(sent, LAYOUT).sizes == {"object": 0, "cycle": 2}
-    nothing = made({name: [] for name in objects_at(1)}, [], [])
-    assert frames(nothing, LAYOUT, BUS) == []
+    assert assemble_lists(sent, LAYOUT).sizes == {"object": 0, "cycle": 2}
+    nothing = build_object_list({name: [] for name in objects_at(1)}, [], [])
+    assert encode_frames(nothing, LAYOUT, BUS) == []
 
 
 def test_others_read_the_same_by_the_dbc_alone():
     found = one(x=123.456, vy=-7.0, y=np.nan, number=42, time=1.25, frame=17, snr=1000.0)
     database = cantools.database.load_file(shipped_dbc())
 
-    header, part = frames(found, LAYOUT, BUS)
+    header, part = encode_frames(found, LAYOUT, BUS)
 
     said = database.decode_message(part.identifier, part.data)
     assert said["X_0"] == pytest.approx(123.46)
@@ -172,11 +177,13 @@ def test_others_read_the_same_by_the_dbc_alone():
 
 
 def test_frames_follow_each_other_from_the_time_of_their_cycle():
-    sent = frames(objects_at(7, 2), LAYOUT, BUS)
+    sent = encode_frames(objects_at(7, 2), LAYOUT, BUS)
 
     times_s = np.array([frame.time_s for frame in sent])
     assert times_s[[0, 4]].tolist() == [0.0, 0.05]
-    assert np.diff(times_s[:4]).tolist() == pytest.approx([BUS.frame_s(20), *[BUS.frame_s(64)] * 2])
+    assert np.diff(times_s[:4]).tolist() == pytest.approx(
+        [BUS.frame_duration_s(20), *[BUS.frame_duration_s(64)] * 2]
+    )
 
 
 def test_a_list_longer_than_the_cycle_is_cut_to_what_fits():
@@ -184,19 +191,21 @@ def test_a_list_longer_than_the_cycle_is_cut_to_what_fits():
     allowed_s = 5e-3 * BUS.largest_load
 
     with pytest.warns(dc.PhysicsWarning, match="15 objects left out of 1 lists") as said:
-        sent = frames(found, LAYOUT, BUS)
+        sent = encode_frames(found, LAYOUT, BUS)
 
-    n_kept = n_fitting(5e-3, LAYOUT, BUS)
+    n_kept = max_fitting_objects(5e-3, LAYOUT, BUS)
     assert n_kept == 15
-    assert list_s(n_kept, LAYOUT, BUS) <= allowed_s < list_s(n_kept + 1, LAYOUT, BUS)
+    assert (
+        list_duration_s(n_kept, LAYOUT, BUS) <= allowed_s < list_duration_s(n_kept + 1, LAYOUT, BUS)
+    )
     load = bus_load(found, LAYOUT, BUS)
-    assert load == pytest.approx((BUS.frame_s(20) + 10 * BUS.frame_s(64)) / 5e-3)
+    assert load == pytest.approx((BUS.frame_duration_s(20) + 10 * BUS.frame_duration_s(64)) / 5e-3)
     assert f"the longest takes {load:.0%} of the bus" in str(said[0].message)
     header = LAYOUT.header.decode(sent[0].data)
     assert (header["NumberOfObjects"], header["LeftOut"]) == (15, 15)
-    last_s = sent[5].time_s + BUS.frame_s(64)
+    last_s = sent[5].time_s + BUS.frame_duration_s(64)
     assert last_s - sent[0].time_s <= allowed_s
-    assert gathered(sent, LAYOUT).sizes["object"] == 19
+    assert assemble_lists(sent, LAYOUT).sizes["object"] == 19
 
 
 def test_a_list_longer_than_the_dbc_counts_is_cut_too(tmp_path):
@@ -204,16 +213,16 @@ def test_a_list_longer_than_the_dbc_counts_is_cut_too(tmp_path):
     dbc.write_text(SHIPPED.replace("16|8@1+ (1,0) [0|255]", "16|8@1+ (1,0) [0|20]"))
 
     with pytest.warns(dc.PhysicsWarning, match=r"280 objects left out.*at most 255 in a list"):
-        assert len(frames(objects_at(535), LAYOUT, BUS)) == 1 + 85
+        assert len(encode_frames(objects_at(535), LAYOUT, BUS)) == 1 + 85
     with pytest.warns(dc.PhysicsWarning, match=r"5 objects left out.*at most 20 in a list"):
-        assert len(frames(objects_at(25), layout(dbc), BUS)) == 1 + 7
+        assert len(encode_frames(objects_at(25), read_layout(dbc), BUS)) == 1 + 7
 
 
 def test_one_list_alone_has_no_load_unless_the_cycle_is_given():
     assert np.isnan(bus_load(objects_at(3), LAYOUT, BUS))
     every_10_ms = CanFd(cycle_s=10e-3)
     assert bus_load(objects_at(3), LAYOUT, every_10_ms) == pytest.approx(
-        (BUS.frame_s(20) + BUS.frame_s(64)) / 10e-3
+        (BUS.frame_duration_s(20) + BUS.frame_duration_s(64)) / 10e-3
     )
 
 
@@ -283,7 +292,7 @@ def test_a_dbc_that_does_not_fit_is_refused_by_name(tmp_path, text, named):
     with pytest.raises(InvalidSetting, match=rf"own\.dbc with .*{named}") as error:
         write_can_log(objects_at(2), log, dbc=dbc)
 
-    assert all(vars(error.value.mistakes[0])[part] for part in ("got", "need", "fix"))
+    assert all(vars(error.value.mistakes[0])[part] for part in ("value", "expected", "fix"))
     assert not log.exists()
 
 
@@ -291,14 +300,14 @@ def test_a_dbc_that_cannot_say_what_is_not_told_is_refused_where_it_must(tmp_pat
     dbc = tmp_path / "own.dbc"
     dbc.write_text(re.sub(r"VAL_ 769 Z_\d .*\n", "", SHIPPED))
 
-    with pytest.raises(InvalidSetting, match="no code in Z for what is not told"):
-        frames(one(z=np.nan), layout(dbc), BUS)
-    read = gathered(frames(one(z=1.0), layout(dbc), BUS), layout(dbc))
+    with pytest.raises(InvalidSetting, match="no code in Z for unknown values"):
+        encode_frames(one(z=np.nan), read_layout(dbc), BUS)
+    read = assemble_lists(encode_frames(one(z=1.0), read_layout(dbc), BUS), read_layout(dbc))
     assert read.z.item() == pytest.approx(1.0)
 
 
 def test_any_flipped_bit_leaves_its_list_out():
-    sent = frames(objects_at(4, 4), LAYOUT, BUS)
+    sent = encode_frames(objects_at(4, 4), LAYOUT, BUS)
     rng = np.random.default_rng(3)
     for place in range(3):  # header and two parts of the first list
         for bit in rng.choice(8 * len(sent[place].data), 30, replace=False).tolist():
@@ -307,27 +316,27 @@ def test_any_flipped_bit_leaves_its_list_out():
             damaged = [*sent]
             damaged[place] = sent[place]._replace(data=bytes(data))
 
-            with pytest.warns(dc.PhysicsWarning, match="1 lists are whole"):
-                read = gathered(damaged, LAYOUT)
+            with pytest.warns(dc.PhysicsWarning, match="1 lists are complete"):
+                read = assemble_lists(damaged, LAYOUT)
 
             assert read.frame.values.tolist() == [1] * 4
 
 
 LOST = {
-    "a part": (slice(1, 2), "1 lists not whole", {1, 2}),
+    "a part": (slice(1, 2), "1 incomplete lists", {1, 2}),
     "a header": (slice(0, 1), "2 parts without a header", {1, 2}),
     "a list": (slice(3, 6), "1 lists missing", {0, 2}),
-    "the last part": (slice(-1, None), "1 lists not whole", {0, 1}),
+    "the last part": (slice(-1, None), "1 incomplete lists", {0, 1}),
 }
 
 
 @pytest.mark.parametrize(("gone", "said", "left"), LOST.values(), ids=LOST)
 def test_what_is_lost_is_told_and_its_list_left_out(gone, said, left):
-    sent = frames(objects_at(4, 4, 4), LAYOUT, BUS, first=65535)  # the counter goes round
+    sent = encode_frames(objects_at(4, 4, 4), LAYOUT, BUS, first=65535)  # the counter goes round
     del sent[gone]
 
     with pytest.warns(dc.PhysicsWarning, match=said):
-        read = gathered(sent, LAYOUT)
+        read = assemble_lists(sent, LAYOUT)
 
     assert set(read.frame.values.tolist()) == left
 
@@ -411,13 +420,13 @@ WRONG_BUS = {
 
 @pytest.mark.parametrize("settings", WRONG_BUS.values(), ids=WRONG_BUS)
 def test_a_bus_that_cannot_be_is_refused(settings):
-    with pytest.raises(InvalidSetting, match=r"CanFd\.\w+ is .* but must be"):
+    with pytest.raises(InvalidSetting, match=r"CanFd\.\w+: .*; expected"):
         CanFd(**settings)
 
 
 def test_a_length_that_no_frame_has_is_refused():
-    with pytest.raises(InvalidSetting, match="n_bytes is 63"):
-        frame_bits(63)
+    with pytest.raises(InvalidSetting, match="n_bytes: 63"):
+        worst_case_frame_bits(63)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -437,10 +446,10 @@ WRONG_CALLS = {
     "a bus that is none": lambda: send_can(objects_at(1), "can0"),
     "nothing to hear": lambda: receive_can(None),
     "a counter below": lambda: send_can(objects_at(1), None, first=-1),
-    "rates that are none": lambda: frames(objects_at(1), LAYOUT, 500e3),
-    "a dbc that is none": lambda: layout(7),
-    "a dbc that is not there": lambda: layout("nowhere.dbc"),
-    "a dbc that is a folder": lambda: layout("."),
+    "rates that are none": lambda: encode_frames(objects_at(1), LAYOUT, 500e3),
+    "a dbc that is none": lambda: read_layout(7),
+    "a dbc that is not there": lambda: read_layout("nowhere.dbc"),
+    "a dbc that is a folder": lambda: read_layout("."),
 }
 
 

@@ -27,17 +27,17 @@ def test_a_run_writes_its_list_in_each_format_that_was_asked_for(tmp_path, capsy
 
     assert status == 0
     for file in files:
-        assert dc.read_objects(file).sizes["object"] == len(told["detections"]) > 0
+        assert dc.object_lists.read_objects(file).sizes["object"] == len(told["detections"]) > 0
         assert told["files"][file.name] == str(file)
     # One antenna tells no direction, so nobody can say where the objects are.
-    assert any("without azimuth" in finding["got"] for finding in told["findings"])
+    assert any("without azimuth" in finding["value"] for finding in told["findings"])
 
 
 @pytest.mark.parametrize(
     ("file", "says"),
     [
-        ("list.txt", r"--objects is"),
-        ("no folder/list.csv", "--objects is"),
+        ("list.txt", "with the suffix .txt"),
+        ("no folder/list.csv", "not writable"),
         ("list.blf", "pip install 'dechirp[io]'"),
     ],
 )
@@ -49,7 +49,7 @@ def test_a_list_that_cannot_be_written_is_said_before_the_run(
         capsys, "--out", str(tmp_path / "run"), "--objects", str(tmp_path / file)
     )
 
-    assert status == 2 and says in told and "--objects is" in told and "Traceback" not in told
+    assert status == 2 and says in told and "--objects: " in told and "Traceback" not in told
     assert not any(tmp_path.iterdir())
 
 
@@ -60,10 +60,10 @@ def test_the_results_are_kept_where_the_list_cannot_be_written_in_the_end(
     def full(objects, path):
         if path != file:
             return  # what is tried before the run
-        raise dc.InvalidSetting("path", got="full", need="a disk with room", fix="Make room.")
+        raise dc.InvalidSetting("path", value="full", expected="a disk with room", fix="Make room.")
 
     out, file = tmp_path / "run", tmp_path / "list.csv"
-    monkeypatch.setattr("dechirp.objects.files.write_objects", full)
+    monkeypatch.setattr("dechirp.results.object_lists.files.write_objects", full)
     status, _, told = call(capsys, "--out", str(out), "--objects", str(file), *SMALL)
 
     assert status == 2 and "a disk with room" in told

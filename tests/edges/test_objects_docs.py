@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import dechirp as dc
-from dechirp.objects import datagrams
-from dechirp.objects.can_layout import OBJECT, layout
+from dechirp.results.object_lists import datagrams
+from dechirp.results.object_lists.can_layout import OBJECT_SIGNALS, read_layout
 
 PAGE = (Path(dc.__file__).parents[2] / "docs" / "objects.md").read_text(encoding="utf-8")
 
@@ -18,16 +18,16 @@ def signals() -> dict[str, tuple[float, ...]]:
 
 
 def test_the_page_has_every_signal_of_the_dbc_with_its_range_and_step():
-    found = layout()
+    found = read_layout()
     messages = (*found.header.signals, *found.part.signals)
     bits = {signal.name.removesuffix("_0"): signal.length for signal in messages}
 
     assert signals() == {
-        name: pytest.approx((bits[name], codes.least, codes.most, codes.scale))
+        name: pytest.approx((bits[name], codes.min_value, codes.max_value, codes.scale))
         for name, codes in found.codes.items()
         if name != "Part"
     }
-    assert set(OBJECT) < set(signals())
+    assert set(OBJECT_SIGNALS) < set(signals())
 
 
 def test_the_page_has_the_layout_of_datagrams_as_the_code_says_it():

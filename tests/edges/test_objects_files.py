@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
-from dechirp.objects.can_logs import write_can_log
-from dechirp.objects.files import check_path, read_objects, write_objects
-from dechirp.objects.osi import messages, read_osi, write_osi
-from dechirp.objects.points import write_points
-from dechirp.objects.priority import in_order
-from dechirp.objects.rows import COLUMNS, made
-from dechirp.objects.tables import write_table
+from dechirp.results.object_lists.can_logs import write_can_log
+from dechirp.results.object_lists.files import check_output_path, read_objects, write_objects
+from dechirp.results.object_lists.list_columns import COLUMNS, build_object_list
+from dechirp.results.object_lists.osi import osi_messages, read_osi, write_osi
+from dechirp.results.object_lists.point_cloud_files import write_points
+from dechirp.results.object_lists.priority import sort_by_priority
+from dechirp.results.object_lists.tables import write_table
 from objects_made import must_be_equal, objects_at, one
 
 SINGLE = {"relative": 2.0**-24, "snr": 1e-6}
@@ -43,7 +43,7 @@ def test_tracks_in_osi_read_back_exactly(tmp_path):
     write_objects(found, tmp_path / "tracks.osi")
     again = read_objects(tmp_path / "tracks.osi")
 
-    must_be_equal(again, in_order(found), {})
+    must_be_equal(again, sort_by_priority(found), {})
     assert again.cycle_frame.values.tolist() == [0, 1, 2]
     assert again.cycle_time.values.tolist() == pytest.approx([0.0, 0.05, 0.1], abs=1e-9)
 
@@ -58,7 +58,7 @@ def test_detections_in_osi_read_back_exactly(tmp_path):
     write_objects(found, tmp_path / "detections.osi")
 
     # The most important first, though OSI has them in the order of their numbers.
-    must_be_equal(read_objects(tmp_path / "detections.osi"), in_order(found), {})
+    must_be_equal(read_objects(tmp_path / "detections.osi"), sort_by_priority(found), {})
 
 
 def test_osi_turns_the_radial_velocity_and_the_elevation_round():
@@ -67,7 +67,7 @@ def test_osi_turns_the_radial_velocity_and_the_elevation_round():
     velocity = -3.0 * at / 15
     found = one(x=10, y=10, z=5, vx=velocity[0], vy=velocity[1], snr=100.0, status="detection")
 
-    (message,) = messages(found)
+    (message,) = osi_messages(found)
 
     (radar,) = message.feature_data.radar_sensor[0].detection
     assert radar.radial_velocity == pytest.approx(3.0)  # towards the sensor
@@ -83,7 +83,7 @@ def test_osi_turns_the_radial_velocity_and_the_elevation_round():
 
 def test_radar_detections_of_others_are_read_by_their_angles(tmp_path):
     found = one(x=10, y=10, z=5, vx=-2, vy=-2, snr=100.0, status="detection")
-    (message,) = messages(found)
+    (message,) = osi_messages(found)
     message.ClearField("logical_detection_data")
     content = message.SerializeToString()
     path = tmp_path / "theirs.osi"
@@ -117,7 +117,7 @@ def test_the_reader_of_osi_reads_the_trace(tmp_path):
 
 
 def test_what_is_not_told_is_not_set_in_osi():
-    (message,) = messages(one(z=np.nan, x_std=np.nan))
+    (message,) = osi_messages(one(z=np.nan, x_std=np.nan))
 
     moving = message.moving_object[0]
     assert not moving.base.position.HasField("z")
@@ -196,7 +196,7 @@ def test_a_parquet_file_has_types(tmp_path):
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_list_without_objects_is_a_valid_file(tmp_path, suffix):
     path = tmp_path / f"empty{suffix}"
-    for found in (objects_at(0, 0), made({name: [] for name in COLUMNS}, [], [])):
+    for found in (objects_at(0, 0), build_object_list({name: [] for name in COLUMNS}, [], [])):
         write_objects(found, path)
         again = read_objects(path)
         assert again.sizes["object"] == 0
@@ -249,9 +249,9 @@ def test_damaged_files_are_errors_and_never_something_else(tmp_path, suffix):
 def test_a_file_of_something_else_is_refused(tmp_path, suffix):
     path = tmp_path / f"other{suffix}"
     path.write_text(json.dumps({"this": "is", "something": ["else"]}) + "\n")
-    with pytest.raises(RecordingError, match=rf"other\{suffix}: recording is"):
+    with pytest.raises(RecordingError, match=rf"other\{suffix}: recording:"):
         read_objects(path)
-    with pytest.raises(RecordingError, match="recording is"):
+    with pytest.raises(RecordingError, match="recording:"):
         read_objects(tmp_path / f"missing{suffix}")
 
 
@@ -266,7 +266,7 @@ def test_a_table_with_other_columns_or_without_times_is_refused(tmp_path):
     with pytest.raises(RecordingError, match="a row without time_s"):
         read_objects(path)
     path.write_text(text.replace("confirmed", "lost"))
-    with pytest.raises(InvalidSetting, match="status is lost"):
+    with pytest.raises(InvalidSetting, match="status: lost"):
         read_objects(path)
 
 
@@ -275,9 +275,9 @@ def test_an_unknown_suffix_is_refused_with_those_that_are_known(path):
     for call in (
         lambda: write_objects(objects_at(1), path),
         lambda: read_objects(path),
-        lambda: check_path(path),
+        lambda: check_output_path(path),
     ):
-        with pytest.raises(InvalidSetting, match=r"path is .* but must be"):
+        with pytest.raises(InvalidSetting, match=r"path: .*; expected"):
             call()
     with pytest.raises(InvalidSetting, match=r"\.blf, \.asc, \.log, \.osi, \.pcd, \.ply, \.csv, "):
         read_objects("objects.txt")
@@ -292,7 +292,7 @@ def test_what_cannot_be_written_leaves_what_was_there(tmp_path, suffix, monkeypa
     with pytest.raises(InvalidSetting, match="not writable"):
         write_objects(one(), tmp_path / "no folder" / f"objects{suffix}")
     (tmp_path / f"folder{suffix}").mkdir()
-    for call in (lambda at: write_objects(one(), at), check_path):
+    for call in (lambda at: write_objects(one(), at), check_output_path):
         with pytest.raises(InvalidSetting, match="not writable"):
             call(tmp_path / f"folder{suffix}")
 
@@ -304,7 +304,7 @@ def test_what_cannot_be_written_leaves_what_was_there(tmp_path, suffix, monkeypa
         write_objects(one(), path)
 
     monkeypatch.undo()
-    check_path(path)
+    check_output_path(path)
     assert path.read_text() == "mine"
     assert {file.name for file in tmp_path.iterdir()} == {path.name, f"folder{suffix}"}
 
@@ -318,7 +318,7 @@ def test_a_missing_library_is_named_with_the_extra_that_has_it(
 ):
     monkeypatch.setitem(sys.modules, library, None)
 
-    for call in (lambda at: write_objects(one(), at), check_path):
+    for call in (lambda at: write_objects(one(), at), check_output_path):
         with pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[io\]'"):
             call(tmp_path / f"objects{suffix}")
 
@@ -334,19 +334,19 @@ def test_points_need_no_library(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("encoding", ["text", None, 1])
 def test_an_encoding_that_is_none_is_refused(tmp_path, encoding):
-    with pytest.raises(InvalidSetting, match="encoding is .* but must be binary or ascii"):
+    with pytest.raises(InvalidSetting, match="encoding: .*; expected binary or ascii"):
         write_points(one(), tmp_path / "objects.pcd", encoding=encoding)
 
 
 @pytest.mark.parametrize("call", [write_can_log, write_osi, write_points, write_table])
 @pytest.mark.parametrize("path", ["objects.txt", None, "null\0.osi", "null\0.csv"])
 def test_each_writer_and_reader_has_its_suffixes(call, path):
-    with pytest.raises(InvalidSetting, match=r"path is .* but must be"):
+    with pytest.raises(InvalidSetting, match=r"path: .*; expected"):
         call(one(), path)
 
 
 def test_numbers_beyond_all_counts_are_refused(tmp_path):
-    (message,) = messages(one())
+    (message,) = osi_messages(one())
     message.moving_object[0].header.tracking_id.value = 2**64 - 1
     content = message.SerializeToString()
     path = tmp_path / "theirs.osi"
@@ -357,5 +357,5 @@ def test_numbers_beyond_all_counts_are_refused(tmp_path):
     write_objects(one(), tmp_path / "objects.csv")
     text = (tmp_path / "objects.csv").read_text()
     (tmp_path / "objects.csv").write_text(re.sub(r"^0,", "0.5,", text, flags=re.M))
-    with pytest.raises(InvalidSetting, match=r"objects\.frame is 0\.5"):
+    with pytest.raises(InvalidSetting, match=r"objects\.frame: 0\.5"):
         read_objects(tmp_path / "objects.csv")

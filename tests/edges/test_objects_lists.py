@@ -6,9 +6,9 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
-from dechirp.objects.object_list import object_list
-from dechirp.objects.priority import most_important, priority
-from dechirp.objects.rows import COLUMNS, MEASURED, must_be_objects
+from dechirp.results.object_lists.list_columns import COLUMNS, MEASURED, check_object_list
+from dechirp.results.object_lists.object_list import object_list
+from dechirp.results.object_lists.priority import keep_most_important, priority_ranks
 from objects_made import objects_at, one
 
 
@@ -158,21 +158,21 @@ def test_the_most_important_object_is_believed_and_soon_here():
         data_vars="minimal",
     )
 
-    assert priority(found).tolist() == [1, 0, 2, 3, 4, 5, 6]
+    assert priority_ranks(found).tolist() == [1, 0, 2, 3, 4, 5, 6]
 
 
 def test_a_list_is_cut_by_priority_and_says_what_it_leaves_out():
     found = objects_at(9, 2, 5)
 
     with pytest.warns(dc.PhysicsWarning, match="8 objects left out of 2 lists") as said:
-        kept = most_important(found, 3, why="there is no room", fix="Make some.")
+        kept = keep_most_important(found, 3, reason="there is no room", fix="Make some.")
 
     assert np.bincount(kept.frame).tolist() == [3, 2, 3]
-    rank = priority(found)
+    rank = priority_ranks(found)
     assert (rank[np.isin(np.arange(16), _places(found, kept))] < 3).all()
     finding = said[0].message.args[0]
     nearest = np.hypot(found.x, found.y).values[rank >= 3]
-    assert f"the nearest at {np.nanmin(nearest):.4g} m" in finding.got
+    assert f"the nearest at {np.nanmin(nearest):.4g} m" in finding.value
 
 
 def _places(found: xr.Dataset, kept: xr.Dataset) -> list[int]:
@@ -183,7 +183,7 @@ def _places(found: xr.Dataset, kept: xr.Dataset) -> list[int]:
 def test_rows_of_frames_in_any_order_become_a_list():
     found = objects_at(2, 3)
 
-    again = must_be_objects(found.isel(object=[4, 0, 2, 1, 3]))
+    again = check_object_list(found.isel(object=[4, 0, 2, 1, 3]))
 
     assert again.frame.values.tolist() == [0, 0, 1, 1, 1]
     assert again.number.values.tolist() == [0, 1, 2, 0, 1]
@@ -239,8 +239,8 @@ WRONG_LISTS = {
 
 @pytest.mark.parametrize("objects", WRONG_LISTS.values(), ids=WRONG_LISTS)
 def test_what_is_no_list_is_refused_by_name(objects):
-    with pytest.raises(InvalidSetting, match=r"objects.* is .* but must be"):
-        must_be_objects(objects)
+    with pytest.raises(InvalidSetting, match=r"objects.*: .*; expected"):
+        check_object_list(objects)
 
 
 def test_every_column_has_a_unit():

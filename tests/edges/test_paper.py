@@ -8,18 +8,23 @@ from importlib.resources import files
 
 import pytest
 
-from dechirp.experiment.verify.certificate import CLAIMS, Certificate
-from dechirp.experiment.verify.claim import Check, Claim
-from dechirp.experiment.verify.corrections import corrections
-from dechirp.experiment.verify.curves import Curve
-from dechirp.experiment.verify.document import document as document_of
-from dechirp.experiment.verify.tables import tables
-from dechirp.report import paper
-from dechirp.report.amounts import amount, compared, counted, shown, typographic
-from dechirp.report.equations import svg, typeset
-from dechirp.report.numbering import numbered
-from dechirp.report.plates import plates
-from dechirp.report.references import REFERENCES
+from dechirp.certificate import paper
+from dechirp.certificate.certificate import CLAIM_IDS, Certificate
+from dechirp.certificate.claim import Check, Claim
+from dechirp.certificate.corrections import find_corrections
+from dechirp.certificate.detection_curves import MeasuredCurve
+from dechirp.certificate.document import build_document as document_of
+from dechirp.certificate.paper import REFERENCES, number_references
+from dechirp.certificate.paper_figures import draw_figures
+from dechirp.certificate.tables import build_tables
+from dechirp.report.check_values import (
+    apply_typography,
+    format_amount,
+    format_check,
+    format_count,
+    format_pair,
+)
+from dechirp.report.equations import equation_svg, typeset_equations
 from printed import check_captions, check_pdf
 
 MINUS, DASH, TIMES = "\N{MINUS SIGN}", "\N{EN DASH}", "\N{MULTIPLICATION SIGN}"
@@ -118,32 +123,32 @@ def document() -> dict:
             checks=CHECKS.get(name, (share("share"), share("another"))),
             note="A note with 1e-6 in it.",
         )
-        for name in CLAIMS
+        for name in CLAIM_IDS
     }
-    pairs = {"over": "separation, range bins", "x": (1.0, 1.5), "trials": (100, 1000)}
-    frames = {"over": "SNR in each sample, dB", "trials": (500, 500), "hits": (200, 480)}
+    pairs = {"x_label": "Separation (range bins)", "x": (1.0, 1.5), "trials": (100, 1000)}
+    frames = {"x_label": "SNR per sample (dB)", "trials": (500, 500), "hits": (200, 480)}
     made = document_of(
         Certificate(
             claims=tuple(claims.values()),
-            corrections=corrections(),
-            tables=tables(claims),
+            corrections=find_corrections(),
+            tables=build_tables(claims),
             curves=(
-                Curve(
+                MeasuredCurve(
                     name="rectangular windows",
                     x=(-42.0, -40.0),
                     theory_x=(-43.0, -39.0),
                     theory=(0.3, 0.99),
                     **frames,
                 ),
-                Curve(
+                MeasuredCurve(
                     name="the report's rule",
                     x=(-24.5, -24.0),
                     theory_x=(-25.0, -23.0),
                     theory=(0.1, 1.0),
                     **frames,
                 ),
-                Curve(name="rectangular windows", hits=(60, 1000), **pairs),
-                Curve(name="Hann windows", hits=(35, 610), **pairs),
+                MeasuredCurve(name="rectangular windows", hits=(60, 1000), **pairs),
+                MeasuredCurve(name="Hann windows", hits=(35, 610), **pairs),
             ),
             seed=3,
             trials=None,
@@ -160,14 +165,14 @@ def document() -> dict:
 
 @pytest.fixture(scope="module")
 def drawn(document) -> dict:
-    return plates(document)
+    return draw_figures(document)
 
 
 @pytest.fixture
 def page_of(monkeypatch, drawn):
     """Render with the figures of the sound document: they take most of the time."""
-    monkeypatch.setattr(paper, "plates", lambda document: drawn)
-    return paper.render
+    monkeypatch.setattr(paper, "draw_figures", lambda document: drawn)
+    return paper.render_paper
 
 
 @pytest.fixture
@@ -229,7 +234,7 @@ def test_references_are_numbered_as_they_are_first_cited_and_none_is_idle(page):
 
 
 def test_the_template_holds_no_number_of_its_own():
-    text = files("dechirp.report").joinpath("paper.html").read_text(encoding="utf-8")
+    text = files("dechirp.certificate").joinpath("paper.html").read_text(encoding="utf-8")
     for part in (
         r"<style>.*?</style>",
         r"\{%.*?%\}",
@@ -247,22 +252,22 @@ def test_the_numbers_of_the_text_are_those_of_the_document(page, page_of, docume
     for number in (f"{MINUS}40.70 dB", f"{MINUS}24.10 dB", "6.823 MHz", "54.50 dB", "13.96"):
         assert number in words(page)
     other = deepcopy(document)
-    other["claims"][CLAIMS.index("snr_limit")]["checks"][0]["measured"] = -40.123
+    other["claims"][CLAIM_IDS.index("snr_limit")]["checks"][0]["measured"] = -40.123
     other["numbers"]["beat_frequency_hz"] = 7.654321e6
     other["numbers"]["factor"] = 98.76
     other["seed"] = 4321
     text = words(page_of(other))
     for number in (f"{MINUS}40.12 dB", "7.654 MHz", "98.76", "--seed 4321"):
         assert number in text
-    assert f"{MINUS}40.70 dB in each sample" not in text and "6.823 MHz" not in text
+    assert f"{MINUS}40.70 dB per sample" not in text and "6.823 MHz" not in text
 
 
 def test_the_abstract_says_at_which_rate_and_under_which_windows(page_of, document):
     other = deepcopy(document)
-    other["claims"][CLAIMS.index("two_targets_resolved")]["checks"][1]["measured"] = 0.75
+    other["claims"][CLAIM_IDS.index("two_targets_resolved")]["checks"][1]["measured"] = 0.75
     abstract = re.search(r'<div class="abstract">.*?</div>', page_of(other), re.DOTALL)[0]
-    assert f"<sup>{MINUS}4</sup> and 10<sup>{MINUS}6</sup> in each cell" in abstract
-    counts = re.search(r"in (.{0,20}) trials under rect.* in (.{0,20}) under Hann", words(abstract))
+    assert f"<sup>{MINUS}4</sup> and 10<sup>{MINUS}6</sup> per cell" in abstract
+    counts = re.search(r"in (.{0,20}) trials with rect.* in (.{0,20}) with Hann", words(abstract))
     assert [text.replace(" ", "") for text in counts.groups()] == ["1000of1000", "750of1000"]
 
 
@@ -274,7 +279,7 @@ def test_what_the_echoes_leave_out_is_said_with_its_size(page):
 
 def test_the_report_is_known_at_second_hand_and_its_rebuilt_detector_is_described(page):
     introduction = words(re.search(r'<section id="introduction">.*?</section>', page, re.DOTALL)[0])
-    assert "at second hand" in introduction
+    assert "known only from a summary" in introduction
     assert "31.6 times the mean amplitude" in introduction
     assert "the report’s range, 49.98 m" in introduction  # noqa: RUF001
 
@@ -284,7 +289,7 @@ def test_the_two_maps_have_one_scale_over_their_noise(drawn):
         re.findall(r"<text[^>]*>([^<]*)</text>", drawn[name]) for name in ("map", "noisy_map")
     )
     assert quiet == noisy
-    assert "power over the mean noise, dB" in quiet
+    assert "Power over mean noise (dB)" in quiet
     # -10 dB, 54.5 dB of gain, 3.5 dB of Hann windows: the scale ends at about 41 dB.
     assert "40" in quiet and f"{MINUS}100" in quiet
 
@@ -298,7 +303,7 @@ def test_where_all_holds_the_paper_says_so_and_names_no_failure(page):
 
 def test_a_failed_claim_cannot_be_overlooked(page_of, document):
     bad = deepcopy(document)
-    claim = bad["claims"][CLAIMS.index("range_rmse")]
+    claim = bad["claims"][CLAIM_IDS.index("range_rmse")]
     claim["passed"] = claim["checks"][0]["passed"] = bad["passed"] = False
     page = page_of(bad)
 
@@ -315,7 +320,7 @@ def test_a_failed_claim_cannot_be_overlooked(page_of, document):
 def test_several_failed_claims_are_all_named(page_of, document):
     bad = deepcopy(document)
     for name in ("snr_limit", "corner_200m_100mps"):
-        bad["claims"][CLAIMS.index(name)]["passed"] = False
+        bad["claims"][CLAIM_IDS.index(name)]["passed"] = False
     assert "2 of 16 claims fail: corner_200m_100mps , snr_limit" in words(page_of(bad))
 
 
@@ -329,9 +334,9 @@ def test_what_was_not_measured_has_a_dash_and_stops_nothing(document, nothing):
         claim["note"] = ""
     for table in bare["tables"]:
         for row in table["rows"]:
-            row["here"] = None
+            row["computed"] = None
 
-    page = paper.render(bare)
+    page = paper.render_paper(bare)
 
     assert "NOT CERTIFIED: 16 of 16" in page
     assert "nan" not in words(page).lower().replace("nanosecond", "")
@@ -347,7 +352,7 @@ def test_words_of_the_document_stay_text(page_of, document):
 
 
 def test_the_same_document_gives_the_same_paper(document, page):
-    assert paper.render(document) == page
+    assert paper.render_paper(document) == page
 
 
 def test_figures_are_annotated_with_the_numbers_of_the_document(drawn):
@@ -361,7 +366,7 @@ def test_figures_are_annotated_with_the_numbers_of_the_document(drawn):
 
 def test_the_interval_decides_on_the_digits():
     told = CHECKS["range_doppler_peak"][0]
-    made = shown(
+    made = format_check(
         {
             "unit": told.unit,
             "measured": told.measured,
@@ -379,45 +384,50 @@ def test_the_interval_decides_on_the_digits():
 
 def test_a_requirement_is_written_as_it_is_meant():
     check = {"unit": "dB", "measured": -40.7, "published": None, "limit": None, "interval": None}
-    assert shown({**check, "required": {"at_most": -40.5}}).required.startswith(f"≤ {MINUS}40.5")
-    assert shown({**check, "required": {"at_least": -60.0}}).required.startswith(f"≥ {MINUS}60")
-    assert (
-        shown({**check, "required": {"at_least": 0.0, "at_most": 0.0}}).required.split()[0] == "0"
+    assert format_check({**check, "required": {"at_most": -40.5}}).required.startswith(
+        f"≤ {MINUS}40.5"
     )
-    assert shown({**check, "required": None}).required == DASH
+    assert format_check({**check, "required": {"at_least": -60.0}}).required.startswith(
+        f"≥ {MINUS}60"
+    )
+    assert (
+        format_check({**check, "required": {"at_least": 0.0, "at_most": 0.0}}).required.split()[0]
+        == "0"
+    )
+    assert format_check({**check, "required": None}).required == DASH
 
 
 def test_amounts_come_in_the_units_that_people_use():
-    assert amount(6.8229e6, "Hz").split() == ["6.823", "MHz"]
-    assert amount(2.0454545e13, "Hz/s").split() == ["2.045", TIMES, "10¹³", "Hz/s"]
-    assert amount(1.93e-12, "W").split() == ["1.93", "pW"]
-    assert amount(0.0376811, "m") == "37.68 mm"
-    assert amount(0.9, "1") == "0.9"
-    assert amount(None, "m") == DASH
-    assert counted(100249600).split() == ["100", "249", "600"]
+    assert format_amount(6.8229e6, "Hz").split() == ["6.823", "MHz"]
+    assert format_amount(2.0454545e13, "Hz/s").split() == ["2.045", TIMES, "10¹³", "Hz/s"]
+    assert format_amount(1.93e-12, "W").split() == ["1.93", "pW"]
+    assert format_amount(0.0376811, "m") == "37.68 mm"
+    assert format_amount(0.9, "1") == "0.9"
+    assert format_amount(None, "m") == DASH
+    assert format_count(100249600).split() == ["100", "249", "600"]
 
 
 def test_two_figures_of_a_quantity_show_what_is_between_them():
-    assert [text.split() for text in compared(49.98, 50.0047196, "m")] == [
+    assert [text.split() for text in format_pair(49.98, 50.0047196, "m")] == [
         ["49.98", "m"],
         ["50.0047", "m"],
     ]
-    assert compared(2200, 2200, "1") == ("2200", "2200")
-    assert compared(None, 2.07, "m/s")[0] == DASH
+    assert format_pair(2200, 2200, "1") == ("2200", "2200")
+    assert format_pair(None, 2.07, "m/s")[0] == DASH
 
 
 def test_plain_text_is_set_as_print_has_it():
-    assert typographic("at -24 dB and 1e-06, not 2.045e+13") == (
+    assert apply_typography("at -24 dB and 1e-06, not 2.045e+13") == (
         f"at {MINUS}24 dB and 10⁻⁶, not 2.045 {TIMES} 10¹³"
     )
-    assert typographic('10^-341 of "that" is the report\'s') == (
+    assert apply_typography('10^-341 of "that" is the report\'s') == (
         "10⁻³⁴¹ of “that” is the report’s"  # noqa: RUF001
     )
-    assert typographic("2-D, range-Doppler, 9-10") == "2-D, range-Doppler, 9-10"
+    assert apply_typography("2-D, range-Doppler, 9-10") == "2-D, range-Doppler, 9-10"
 
 
 def test_a_formula_stands_on_the_line_and_says_what_it_is():
-    upright, deep = svg("R"), svg("f_0")
+    upright, deep = equation_svg("R"), equation_svg("f_0")
     assert 'aria-label="f_0"' in deep
 
     def below(formula: str) -> float:
@@ -425,11 +435,11 @@ def test_a_formula_stands_on_the_line_and_says_what_it_is():
 
     assert abs(below(upright)) < 0.03
     assert below(deep) < -0.1
-    assert "{" not in svg(r"\frac{1}{2}")
+    assert "{" not in equation_svg(r"\frac{1}{2}")
 
 
 def test_equations_are_numbered_as_they_come():
-    text = typeset(r"\[one| a = b \] then \[two| c \], \eqref{two} after \eqref{one}")
+    text = typeset_equations(r"\[one| a = b \] then \[two| c \], \eqref{two} after \eqref{one}")
     assert re.findall(r"<i>\((\d)\)</i>", text) == ["1", "2"]
     assert text.index('href="#eq-two">(2)') < text.index('href="#eq-one">(1)')
 
@@ -437,9 +447,9 @@ def test_equations_are_numbered_as_they_come():
 @pytest.mark.parametrize("text", [r"\ref{figure:nowhere}", r"\cite{nobody}"])
 def test_a_reference_to_nothing_is_an_error(text):
     with pytest.raises(KeyError):
-        numbered(text, REFERENCES)
+        number_references(text, REFERENCES)
 
 
 def test_a_reference_to_no_equation_is_an_error():
     with pytest.raises(KeyError):
-        typeset(r"\eqref{nothing}")
+        typeset_equations(r"\eqref{nothing}")

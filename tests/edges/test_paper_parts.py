@@ -10,10 +10,10 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from test_paper import document  # noqa: F401
 
-from dechirp.experiment.verify.claim import Check, Claim, Part
-from dechirp.experiment.verify.document import _claim, _part
-from dechirp.report import paper
-from dechirp.report.figures import rates
+from dechirp.certificate import paper
+from dechirp.certificate.claim import Check, Claim, Part
+from dechirp.certificate.document import _claim_entry, _part_entry
+from dechirp.report.figures import false_alarm_rates
 
 WINDOWS = ("rectangular windows", "Hann windows", "at both ends of the range, all windows")
 
@@ -41,7 +41,7 @@ def parts(greatest_of=1.01):
         Part(
             id="false_alarms",
             title="False alarms of every detector",
-            how="In noise.",
+            method="In noise.",
             claims=(
                 claim("false_alarms_cell_averaging", *(check(w, 1.02) for w in WINDOWS)),
                 claim("false_alarms_greatest_of", *(check(w, greatest_of) for w in WINDOWS)),
@@ -50,7 +50,7 @@ def parts(greatest_of=1.01):
         Part(
             id="directions",
             title="Errors of every direction estimator",
-            how="On a line.",
+            method="On a line.",
             claims=(
                 claim(
                     "directions_root_music",
@@ -63,7 +63,7 @@ def parts(greatest_of=1.01):
         Part(
             id="impairments",
             title="Every impairment against its formula",
-            how="On samples.",
+            method="On samples.",
             claims=(
                 claim(
                     "impairment_dc_offset",
@@ -78,21 +78,23 @@ def parts(greatest_of=1.01):
 @pytest.fixture
 def page(document, monkeypatch):  # noqa: F811
     """Text of the paper with parts, without its figures."""
-    monkeypatch.setattr(paper, "plates", lambda _: defaultdict(lambda: Markup("<svg></svg>")))
+    monkeypatch.setattr(paper, "draw_figures", lambda _: defaultdict(lambda: Markup("<svg></svg>")))
 
     def rendered(made):
-        told = {**document, "parts": [_part(part) for part in made]}
-        return paper.render(told)
+        told = {**document, "parts": [_part_entry(part) for part in made]}
+        return paper.render_paper(told)
 
     return rendered
 
 
 def test_all_parts_are_on_the_page_with_their_numbers(page):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", page(parts())))
-    assert "16 of its claims" in text and "5 further claims are certified" in text
+    assert (
+        "16 of its claims" in text and "A further 5 claims beyond the report are certified" in text
+    )
     assert "All 21 claims hold" in text
     assert "FAILS" not in text
-    for words in ("greatest-of", "root-music", "dc-offset", "It tells one direction alone."):
+    for words in ("greatest-of", "root-music", "dc-offset", "It estimates one direction only."):
         assert words in text
     for words in WINDOWS:
         assert words in text
@@ -117,9 +119,10 @@ def test_a_claim_beyond_the_report_that_fails_is_named_at_the_top(page):
 
 def test_the_figure_has_a_mark_with_its_interval_for_every_rate():
     detectors = [
-        rates.Rates(name=one.id, checks=_claim(one)["checks"]) for one in parts()[0].claims
+        false_alarm_rates.DetectorRates(name=one.id, checks=_claim_entry(one)["checks"])
+        for one in parts()[0].claims
     ]
-    axes = rates.over_design(Figure().subplots(), detectors)
+    axes = false_alarm_rates.draw_alarm_ratios(Figure().subplots(), detectors)
 
     assert [label.get_text() for label in axes.get_yticklabels()] == list(WINDOWS)
     for drawn, detector in zip(axes.containers, detectors, strict=True):

@@ -6,12 +6,12 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.config.texts import dump
-from dechirp.experiment.run import run
+from dechirp.config.dumping import dump
+from dechirp.experiments.run import run
 from dechirp.report import pdf
-from dechirp.report.page import render
-from dechirp.report.pdf import pdf_of
-from dechirp.report.typst_words import UnknownElement
+from dechirp.report.page import render_report
+from dechirp.report.pdf import html_to_pdf
+from dechirp.report.typst_inline import UnknownElementError
 from printed import check_captions, check_pdf, squeezed, text_of
 from trial_cases import small, target
 
@@ -27,10 +27,12 @@ def page_of(body: str, kind: str = "page") -> str:
 @pytest.fixture(scope="module")
 def page() -> str:
     """A run of three frames in which all that moves and swings is seen, of two receivers."""
-    walker = target(12.0, 1.5, name=MARKUP, rcs_m2=1.0, body=dc.Pedestrian(speed_m_per_s=1.5))
+    walker = target(
+        12.0, 1.5, name=MARKUP, rcs_m2=1.0, body=dc.bodies.Pedestrian(speed_m_per_s=1.5)
+    )
     scene = dc.Scene(targets=(target(name="car", rcs_m2=10.0), walker))
     result = run(dc.Scenario(name=MARKUP, radar=small(2), scene=scene, n_frames=3))
-    return render(result, yaml=f"name: {MARKUP}")
+    return render_report(result, yaml=f"name: {MARKUP}")
 
 
 def test_a_name_may_hold_any_markup(page):
@@ -40,10 +42,10 @@ def test_a_name_may_hold_any_markup(page):
 
 
 def test_every_figure_is_in_the_pdf_with_its_letters(page):
-    said = text_of(pdf_of(page))
+    said = text_of(html_to_pdf(page))
 
     assert page.count("<figure") > 8
-    for label in ("velocity, m/s (receding positive)", "training cells", "power, dBm"):
+    for label in ("Velocity (m/s)", "training cells", "Power (dBm)"):
         assert squeezed(label) in said
 
 
@@ -75,7 +77,7 @@ def test_numbers_go_over_two_lines_before_their_page_is_turned():
     table = (
         f"<table><thead><tr>{'<th>r</th>' * 10}</tr></thead><tbody><tr>{row}</tr></tbody></table>"
     )
-    made = pypdfium2.PdfDocument(pdf_of(page_of(f"<p>Before.</p><section>{table}</section>")))
+    made = pypdfium2.PdfDocument(html_to_pdf(page_of(f"<p>Before.</p><section>{table}</section>")))
 
     assert len(made) == 1
     width, height = made[0].get_size()
@@ -86,8 +88,8 @@ def test_numbers_go_over_two_lines_before_their_page_is_turned():
 
 @pytest.mark.parametrize("body", ["<video></video>", "<p>a <kbd>key</kbd></p>", "<p><b>open</p>"])
 def test_a_page_of_what_no_template_uses_is_refused(body):
-    with pytest.raises((UnknownElement, ValueError)):
-        pdf_of(page_of(body))
+    with pytest.raises((UnknownElementError, ValueError)):
+        html_to_pdf(page_of(body))
 
 
 def test_without_the_extra_the_command_says_so_before_it_runs(monkeypatch, tmp_path, capsys):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import xarray as xr
 
-from dechirp.core.plain import labelled, plain
+from dechirp.core.dataset_arrays import dataset_from_arrays, dataset_to_arrays
 
 
 def test_a_table_of_numbers_texts_and_flags_comes_back_equal():
@@ -14,18 +14,20 @@ def test_a_table_of_numbers_texts_and_flags_comes_back_equal():
             "range": ("detection", np.array([50.0, np.nan]), {"units": "m"}),
             "label": ("detection", np.array(["Fußgänger", ""])),
             "there": (("frame", "detection"), np.array([[True, False]])),
-            "fold": ("detection", np.array([1, -2], np.int8)),
+            "ambiguity_number": ("detection", np.array([1, -2], np.int8)),
         },
         {"frame": ("frame", [0.25], {"units": "s"})},
         {"convention": "receding positive", "least": np.float64(0.5)},
     )
-    columns, said = plain(table)
-    again = labelled(columns, json.loads(json.dumps(said)))
+    columns, said = dataset_to_arrays(table)
+    again = dataset_from_arrays(columns, json.loads(json.dumps(said)))
     assert again.identical(table.assign_attrs(least=0.5))
-    assert all(again[name].dtype == table[name].dtype for name in ("range", "there", "fold"))
+    assert all(
+        again[name].dtype == table[name].dtype for name in ("range", "there", "ambiguity_number")
+    )
 
 
 def test_a_table_without_rows_comes_back_without_rows():
     table = xr.Dataset({"label": ("detection", np.array([], dtype="U8"))})
-    columns, said = plain(table)
-    assert labelled(columns, said)["label"].shape == (0,)
+    columns, said = dataset_to_arrays(table)
+    assert dataset_from_arrays(columns, said)["label"].shape == (0,)

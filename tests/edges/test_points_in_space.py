@@ -10,10 +10,10 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.config.texts import dump
-from dechirp.evaluate.match import match
-from dechirp.report.figures.ground import Seen
-from dechirp.report.page import render
+from dechirp.config.dumping import dump
+from dechirp.evaluation.association import associate_detections
+from dechirp.report.figures.top_view import GroundDetections
+from dechirp.report.page import render_report
 
 EXAMPLE = Path(dc.__file__).parents[2] / "examples" / "mimo.yaml"
 
@@ -25,7 +25,7 @@ def result() -> dc.Result:
 
 @pytest.fixture(scope="module")
 def page(result) -> str:
-    return render(result, yaml=dump(result.scenario))
+    return render_report(result, yaml=dump(result.scenario))
 
 
 def test_every_target_of_the_example_is_found_in_space_in_every_frame(result):
@@ -50,10 +50,10 @@ def test_the_example_unfolds_the_van_and_parts_the_posts(result):
     found, n = result.detections, result.n_frames
     van = found.isel(detection=np.flatnonzero(found.velocity.values < -20))
     assert van.sizes["detection"] == n
-    assert set(van.fold.values) == {-1.0}
+    assert set(van.ambiguity_number.values) == {-1.0}
     posts = found.isel(detection=np.flatnonzero(abs(found.range.values - 39.85) < 0.1))
     assert posts.sizes["detection"] == 2 * n
-    assert np.isnan(posts.fold.values).all()
+    assert np.isnan(posts.ambiguity_number.values).all()
     assert np.unique(np.sign(posts.azimuth.values), return_counts=True)[1].tolist() == [n, n]
 
 
@@ -61,7 +61,7 @@ def test_the_page_shows_directions_and_counts_the_posts_apart(result, page):
     assert "directions" in re.findall(r'<section id="(\w+)"', page)
     for words in ("Range-azimuth map", "Spectrum over directions", "The scene from above"):
         assert page.count(f'aria-label="{words}"') == 1
-    assert "standard errors" in page and "fold not known" in page
+    assert "standard errors" in page and "detection, velocity ambiguous" in page
     assert "arc of equal range" not in page
     assert "Detected: 7 of 7 targets" in page
     assert len(page.encode()) < 1_500_000
@@ -87,7 +87,7 @@ def test_a_recording_is_seen_from_above_without_truth(result):
         budget=None,
     )
 
-    page = render(made, yaml="name: street")
+    page = render_report(made, yaml="name: street")
 
     assert 'aria-label="Detections from above"' in page
     assert "truth" not in re.sub(r"data:[^\"]+", "", page)
@@ -99,23 +99,23 @@ def test_without_directions_nothing_is_said_of_them(result):
         found[name] = found[name] * np.nan
     made = replace(result, detections=found, findings=(), budget=None)
 
-    page = render(made, yaml="name: mimo")
+    page = render_report(made, yaml="name: mimo")
 
     assert '<section id="directions">' not in page
     assert "arc of equal range" in page
 
 
 def test_an_ellipse_reaches_one_standard_error_along_and_across():
-    seen = Seen(
+    seen = GroundDetections(
         range_m=np.array([50.0]),
         azimuth_rad=np.array([0.5]),
         elevation_rad=np.array([0.2]),
         range_std_m=np.array([0.3]),
         azimuth_std_rad=np.array([0.01]),
-        is_sure=np.array([True]),
+        is_unambiguous=np.array([True]),
         field_of_view_rad=1.0,
     )
-    [place], [ellipse] = seen.places_m, seen.ellipses_m()
+    [place], [ellipse] = seen.positions_m, seen.error_ellipses_m()
 
     level_m = 50 * np.cos(0.2)
     assert place == pytest.approx([level_m * np.cos(0.5), level_m * np.sin(0.5)])
@@ -137,15 +137,15 @@ def one_row(result, azimuth: float) -> xr.Dataset:
 @pytest.mark.parametrize(("azimuth", "name"), [(0.306, "left-post"), (-0.314, "right-post")])
 def test_of_targets_at_one_range_the_one_in_the_direction_is_matched(result, azimuth, name):
     scene = result.scenario.scene
-    matched = match(one_row(result, azimuth), result.truth, result.radar, scene)
+    matched = associate_detections(one_row(result, azimuth), result.truth, result.radar, scene)
     assert scene.names[matched.target[0]] == name
 
 
 def test_a_direction_that_a_fold_may_have_turned_loses_no_target(result):
     post = result.truth.sel(target=["right-post"])
     doubtful = one_row(result, 0.9)  # three cells from it
-    sure = doubtful.assign(fold=doubtful.fold * 0)
-    sure["fold"][:] = 0.0
+    sure = doubtful.assign(ambiguity_number=doubtful.ambiguity_number * 0)
+    sure["ambiguity_number"][:] = 0.0
 
-    assert match(doubtful, post, result.radar).target.tolist() == [0]
-    assert match(sure, post, result.radar).target.tolist() == [-1]
+    assert associate_detections(doubtful, post, result.radar).target.tolist() == [0]
+    assert associate_detections(sure, post, result.radar).target.tolist() == [-1]

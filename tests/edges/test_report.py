@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from dechirp.core.conventions import axis
+from dechirp.core.conventions import axis_coordinate
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.words import NONE, decimals_of, quantity, small
-from dechirp.echoes.echo import simulate
-from dechirp.echoes.engine import Engine
-from dechirp.evaluate.match import match
-from dechirp.experiment.run import run
-from dechirp.experiment.scenario import Scenario
-from dechirp.process.cfar.base import Cfar
-from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain
-from dechirp.process.maps import power_map
+from dechirp.core.text import EN_DASH, decimals_for_std, format_probability, format_si
+from dechirp.evaluation.association import associate_detections
+from dechirp.experiments.run import run
+from dechirp.experiments.scenario import Scenario
+from dechirp.processing.cfar.base import Cfar
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.chain import Chain
+from dechirp.processing.range_doppler_map import power_map
 from dechirp.radar.array import Array
 from dechirp.radar.budget import received_power_w
 from dechirp.radar.chirp import Chirp
@@ -28,21 +26,23 @@ from dechirp.radar.hardware import Hardware
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.report.figures import bars
-from dechirp.report.figures.range_doppler import reduced
-from dechirp.report.figures.style import thinned
-from dechirp.report.page import render
-from dechirp.report.view import view_of
-from dechirp.scene.bodies.car import Car
-from dechirp.scene.bodies.cloud import Cloud
+from dechirp.report.figures.range_doppler import block_maxima
+from dechirp.report.figures.style import thin_line
+from dechirp.report.page import render_report
+from dechirp.report.page_context import build_page_context
+from dechirp.scene.aliasing import apparent_truth, map_position
 from dechirp.scene.bodies.corner_reflector import CornerReflector
 from dechirp.scene.bodies.pedestrian import Pedestrian
+from dechirp.scene.bodies.point_cloud import PointCloud
 from dechirp.scene.bodies.points import Points, Rotation, Scatterer
+from dechirp.scene.bodies.vehicle import Car
 from dechirp.scene.ego import Ego
-from dechirp.scene.folding import on_map, seen
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.scene.truth import truth
 from dechirp.scene.waypoints import Waypoint
+from dechirp.simulation.engine import Engine
+from dechirp.simulation.simulate import simulate
 from printed import check_captions, check_pdf
 
 CHIRP = Chirp(
@@ -81,7 +81,10 @@ def samples(scene: Scene, n_frames: int) -> xr.DataArray:
     return xr.DataArray(
         cube,
         dims=("frame", "chirp", "rx", "sample"),
-        coords={"chirp": axis("chirp", slow_s), "sample": axis("sample", fast_s)},
+        coords={
+            "chirp": axis_coordinate("chirp", slow_s),
+            "sample": axis_coordinate("sample", fast_s),
+        },
         attrs={"units": "sqrt(W)"},
     )
 
@@ -96,8 +99,8 @@ def map_of(cube: xr.DataArray) -> xr.DataArray:
         abs(spectrum).astype(np.float32) ** 2,
         dims=("velocity", "range"),
         coords={
-            "velocity": axis("velocity", doppler_hz * CHIRP.wavelength_m / 2),
-            "range": axis("range", np.arange(2200) * CHIRP.range_resolution_m),
+            "velocity": axis_coordinate("velocity", doppler_hz * CHIRP.wavelength_m / 2),
+            "range": axis_coordinate("range", np.arange(2200) * CHIRP.range_resolution_m),
         },
     )
 
@@ -120,7 +123,14 @@ def detections(n: int = 1, n_frames: int = 1) -> xr.Dataset:
         "range_std": 0.0039 / np.sqrt(snr / 12_500),
         "velocity_std": 0.0081 / np.sqrt(snr / 12_500),
     }
-    not_told = ("azimuth", "elevation", "azimuth_std", "elevation_std", "fold", "fold_confidence")
+    not_told = (
+        "azimuth",
+        "elevation",
+        "azimuth_std",
+        "elevation_std",
+        "ambiguity_number",
+        "ambiguity_confidence",
+    )
     columns |= {name: np.full(n, np.nan) for name in not_told}
     return xr.Dataset({name: ("detection", values) for name, values in columns.items()})
 
@@ -195,7 +205,7 @@ def recorded() -> SimpleNamespace:
 
 
 def page_of(made: SimpleNamespace, yaml: str = "name: reference\nseed: 1\n") -> str:
-    return render(made, yaml=yaml)
+    return render_report(made, yaml=yaml)
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +229,7 @@ def sections(page: str) -> set[str]:
     ],
 )
 def test_a_standard_error_has_two_digits(std, told):
-    assert f"{std:.{decimals_of(std)}f}" == told
+    assert f"{std:.{decimals_for_std(std)}f}" == told
 
 
 def test_the_page_asks_nothing_of_any_other_place(page):
@@ -232,7 +242,7 @@ def test_the_page_asks_nothing_of_any_other_place(page):
 def test_a_simulation_shows_every_section_and_the_target_first(page):
     assert sections(page) == {*SECTIONS, "scene", "budget"}
     assert "<h1>Target at 50.00 m, 10.00 m/s</h1>" in page
-    assert "power, dBm" in page
+    assert "Power (dBm)" in page
 
 
 def test_a_recording_has_no_scene_no_budget_no_truth_and_no_watts():
@@ -259,7 +269,7 @@ def test_names_from_files_stay_text():
     page = page_of(
         result(
             scene=Scene(targets=(dataclasses.replace(CAR, name=hostile),)),
-            findings=(Finding(level="warning", setting=hostile, got="a", need="b", fix="c"),),
+            findings=(Finding(level="warning", setting=hostile, value="a", expected="b", fix="c"),),
         ),
         yaml=f"name: {hostile}",
     )
@@ -271,16 +281,16 @@ def test_names_from_files_stay_text():
 def test_of_bodies_alone_the_table_has_no_columns_of_errors():
     page = page_of(result(scene=Scene(targets=(WALKER,))))
 
-    assert "A body has no one place to be off from." in page
-    assert "range error, m" not in page and "Errors are against" not in page
-    assert "range error, m" in page_of(result())
+    assert "Bodies have no errors" in page
+    assert "Range error (m)" not in page and "Errors are relative to" not in page
+    assert "Range error (m)" in page_of(result())
 
 
 def test_a_page_without_detections_says_so():
     page = page_of(result(detections=detections(0)))
 
     assert "<h1>Nothing detected</h1>" in page
-    assert "No cell of the map is a peak over its threshold." in page
+    assert "No peak of the map exceeds its threshold." in page
 
 
 def test_an_empty_scene_is_a_scene_all_the_same():
@@ -301,9 +311,9 @@ def test_of_thousands_of_detections_the_strongest_fifty_are_listed():
 def test_cells_that_are_not_tested_have_no_threshold_to_draw():
     made = result()
     made.threshold[:, :60] = np.inf
-    assert "Along range" in page_of(made)
+    assert "Cut along range" in page_of(made)
     made.threshold[:] = np.inf
-    assert "Along range" in page_of(made)
+    assert "Cut along range" in page_of(made)
 
 
 def test_a_silent_recording_has_a_page():
@@ -318,7 +328,7 @@ def test_several_frames_show_detections_over_time():
     page = page_of(result(n_frames=3, detections=detections(6, n_frames=3)))
 
     assert "frames" in sections(page)
-    assert '<th class="num">frame</th>' in page
+    assert '<th class="num">Frame</th>' in page
 
 
 def test_every_figure_says_what_to_see_and_the_pdf_says_all_of_the_page(page):
@@ -340,7 +350,7 @@ def test_a_single_strong_cell_survives_the_reduction_of_a_large_map():
     power = np.random.default_rng(3).exponential(size=(1024, 4096)).astype(np.float32)
     power[611, 2999] = 1e6
 
-    small = reduced(power)
+    small = block_maxima(power)
 
     assert small.max() == 1e6
     assert small.size < 100_000
@@ -353,7 +363,7 @@ def test_a_spike_survives_the_thinning_of_a_long_line():
     y = np.random.default_rng(4).normal(size=50_000)
     y[31_234], y[8_003] = 99.0, -99.0
 
-    x, thin = thinned(np.arange(y.size), y)
+    x, thin = thin_line(np.arange(y.size), y)
 
     assert x.size <= 1200
     assert 31_234 in x and 8_003 in x
@@ -378,7 +388,7 @@ def test_a_target_beyond_the_ambiguity_limits_is_expected_where_its_echo_peaks(s
     with pytest.warns(PhysicsWarning):
         cube = simulate(scene, radar, impairments=(), seed=1)
 
-    expected = on_map(seen(truth(scene, radar), radar), radar)
+    expected = map_position(apparent_truth(truth(scene, radar), radar), radar)
 
     power = power_map(cube.isel(frame=0), radar, Chain())
     row, column = np.unravel_index(int(power.values.argmax()), power.shape)
@@ -405,14 +415,14 @@ def test_over_time_the_truth_has_the_fold_of_its_detections_on_the_map_none(n_tx
     )
     scene = Scene(targets=[dataclasses.replace(CAR, velocity_m_per_s=(-40, 0, 0), rcs_m2=100)])
     result = run(Scenario(radar=radar, scene=scene, n_frames=2))
-    view = view_of(result)
+    view = build_page_context(result)
 
     assert radar.frame.max_velocity_m_per_s == pytest.approx(26.5, abs=0.5)
     told = -40 if n_tx == 2 else -40 + 2 * radar.frame.max_velocity_m_per_s
-    assert view.seen.velocity_m_per_s == pytest.approx(told, abs=0.1)
+    assert view.apparent_truth.velocity_m_per_s == pytest.approx(told, abs=0.1)
     assert view.strongest.velocity.values[:2] == pytest.approx(told, abs=0.1)
     on_map = -40 + 2 * radar.frame.max_velocity_m_per_s
-    assert view.expected.velocity_m_per_s == pytest.approx(on_map, abs=0.1)
+    assert view.expected_peaks.velocity_m_per_s == pytest.approx(on_map, abs=0.1)
 
 
 def test_the_echo_in_the_samples_is_whole_where_transmitters_take_turns():
@@ -430,7 +440,7 @@ def test_the_echo_in_the_samples_is_whole_where_transmitters_take_turns():
     )
     scene = Scene(targets=[dataclasses.replace(CAR, position_m=(48.4, 12.5, 0), rcs_m2=1e6)])
 
-    page = render(run(Scenario(radar=radar, scene=scene)), yaml="")
+    page = render_report(run(Scenario(radar=radar, scene=scene)), yaml="")
     signal = page[page.index('aria-label="Beat signal') :]
 
     def height(color: str) -> float:
@@ -463,10 +473,10 @@ def test_the_far_side_of_a_car_is_no_place_of_the_truth():
     known = truth(scene, RADAR)
 
     # It faces away: its tail is 7.5 m nearer than its origin and seen, its nose as far is hidden.
-    matched = match(at([42.5, 57.5], 0.0), known, RADAR, scene)
+    matched = associate_detections(at([42.5, 57.5], 0.0), known, RADAR, scene)
 
     assert matched.target.tolist() == [0, -1]
-    marked = view_of(result(scene=scene)).scatterers
+    marked = build_page_context(result(scene=scene)).scatterer_peaks
     assert marked.range_m.min() == pytest.approx(42.5, abs=0.2)
     assert marked.range_m.max() < 57
 
@@ -476,9 +486,9 @@ def test_a_body_that_faces_elsewhere_is_nowhere():
     scene = Scene(targets=(corner,))
     known = truth(scene, RADAR)
 
-    assert match(at([known.range.item()], 10.0), known, RADAR, scene).target[0] == -1
+    assert associate_detections(at([known.range.item()], 10.0), known, RADAR, scene).target[0] == -1
     row = re.search(r"<tr><td>car</td>(.*?)</tr>", page_of(result(scene=scene)))[1]
-    assert re.sub(r"<[^>]*>", " ", row).split() == [NONE, "50.00", "10.00", "0.0", NONE, "no"]
+    assert re.sub(r"<[^>]*>", " ", row).split() == [EN_DASH, "50.00", "10.00", "0.0", EN_DASH, "no"]
 
 
 @pytest.mark.parametrize("away_m", [50.0, 5000.0])
@@ -517,23 +527,23 @@ def test_a_page_tells_bodies_ways_and_how_echoes_were_summed():
 
     page = page_of(made)
 
-    for words in ("way through waypoints", "scatterers of bodies", "A body has no one place"):
+    for words in ("path through waypoints", "scatterers of bodies", "Bodies have no errors"):
         assert words in page
-    for words in ("auto: direct", "10⁻⁴ of the root mean square", "begin when they arrive"):
+    for words in ("auto: direct", "10⁻⁴ of the RMS value", "start on arrival"):
         assert words in page
-    assert "root mean square" not in page_of(recorded())
+    assert "of the RMS value" not in page_of(recorded())
 
 
 def test_a_page_of_very_many_scatterers_stays_small():
     at_m = np.random.default_rng(5).uniform(-3, 3, (20_000, 3))
-    crowd = Cloud(positions_m=at_m, rcs_m2=np.full(20_000, 1e-4))
+    crowd = PointCloud(positions_m=at_m, rcs_m2=np.full(20_000, 1e-4))
     scene = Scene(targets=(dataclasses.replace(CAR, rcs_m2=1.0, body=crowd),))
 
     assert len(page_of(result(scene=scene)).encode()) < 1_500_000
 
 
 def test_a_step_of_the_link_budget_starts_where_the_line_above_it_ends():
-    power, ratio = bars.waterfall(BUDGET)
+    power, ratio = bars.link_budget_bars(BUDGET)
 
     assert [len(power.rows), len(ratio.rows)] == [7, 7]
     gain, window = ratio.rows[1], ratio.rows[2]
@@ -546,9 +556,9 @@ def test_a_step_of_the_link_budget_starts_where_the_line_above_it_ends():
 
 
 def test_numbers_carry_a_prefix_and_no_idle_digits():
-    assert quantity(149.896e6, "Hz", 6) == "149.896 MHz"
-    assert quantity(7.3333e-6, "s", 5) == "7.3333 µs"
-    assert quantity(999.99999, "Hz") == "1000 Hz"
-    assert quantity(0.0, "s") == "0 s"
-    assert small(1e-6) == "10⁻⁶"
-    assert small(2.5e-5).endswith("10⁻⁵")
+    assert format_si(149.896e6, "Hz", 6) == "149.896 MHz"
+    assert format_si(7.3333e-6, "s", 5) == "7.3333 µs"
+    assert format_si(999.99999, "Hz") == "1000 Hz"
+    assert format_si(0.0, "s") == "0 s"
+    assert format_probability(1e-6) == "10⁻⁶"
+    assert format_probability(2.5e-5).endswith("10⁻⁵")

@@ -4,7 +4,6 @@ import csv
 import errno
 import json
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,15 +12,15 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.config import files
-from dechirp.core.columns import COLUMNS, records
-from dechirp.core.conventions import CUBE_AXES, axis
+from dechirp.config import loading
+from dechirp.core.atomic_files import write_text_atomically
+from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.errors import DechirpError
-from dechirp.store import cube as cube_on_disk
-from dechirp.store import results
-from dechirp.store.results import FILES, check_out, write_results
-from dechirp.store.tables import csv_text, json_text
-from dechirp.store.whole import write_whole
+from dechirp.core.table_columns import COLUMNS, dataset_to_records
+from dechirp.recordings import cube_store as cube_on_disk
+from dechirp.results import results
+from dechirp.results.results import FILES, check_output_folder, write_results
+from dechirp.results.tables import csv_text, json_text
 
 TEXTS = {"report.html": "<p>new</p>", "scenario.yaml": "name: new\n", "run.json": "{}\n"}
 
@@ -52,7 +51,10 @@ def samples(radar: dc.Radar, n_frames: int) -> xr.DataArray:
     chirp = radar.frame.chirp
     shape = (n_frames, radar.frame.n_chirps, radar.array.n_rx, chirp.n_samples)
     values = (np.arange(math.prod(shape)).reshape(shape) * (1 - 1j)).astype(np.complex64)
-    coords = {name: axis(name, np.arange(n) / 10) for name, n in zip(CUBE_AXES, shape, strict=True)}
+    coords = {
+        name: axis_coordinate(name, np.arange(n) / 10)
+        for name, n in zip(CUBE_AXES, shape, strict=True)
+    }
     return xr.DataArray(values, dims=CUBE_AXES, coords=coords, attrs={"units": "sqrt(W)"})
 
 
@@ -92,7 +94,7 @@ def test_xarray_reads_the_cube_as_it_was(tmp_path, radar):
 
 
 def test_the_cube_on_disk_says_which_transmitter_sent_each_chirp(tmp_path, radar):
-    frame = replace(radar.frame, n_chirps=2, multiplexing=dc.Tdm(order=(1, 0)))
+    frame = replace(radar.frame, n_chirps=2, multiplexing=dc.multiplexing.Tdm(order=(1, 0)))
     array = replace(radar.array, tx_m=[(0, 0, 0), (0, 0.0078, 0)])
     radar = replace(radar, frame=frame, array=array)
     cube = dc.simulate(dc.Scene(), radar, n_frames=2)
@@ -123,7 +125,7 @@ def test_the_radar_can_be_had_back_from_the_cube(tmp_path, radar):
     with xr.open_zarr(tmp_path / "out" / "cube.zarr", consolidated=False) as read:
         settings = json.dumps(read.attrs["radar"])  # JSON is YAML
     assert "77 GHz" in settings
-    assert files.parse(settings, dc.Radar) == radar
+    assert loading.parse_settings(settings, dc.Radar) == radar
 
 
 def test_truth_and_detections_lie_beside_the_cube(tmp_path, radar):
@@ -148,7 +150,7 @@ def test_a_recording_without_truth_or_detections_is_written_too(tmp_path, radar)
 
 
 def test_rows_have_degrees_and_decibels_and_null_for_what_is_not_estimated():
-    first, last = records(found())
+    first, last = dataset_to_records(found())
 
     assert list(first) == list(COLUMNS)
     assert first["azimuth_deg"] == pytest.approx(30)
@@ -162,7 +164,8 @@ def test_rows_have_degrees_and_decibels_and_null_for_what_is_not_estimated():
 
 def test_rows_of_truth_go_frame_by_frame_and_name_the_target():
     rows = [
-        (row["frame"], row["target"], row["range_m"], row["time_s"]) for row in records(truth())
+        (row["frame"], row["target"], row["range_m"], row["time_s"])
+        for row in dataset_to_records(truth())
     ]
 
     assert rows == [(0, "car", 1, 0), (0, "lorry", 3, 0), (1, "car", 2, 0.1), (1, "lorry", 4, 0.1)]
@@ -171,7 +174,7 @@ def test_rows_of_truth_go_frame_by_frame_and_name_the_target():
 def test_csv_and_json_hold_the_same_rows():
     lines = list(csv.DictReader(csv_text(found()).splitlines()))
 
-    for line, row in zip(lines, records(found()), strict=True):
+    for line, row in zip(lines, dataset_to_records(found()), strict=True):
         assert list(line) == list(row)
         for column, text in line.items():
             assert (None if text == "" else float(text)) == row[column]
@@ -180,7 +183,7 @@ def test_csv_and_json_hold_the_same_rows():
 def test_json_has_no_number_that_json_does_not_know():
     noiseless = found().assign(snr=("detection", [math.inf, 0.0]))  # infinite, and no decibels
 
-    text = json_text({"rows": records(noiseless), "rest": [math.nan, (-math.inf, 1.5)]})
+    text = json_text({"rows": dataset_to_records(noiseless), "rest": [math.nan, (-math.inf, 1.5)]})
 
     read = json.loads(text, parse_constant=pytest.fail)
     assert [row["snr_db"] for row in read["rows"]] == [None, None]
@@ -224,7 +227,7 @@ def test_what_somebody_else_keeps_in_a_folder_is_never_replaced(tmp_path, radar,
     for name in names:
         (out / name).write_text("mine")
 
-    with pytest.raises(DechirpError, match=r"--out is .*out, a folder that holds .*name another"):
+    with pytest.raises(DechirpError, match=r"--out: .*out, a folder with .*name another"):
         write(out, radar)
 
     assert {file.name: file.read_text() for file in out.iterdir()} == dict.fromkeys(names, "mine")
@@ -233,17 +236,17 @@ def test_what_somebody_else_keeps_in_a_folder_is_never_replaced(tmp_path, radar,
 def test_a_file_in_the_way_is_named(tmp_path):
     (tmp_path / "file").write_text("mine")
 
-    with pytest.raises(DechirpError, match="a file, but must be a new name"):
-        check_out(tmp_path / "file")
+    with pytest.raises(DechirpError, match="a file; expected a new name"):
+        check_output_folder(tmp_path / "file")
     with pytest.raises(DechirpError, match=r"not writable .*file cannot be written to"):
-        check_out(tmp_path / "file" / "out")
+        check_output_folder(tmp_path / "file" / "out")
 
 
 @pytest.mark.parametrize("place", ["/proc/out", "/proc/deep/out"])
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="only Linux has /proc")
 def test_a_place_that_only_says_that_it_is_writable_is_refused_before_the_work(place):
-    with pytest.raises(DechirpError, match=rf"--out is {place}, not writable \(/proc cannot be"):
-        check_out(Path(place))
+    with pytest.raises(DechirpError, match=rf"--out: {place}, not writable \(/proc cannot be"):
+        check_output_folder(Path(place))
 
 
 @pytest.mark.parametrize("link", ["to itself", "to nowhere"])
@@ -252,25 +255,25 @@ def test_a_place_behind_a_link_is_the_one_it_leads_to(tmp_path, link):
 
     if link == "to itself":
         with pytest.raises(DechirpError, match="link cannot be written to"):
-            check_out(tmp_path / "link" / "out")
+            check_output_folder(tmp_path / "link" / "out")
     else:
-        check_out(tmp_path / "link" / "out")
+        check_output_folder(tmp_path / "link" / "out")
 
     assert [left.name for left in tmp_path.iterdir()] == ["link"]
 
 
 def test_a_name_too_long_to_write_beside_is_refused_before_the_work(tmp_path):
     with pytest.raises(DechirpError, match="File name too long"):
-        check_out(tmp_path / ("o" * 250))  # of 255 that a name may have
+        check_output_folder(tmp_path / ("o" * 250))  # of 255 that a name may have
 
 
 def test_asking_whether_a_place_can_be_written_leaves_nothing_there(tmp_path, radar):
-    check_out(tmp_path / "out")
-    check_out(tmp_path / "deep" / "out")
+    check_output_folder(tmp_path / "out")
+    check_output_folder(tmp_path / "deep" / "out")
     assert list(tmp_path.iterdir()) == []
 
     write(tmp_path / "out", radar)
-    check_out(tmp_path / "out")
+    check_output_folder(tmp_path / "out")
 
     assert [file.name for file in tmp_path.iterdir()] == ["out"]
 
@@ -284,7 +287,7 @@ def test_asking_that_is_interrupted_leaves_nothing_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "mkdir", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        check_out(tmp_path / "out")
+        check_output_folder(tmp_path / "out")
 
     assert list(tmp_path.iterdir()) == []
 
@@ -331,7 +334,7 @@ def test_a_full_disk_is_a_message(tmp_path, radar, monkeypatch):
     full = OSError(errno.ENOSPC, "No space left on device")
     monkeypatch.setattr(results, "write_cube", stop(full))
 
-    with pytest.raises(DechirpError, match=r"not writable \(No space left on device\).*has room"):
+    with pytest.raises(DechirpError, match=r"not writable \(No space left on device\).*free space"):
         write(tmp_path / "out", radar)
 
     assert list(tmp_path.iterdir()) == []
@@ -363,8 +366,8 @@ def test_the_folder_one_is_in_is_never_replaced(tmp_path, radar, monkeypatch, pl
     write(here, radar)
     monkeypatch.chdir(here)
 
-    with pytest.raises(DechirpError, match="the folder you are in, or one above it"):
-        check_out(Path(place))
+    with pytest.raises(DechirpError, match="the working folder, or one of its parents"):
+        check_output_folder(Path(place))
 
 
 @pytest.mark.parametrize("killed", ["between the renames", "before the old result was removed"])
@@ -391,14 +394,14 @@ def test_what_a_killed_run_left_behind_is_put_back_or_cleared_away(
 
 def test_a_text_is_replaced_as_a_whole(tmp_path):
     file = tmp_path / "radar.yaml"
-    write_whole(file, "old")
-    write_whole(file, "new")
+    write_text_atomically(file, "old")
+    write_text_atomically(file, "new")
     assert file.read_text() == "new"
     assert [left.name for left in tmp_path.iterdir()] == ["radar.yaml"]
 
-    with pytest.raises(DechirpError, match=re.escape("--out is") + ".*not writable"):
-        write_whole(tmp_path / "nowhere" / "radar.yaml", "new")
+    with pytest.raises(DechirpError, match="--out: .*not writable"):
+        write_text_atomically(tmp_path / "nowhere" / "radar.yaml", "new")
     (tmp_path / "folder").mkdir()
     with pytest.raises(DechirpError, match="not writable"):
-        write_whole(tmp_path / "folder", "new")
+        write_text_atomically(tmp_path / "folder", "new")
     assert {left.name for left in tmp_path.iterdir()} == {"radar.yaml", "folder"}

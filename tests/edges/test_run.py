@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.core.units import decibels
-from dechirp.experiment import run as of_run
+from dechirp.core.units import to_decibels
+from dechirp.experiments import run as of_run
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -30,29 +30,29 @@ def test_the_budget_says_how_high_the_echo_stands_in_the_map(radar, n_rx, sampli
 
     # 32,768 cells or more, correlated over at most 4: the mean is known within 0.05 dB; the
     # echo walks over 0.06 of a bin in the frame, which blurs the peak by less than 0.01 dB.
-    assert lines["SNR in the map"] == pytest.approx(float(decibels(peak / level)), abs=0.25)
+    assert lines["SNR in the map"] == pytest.approx(float(to_decibels(peak / level)), abs=0.25)
     # PHYSICS 1.3 for one look; eight added looks need less of each.
     assert lines["SNR needed"] == pytest.approx({1: 13.183, 8: 5.96}[n_rx], abs=0.02)
     assert lines["margin"] == pytest.approx(lines["SNR in the map"] - lines["SNR needed"])
 
 
 def test_a_run_tells_that_it_kept_only_the_strongest_peaks(radar):
-    cfar = dc.Cfar(estimator=dc.CellAveraging(), offset=0.5)
+    cfar = dc.Cfar(estimator=dc.cfar.CellAveraging(), offset=0.5)
     chain = dc.Chain(range_window="rectangular", cfar=cfar)
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(), chain=chain, n_frames=2)
     (finding,) = dc.run(scenario).findings
     assert (finding.level, finding.setting) == ("warning", "chain.cfar")
-    assert "in 2 frames" in finding.got
+    assert "in 2 frames" in finding.value
 
 
 def test_what_else_is_warned_of_while_frames_are_processed_is_no_crowd(radar, monkeypatch):
-    detect_each = of_run.detect_each
+    processor = of_run.FrameProcessor
 
     def warning(*arguments, **more):
         warnings.warn("divided by zero", RuntimeWarning, stacklevel=1)
-        return detect_each(*arguments, **more)
+        return processor(*arguments, **more)
 
-    monkeypatch.setattr(of_run, "detect_each", warning)
+    monkeypatch.setattr(of_run, "FrameProcessor", warning)
     with pytest.warns(RuntimeWarning, match="divided by zero"):
         found = dc.run(dc.Scenario(radar=radar, scene=dc.Scene()))
     assert found.findings == ()
@@ -60,7 +60,7 @@ def test_what_else_is_warned_of_while_frames_are_processed_is_no_crowd(radar, mo
 
 def test_what_surprises_an_impairment_is_said_once_as_a_finding_of_the_run(radar):
     # A warning beside it would be an error here.
-    far_off = dc.Interferer(
+    far_off = dc.impairments.Interferer(
         name="far off",
         start_frequency_hz=60e9,
         slope_hz_per_s=1e12,
@@ -70,13 +70,18 @@ def test_what_surprises_an_impairment_is_said_once_as_a_finding_of_the_run(radar
         antenna_gain=1.0,
         position_m=(30, 0, 0),
     )
-    impairments = [dc.ThermalNoise(), dc.Interference(interferers=[far_off])]
+    impairments = [
+        dc.impairments.ThermalNoise(),
+        dc.impairments.Interference(interferers=[far_off]),
+    ]
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(), impairments=impairments)
     (finding,) = dc.run(scenario).findings
     assert finding.setting == "impairments.interference.interferers.far off"
 
 
-@pytest.mark.parametrize("wrong", [dc.ThermalNoise(), [dc.ThermalNoise], "thermal-noise"])
+@pytest.mark.parametrize(
+    "wrong", [dc.impairments.ThermalNoise(), [dc.impairments.ThermalNoise], "thermal-noise"]
+)
 def test_impairments_are_a_list_of_them(radar, wrong):
     with pytest.raises(dc.InvalidSetting, match=r"Scenario\.impairments"):
         dc.Scenario(radar=radar, scene=dc.Scene(), impairments=wrong)

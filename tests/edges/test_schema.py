@@ -13,12 +13,12 @@ from jsonschema import Draft202012Validator
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.config.files import parse, read
-from dechirp.config.texts import dump
-from dechirp.config.tree import Plain, read_tree
+from dechirp.config.dumping import dump
+from dechirp.config.loading import parse_settings, read_settings
+from dechirp.config.yaml_tree import Plain, parse_yaml
 from dechirp.core.errors import DechirpError
-from dechirp.experiment.scenario import READERS
-from dechirp.experiment.study.text import study_text
+from dechirp.experiments.scenario import READERS
+from dechirp.experiments.study.dumping import dump_study
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples"
 KINDS = ["scenario", "study", "tune", "radar", "requirements"]
@@ -55,7 +55,7 @@ def checker(kind: str) -> Draft202012Validator:
 
 
 def plain(text: str) -> Plain:
-    return read_tree(text, "").plain
+    return parse_yaml(text, "").plain_data
 
 
 def wrong(kind: str, content: Plain) -> str:
@@ -77,7 +77,7 @@ def test_every_scenario_as_run_is_as_the_schema_says(name):
 @pytest.mark.parametrize("name", [name for name, kind in FILES.items() if kind == "study"])
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_every_study_as_run_is_as_the_schema_says(name):
-    assert wrong("study", plain(study_text(dc.load_study(EXAMPLES / name)))) == ""
+    assert wrong("study", plain(dump_study(dc.load_study(EXAMPLES / name)))) == ""
 
 
 def test_the_reference_and_a_design_are_as_their_schemas_say():
@@ -106,7 +106,7 @@ def test_what_is_misspelt_or_lacks_its_unit_is_refused(before, after):
 
     assert wrong("scenario", plain(mended))
     with pytest.raises(DechirpError):
-        parse(mended, dc.Scenario, readers=READERS)
+        parse_settings(mended, dc.Scenario, readers=READERS)
 
 
 @pytest.mark.parametrize(
@@ -117,9 +117,11 @@ def test_a_schema_takes_quantities_as_reading_does(text):
     file = f"{{max_range: 200 m, range_resolution: 1 m, max_velocity: 100 m/s, carrier: {text}}}"
     told = []
     try:
-        parse(file, dc.Requirements)
+        parse_settings(file, dc.Requirements)
     except DechirpError as error:
-        told = [one for one in error.mistakes if "a frequency" in one.need]  # not a matter of size
+        told = [
+            one for one in error.mistakes if "a frequency" in one.expected
+        ]  # not a matter of size
     # Of three units in a row the schema leaves it to reading whether they fit.
     assert bool(wrong("requirements", plain(file))) == bool(told) or text.count("/") > 1
 
@@ -162,7 +164,7 @@ def opened(path: Path, kind: str) -> object:
         case "tune":
             return dc.load_tune(path)
         case "radar":
-            return read(path, dc.Radar, readers=READERS)
+            return read_settings(path, dc.Radar, readers=READERS)
     return dc.load(path)
 
 

@@ -7,15 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dechirp.config.files import parse, read
-from dechirp.config.help import field_help
-from dechirp.config.texts import dump, plain
+from dechirp.config.dumping import dump, to_json_data
+from dechirp.config.fields import field_docstrings
+from dechirp.config.loading import parse_settings, read_settings
 from dechirp.core.errors import InvalidFile, InvalidSetting, RecordingError
-from dechirp.core.values import value
-from dechirp.echoes.impairments.base import Impairment
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
-from dechirp.echoes.impairments.white_noise import WhiteNoise
-from dechirp.process.chain import Chain
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.chain import Chain
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
@@ -27,6 +24,9 @@ from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
+from dechirp.simulation.impairments.base import Impairment
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.impairments.white_noise import WhiteNoise
 
 RADAR = """\
 frame:
@@ -47,7 +47,7 @@ targets:
 """
 
 
-@value
+@frozen_dataclass
 class Setup:
     """A little of everything."""
 
@@ -64,7 +64,7 @@ class Setup:
 def mistakes(text, kind, **more):
     """All that a text has wrong, by setting."""
     with pytest.raises(InvalidFile) as error:
-        parse(text, kind, **more)
+        parse_settings(text, kind, **more)
     told = str(error.value)
     assert "Input should" not in told and "Field required" not in told and "http" not in told
     return {mistake.setting: mistake for mistake in error.value.mistakes}
@@ -77,7 +77,7 @@ def mistake(text, kind, **more):
 
 
 def test_a_radar_in_the_words_of_people_becomes_si():
-    radar = parse(RADAR, Radar)
+    radar = parse_settings(RADAR, Radar)
 
     chirp = Chirp(
         start_frequency_hz=77e9,
@@ -101,7 +101,7 @@ def test_a_value_is_written_so_that_it_is_read_back_equal(radar):
         impairments=(WhiteNoise(snr=0.003, target="null"), ThermalNoise()),
     )
 
-    assert parse(dump(setup), Setup) == setup
+    assert parse_settings(dump(setup), Setup) == setup
 
 
 def in_turns(text):
@@ -112,12 +112,12 @@ def in_turns(text):
 
 
 def test_transmitters_that_take_turns_are_read_and_written():
-    radar = parse(in_turns("{kind: tdm, order: [1, 0]}"), Radar)
+    radar = parse_settings(in_turns("{kind: tdm, order: [1, 0]}"), Radar)
 
     assert radar.frame.multiplexing == Tdm(order=(1, 0))
     assert radar.n_channels == 8
-    assert parse(dump(radar), Radar) == radar
-    assert plain(radar)["frame"]["multiplexing"] == {"kind": "tdm", "order": [1, 0]}
+    assert parse_settings(dump(radar), Radar) == radar
+    assert to_json_data(radar)["frame"]["multiplexing"] == {"kind": "tdm", "order": [1, 0]}
 
 
 @pytest.mark.parametrize(
@@ -133,17 +133,22 @@ def test_transmitters_that_take_turns_are_read_and_written():
     ids=["bpm", "ddma", "phase-code"],
 )
 def test_codes_of_transmitters_that_send_together_are_read_and_written(text, code):
-    radar = parse(in_turns(text), Radar)
+    radar = parse_settings(in_turns(text), Radar)
 
     assert radar.frame.multiplexing == code
-    assert parse(dump(radar), Radar) == radar
-    assert plain(radar)["frame"]["multiplexing"]["kind"] == code.kind()
+    assert parse_settings(dump(radar), Radar) == radar
+    assert to_json_data(radar)["frame"]["multiplexing"]["kind"] == code.kind()
 
 
 @pytest.mark.parametrize(
-    ("text", "setting", "got", "need"),
+    ("text", "setting", "value", "expected"),
     [
-        ("null", "", "none, with 2 transmitters in the array", "given where there are several"),
+        (
+            "null",
+            "",
+            "none, with 2 transmitters in the array",
+            "a multiplexing scheme, since several transmitters share the chirps",
+        ),
         ("tdm", "", "tdm", "a mapping with kind: bpm, ddma, phase-code, tdm or null"),
         ("{order: [0, 1]}", ".kind", "missing", "one of bpm, ddma, phase-code, tdm"),
         ("{kind: tdmm, order: [0, 1]}", ".kind", "tdmm", "one of bpm, ddma, phase-code, tdm"),
@@ -154,29 +159,31 @@ def test_codes_of_transmitters_that_send_together_are_read_and_written(text, cod
         ("{kind: tdm, order: []}", ".order", "()", "at least one transmitter"),
         ("{kind: tdm, order: [1, 1]}", ".order", "1, 1", "every transmitter once"),
         ("{kind: tdm, order: [0, -1]}", ".order", "-1", "a whole number from 0"),
-        ("{kind: tdm, order: [1, 2]}", "", "of 2 transmitters: 1, 2", "the 2 in array.tx: 0, 1"),
-        ("{kind: bpm, order: [0]}", "", "of 1 transmitter: 0", "the 2 in array.tx: 0, 1"),
+        ("{kind: tdm, order: [1, 2]}", "", "2 transmitters: 1, 2", "the 2 in array.tx: 0, 1"),
+        ("{kind: bpm, order: [0]}", "", "1 transmitter: 0", "the 2 in array.tx: 0, 1"),
         ("{kind: ddma, order: [0, 1], n_sub_bands: 1}", ".n_sub_bands", "1", "at least 2"),
         ("{kind: ddma, order: [0, 1]}", ".n_sub_bands", "missing", "a whole number"),
         ("{kind: phase-code, phases: [[0, 90]]}", ".phases.0.1", "90", "an angle, as 30 deg"),
         ("{kind: phase-code, phases: [[0, 0], [0]]}", ".phases.1", "a row of 1 phases", "of 2"),
-        ("{kind: phase-code, phases: [[0]]}", "", "of 1 transmitter: 0", "the 2 in array.tx: 0"),
+        ("{kind: phase-code, phases: [[0]]}", "", "1 transmitter: 0", "the 2 in array.tx: 0"),
     ],
 )
-def test_turns_that_cannot_be_are_told_with_their_place(text, setting, got, need):
+def test_turns_that_cannot_be_are_told_with_their_place(text, setting, value, expected):
     only = mistake(in_turns(text), Radar)
 
     assert (only.setting, only.line) == (f"frame.multiplexing{setting}", 7)
-    assert only.got == got
-    assert need in only.need
+    assert only.value == value
+    assert expected in only.expected
     assert only.fix
 
 
 def test_another_kind_starts_from_its_own_defaults():
     """Those of the kind before would be refused, though nobody wrote them."""
-    chosen = parse("{}", Setup, overrides=["chain.angle.kind=music", "chain.angle.n_sources=2"])
-    as_file = parse("{chain: {angle: {kind: music, n_sources: 2}}}", Setup)
-    again = parse(
+    chosen = parse_settings(
+        "{}", Setup, overrides=["chain.angle.kind=music", "chain.angle.n_sources=2"]
+    )
+    as_file = parse_settings("{chain: {angle: {kind: music, n_sources: 2}}}", Setup)
+    again = parse_settings(
         "{chain: {angle: {kind: music, n_sources: 2}}}", Setup, overrides=["chain.angle.kind=music"]
     )
 
@@ -187,19 +194,19 @@ def test_a_step_beyond_the_sweep_is_told_with_its_place():
     step = "  modulation: {kind: frequency-shift-keying, step: 90 GHz}\n"
     only = mistake(RADAR.replace("  period: 50 ms\n", "  period: 50 ms\n" + step), Radar)
 
-    assert (only.setting, only.got) == ("frame.modulation.step", "9e+10 Hz")
+    assert (only.setting, only.value) == ("frame.modulation.step", "9e+10 Hz")
 
 
 def test_turns_can_be_set_on_the_command_line():
     one, two = in_turns("null"), in_turns("{kind: tdm, order: [0, 1]}")
-    swapped = parse(two, Radar, overrides=["frame.multiplexing.order=[1, 0]"])
-    given = parse(one, Radar, overrides=["frame.multiplexing={kind: tdm, order: [1, 0]}"])
+    swapped = parse_settings(two, Radar, overrides=["frame.multiplexing.order=[1, 0]"])
+    given = parse_settings(one, Radar, overrides=["frame.multiplexing={kind: tdm, order: [1, 0]}"])
 
-    assert swapped == given == parse(in_turns("{kind: tdm, order: [1, 0]}"), Radar)
+    assert swapped == given == parse_settings(in_turns("{kind: tdm, order: [1, 0]}"), Radar)
 
 
 def test_a_written_radar_keeps_units_and_leaves_out_what_is_none():
-    text = dump(Radar(frame=parse(RADAR, Radar).frame))
+    text = dump(Radar(frame=parse_settings(RADAR, Radar).frame))
 
     assert "slope: 10 MHz/us" in text
     assert "hardware" not in text
@@ -214,11 +221,13 @@ def test_a_written_radar_keeps_units_and_leaves_out_what_is_none():
 def test_any_target_is_read_back_equal(name, rcs_m2, position_m):
     target = Target(name=name, rcs_m2=rcs_m2, position_m=position_m)
 
-    assert parse(dump(target), Target) == target
+    assert parse_settings(dump(target), Target) == target
 
 
 def test_plain_numbers_have_the_names_of_the_fields():
-    numbers = plain(Setup(radar=parse(RADAR, Radar), impairments=(WhiteNoise(snr=2.0),)))
+    numbers = to_json_data(
+        Setup(radar=parse_settings(RADAR, Radar), impairments=(WhiteNoise(snr=2.0),))
+    )
 
     assert numbers["radar"]["frame"]["chirp"]["slope_hz_per_s"] == 10e12
     assert numbers["radar"]["array"]["tx_m"] == [[0.0, 0.0, 0.0]]
@@ -230,22 +239,22 @@ def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
     text = text.replace("50 ms", "50 m").replace("transmit_power: 12 dBm, ", "")
 
     with pytest.raises(InvalidFile) as error:
-        parse(text, Radar, file="radar.yaml")
+        parse_settings(text, Radar, file="radar.yaml")
 
     assert str(error.value).splitlines() == [
-        "radar.yaml:2:28: frame.chirp.start_frequency is 7 apples, but must be a frequency, as"
-        " 77 GHz. Units that fit: GHz, MHz, kHz, Hz, MS/s, kS/s.",
-        "radar.yaml:4:3: frame.n_chrips is not a known name, but must be one of chirp, n_chirps,"
-        " interval, period, multiplexing, modulation. Did you mean n_chirps?",
-        "radar.yaml:6:11: frame.period is 50 m, but must be a time, as 35 us."
-        " Did you mean ms? Units that fit: s, ms, us, ns, min, h.",
-        "radar.yaml:9:1: hardware.transmit_power is missing, but must be given: a power, as"
-        " 12 dBm. Add transmit_power.",
+        "radar.yaml:2:28: frame.chirp.start_frequency: 7 apples; expected a frequency, as"
+        " 77 GHz; units that fit: GHz, MHz, kHz, Hz, MS/s, kS/s",
+        "radar.yaml:4:3: frame.n_chrips: not a known name; expected one of chirp, n_chirps,"
+        " interval, period, multiplexing, modulation; did you mean n_chirps?",
+        "radar.yaml:6:11: frame.period: 50 m; expected a time, as 35 us;"
+        " did you mean ms? units that fit: s, ms, us, ns, min, h",
+        "radar.yaml:9:1: hardware.transmit_power: missing; expected a power, as"
+        " 12 dBm; add transmit_power",
     ]
 
 
 @pytest.mark.parametrize(
-    ("was", "becomes", "setting", "got", "need"),
+    ("was", "becomes", "setting", "value", "expected"),
     [
         ("n_chirps: 128", "n_chirps: 12.5", "frame.n_chirps", "12.5", "a whole number"),
         ("n_chirps: 128", "n_chirps: '128'", "frame.n_chirps", "the text '128'", "a whole number"),
@@ -272,12 +281,14 @@ def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
         ),
     ],
 )
-def test_a_wrong_value_says_where_what_was_got_and_what_is_needed(was, becomes, setting, got, need):
+def test_a_wrong_value_says_where_what_was_got_and_what_is_needed(
+    was, becomes, setting, value, expected
+):
     text = RADAR.replace(was, becomes, 1)
     only = mistake(text, Radar)
 
-    assert (only.setting, only.got) == (setting, got)
-    assert need in only.need
+    assert (only.setting, only.value) == (setting, value)
+    assert expected in only.expected
     assert only.fix
     assert text.splitlines()[only.line - 1] not in RADAR.splitlines()
 
@@ -286,7 +297,7 @@ def test_a_name_given_twice_is_a_mistake_at_the_second():
     only = mistake(RADAR.replace("  interval", "  n_chirps: 64\n  interval"), Radar)
 
     assert (only.setting, only.line, only.column) == ("frame.n_chirps", 5, 3)
-    assert only.got == "given twice, first on line 4"
+    assert only.value == "given twice, first on line 4"
 
 
 def test_members_of_a_list_go_by_name_else_kind_else_index():
@@ -305,17 +316,17 @@ def test_members_of_a_list_go_by_name_else_kind_else_index():
 def test_the_member_of_a_family_is_chosen_by_kind():
     text = "impairments: [{kind: white-noise, snr: -10 dB}, {kind: thermal-noise}]"
 
-    assert parse(text, Setup).impairments == (WhiteNoise(snr=0.1), ThermalNoise())
+    assert parse_settings(text, Setup).impairments == (WhiteNoise(snr=0.1), ThermalNoise())
     only = mistake(text.replace("thermal-noise", "thermal_noise"), Setup)
     assert only.setting == "impairments.thermal_noise.kind"
-    assert only.fix == "Did you mean thermal-noise?"
+    assert only.fix == "did you mean thermal-noise?"
 
 
 def test_what_is_left_out_by_null_has_settings_of_its_own():
-    assert parse("chain: {cluster: null}", Setup) == Setup()
+    assert parse_settings("chain: {cluster: null}", Setup) == Setup()
     only = mistake("chain: {cluster: {kind: dbscan}}", Setup)
     assert only.setting == "chain.cluster.kind"
-    assert only.need == "one of reach, min_detections"
+    assert only.expected == "one of reach, min_detections"
 
 
 def test_a_probability_in_decibels_is_a_mistake():
@@ -324,7 +335,7 @@ def test_a_probability_in_decibels_is_a_mistake():
     only = mistake(text, Setup)
     assert (only.setting, only.fix) == (
         "chain.cfar.false_alarm_probability",
-        "Leave the unit out.",
+        "omit the unit",
     )
 
 
@@ -351,37 +362,39 @@ def test_a_text_that_cannot_be_read_says_where(text, line, column):
 
 @pytest.mark.parametrize("text", ["", "# nothing\n", "- 1", "7", "frame"])
 def test_a_text_that_is_no_mapping_is_one_mistake(text):
-    assert mistake(text, Radar).need == "a mapping of frame, array, hardware, calibration"
+    assert mistake(text, Radar).expected == "a mapping of frame, array, hardware, calibration"
 
 
 @pytest.mark.parametrize(
-    ("content", "got"),
+    ("content", "value"),
     [(b"\xff\xfe\x00", "not text"), (b"# \n" * 2**19, "1.5 MiB"), (b"", "empty"), (None, "folder")],
 )
-def test_a_file_that_cannot_be_settings_is_one_mistake(tmp_path, content, got):
+def test_a_file_that_cannot_be_settings_is_one_mistake(tmp_path, content, value):
     path = tmp_path / "radar.yaml"
     path.mkdir() if content is None else path.write_bytes(content)
 
     with pytest.raises(InvalidFile) as error:
-        read(path, Radar)
+        read_settings(path, Radar)
 
     (only,) = error.value.mistakes
     assert only.file == str(path)
-    assert got in only.got
+    assert value in only.value
 
 
 def test_a_file_that_is_not_there_is_one_mistake(tmp_path):
-    with pytest.raises(InvalidFile, match="is not there"):
-        read(tmp_path / "radar.yaml", Radar)
+    with pytest.raises(InvalidFile, match="the file: not found"):
+        read_settings(tmp_path / "radar.yaml", Radar)
 
 
 def test_paths_are_relative_to_the_file(tmp_path):
     (tmp_path / "radar.yaml").write_text(RADAR)
     (tmp_path / "setup.yaml").write_text("radar: radar.yaml\npath: sub/x.npy\n")
 
-    setup = read(tmp_path / "setup.yaml", Setup, readers={Radar: lambda path: read(path, Radar)})
+    setup = read_settings(
+        tmp_path / "setup.yaml", Setup, readers={Radar: lambda path: read_settings(path, Radar)}
+    )
 
-    assert setup.radar == parse(RADAR, Radar)
+    assert setup.radar == parse_settings(RADAR, Radar)
     assert Path(setup.path) == tmp_path / "sub" / "x.npy"
 
 
@@ -390,7 +403,9 @@ def test_mistakes_of_a_file_that_is_named_are_told_with_the_others(tmp_path):
     (tmp_path / "setup.yaml").write_text("radar: radar.yaml\nchian: 1\n")
 
     with pytest.raises(InvalidFile) as error:
-        read(tmp_path / "setup.yaml", Setup, readers={Radar: lambda path: read(path, Radar)})
+        read_settings(
+            tmp_path / "setup.yaml", Setup, readers={Radar: lambda path: read_settings(path, Radar)}
+        )
 
     assert {(Path(m.file).name, m.setting) for m in error.value.mistakes} == {
         ("radar.yaml", "frame"),
@@ -400,14 +415,14 @@ def test_mistakes_of_a_file_that_is_named_are_told_with_the_others(tmp_path):
 
 def test_what_a_reader_refuses_passes_through():
     def refuse(path):
-        raise RecordingError(path, got="nothing", need="something", fix="Look.")
+        raise RecordingError(path, value="nothing", expected="something", fix="Look.")
 
     with pytest.raises(RecordingError):
-        parse("radar: x.cfg", Setup, readers={Radar: refuse})
+        parse_settings("radar: x.cfg", Setup, readers={Radar: refuse})
 
 
 def test_a_setting_of_the_command_line_takes_the_place_of_the_files():
-    setup = parse(
+    setup = parse_settings(
         f"scene:\n  {SCENE.replace(chr(10), chr(10) + '  ')}",
         Setup,
         overrides=["scene.targets.truck.rcs=3 m^2", "scene.targets.0.name = van", "is_quiet=true"],
@@ -419,15 +434,15 @@ def test_a_setting_of_the_command_line_takes_the_place_of_the_files():
 
 
 def test_a_setting_of_the_command_line_starts_from_what_holds_without_it():
-    chain = parse("{}", Setup, overrides=["chain.cfar.n_training.range=5"]).chain
+    chain = parse_settings("{}", Setup, overrides=["chain.cfar.n_training.range=5"]).chain
 
     assert chain.cfar.n_training.range == 5
     assert chain.cfar.n_training.velocity == Chain().cfar.n_training.velocity
 
 
 def test_a_setting_of_the_command_line_changes_a_radar_that_is_read_from_its_own_file():
-    radar = parse(RADAR, Radar)
-    changed = parse(
+    radar = parse_settings(RADAR, Radar)
+    changed = parse_settings(
         "radar: vendor.cfg",
         Setup,
         overrides=["radar.frame.n_chirps=64"],
@@ -443,26 +458,26 @@ def test_an_offset_beside_a_probability_is_refused_until_one_is_cleared():
 
     only = mistake("{}", Setup, overrides=[offset])
     assert only.setting == "chain.cfar.false_alarm_probability"
-    assert "offset" in only.got
-    cfar = parse("{}", Setup, overrides=[offset, clear]).chain.cfar
+    assert "offset" in only.value
+    cfar = parse_settings("{}", Setup, overrides=[offset, clear]).chain.cfar
     assert cfar.offset == pytest.approx(31.6228, rel=1e-5)  # digits written here
 
 
 @pytest.mark.parametrize(
     ("option", "setting", "fix"),
     [
-        ("chain.cfr.offset=3 dB", "chain.cfr", "Did you mean cfar?"),
-        ("targets.cra.rcs=1 m^2", "targets.cra", "Did you mean car?"),
-        ("targets.car.rcs=1 m", "targets.car.rcs", "Units that fit: dBsm, m^2."),
-        ("targets.car.rcs=-1 m^2", "targets.car.rcs", "Give a positive value."),
-        ("targets.car.rcs.db=1", "targets.car.rcs.db", "Set targets.car.rcs itself."),
-        ("targets.car.rcs", "--set", "Write --set radar.frame.n_chirps=64, for instance."),
+        ("chain.cfr.offset=3 dB", "chain.cfr", "did you mean cfar?"),
+        ("targets.cra.rcs=1 m^2", "targets.cra", "did you mean car?"),
+        ("targets.car.rcs=1 m", "targets.car.rcs", "units that fit: dBsm, m^2"),
+        ("targets.car.rcs=-1 m^2", "targets.car.rcs", "give a positive value"),
+        ("targets.car.rcs.db=1", "targets.car.rcs.db", "set targets.car.rcs itself"),
+        ("targets.car.rcs", "--set", "write --set radar.frame.n_chirps=64, for instance"),
         (
             "targets=[{name: car, position: [0, 0, 0], name: van}]",
             "targets.car.name",
-            "Keep one of them.",
+            "keep one of them",
         ),
-        ("targets.car.rcs=[", "targets.car.rcs", "Mend it there, or just before."),
+        ("targets.car.rcs=[", "targets.car.rcs", "correct it there, or just before"),
     ],
 )
 def test_a_mistake_of_the_command_line_says_so(option, setting, fix):
@@ -474,26 +489,26 @@ def test_a_mistake_of_the_command_line_says_so(option, setting, fix):
 
 
 def test_a_path_within_a_value_is_found_in_its_file():
-    @value
+    @frozen_dataclass
     class Narrow(Setup):
         def __post_init__(self):
-            raise InvalidSetting("scene.targets.car.rcs_m2", got=0.1, need="1", fix="More.")
+            raise InvalidSetting("scene.targets.car.rcs_m2", value=0.1, expected="1", fix="More.")
 
     text = "scene:\n  targets:\n  - {position: [1 m, 0 m, 0 m]}\n"
     text += "  - {name: car, position: [1 m, 0 m, 0 m], rcs: -10 dBsm}\n"
 
     only = mistake(text, Narrow)
-    assert (only.setting, only.line, only.got) == ("scene.targets.car.rcs", 4, "-10 dBsm")
+    assert (only.setting, only.line, only.value) == ("scene.targets.car.rcs", 4, "-10 dBsm")
     # What is not written is pointed at where it would be.
     assert mistake("scene: {targets: []}", Narrow).column == 9
 
 
 def test_the_text_under_a_field_is_its_help():
-    helped = field_help(Setup)
+    helped = field_docstrings(Setup)
 
     assert helped["radar"] == "What sends, and receives."
     assert helped["scene"] == ""
-    assert list(field_help(Hardware)) == [
+    assert list(field_docstrings(Hardware)) == [
         "transmit_power_w",
         "antenna_gain",
         "tx_pattern",
@@ -512,7 +527,7 @@ PIECES = st.sampled_from(list(" \n\t:-,[]{}'\"|>&*!#?%@~\\0e")) | st.sampled_fro
 @given(st.text() | st.lists(PIECES, max_size=40).map(" ".join) | st.lists(PIECES).map("".join))
 def test_any_text_gives_a_radar_or_says_why_not(text):
     try:
-        parse(text, Radar)
+        parse_settings(text, Radar)
     except InvalidFile as error:
         assert error.mistakes
 
@@ -524,7 +539,7 @@ def test_any_text_gives_a_radar_or_says_why_not(text):
 )
 def test_a_radar_with_any_word_changed_is_a_radar_or_says_why_not(was, becomes):
     try:
-        parse(RADAR.replace(was, becomes, 1), Radar)
+        parse_settings(RADAR.replace(was, becomes, 1), Radar)
     except InvalidFile as error:
         assert all(mistake.fix for mistake in error.mistakes)
 
@@ -533,7 +548,7 @@ def test_a_radar_with_any_word_changed_is_a_radar_or_says_why_not(was, becomes):
 @given(st.text() | st.lists(PIECES, max_size=9).map(".".join).map("frame.{}=1".format))
 def test_any_setting_of_the_command_line_is_taken_or_refused(option):
     try:
-        parse(RADAR, Radar, overrides=[option])
+        parse_settings(RADAR, Radar, overrides=[option])
     except InvalidFile as error:
         assert error.mistakes
 
@@ -548,9 +563,9 @@ def test_any_setting_of_the_command_line_is_taken_or_refused(option):
     ],
 )
 def test_intervals_in_turn_and_modulations_are_written_as_they_are_read(written):
-    radar = parse(RADAR.replace("interval: 35 us", written), Radar)
+    radar = parse_settings(RADAR.replace("interval: 35 us", written), Radar)
     assert radar.frame.n_intervals + radar.frame.n_slots == 3
-    assert parse(dump(radar), Radar) == radar
+    assert parse_settings(dump(radar), Radar) == radar
 
 
 def test_a_wrong_interval_of_a_list_is_told_by_its_place():

@@ -16,10 +16,12 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.config.texts import dump
-from dechirp.live.places import N_PACKETS, Window
-from dechirp.live.replay import packet, packets
-from dechirp.live.taking import OneByOne, Slots, taker
+from dechirp.config.dumping import dump
+from dechirp.experiments.scenario import RecordingSource
+from dechirp.experiments.streaming import open_stream
+from dechirp.recordings.live.reassembly import N_PACKETS, ReassemblyWindow
+from dechirp.recordings.live.replay import build_packet, iter_packets
+from dechirp.recordings.live.socket_reader import PacketSlots, RecvfromReader, fastest_socket_reader
 from sent import heard, send, wait_for
 
 N_FRAMES = 12
@@ -77,7 +79,7 @@ def touched(lost: Iterable[int], sensor: dc.Radar) -> np.ndarray:
 
 
 def test_what_is_replayed_comes_as_it_was_recorded(capture, sensor, recorded):
-    frames, stream = heard(packets(capture), sensor, **TOLD)
+    frames, stream = heard(iter_packets(capture), sensor, **TOLD)
 
     assert len(frames) == N_FRAMES
     for frame, same in zip(frames, recorded, strict=True):
@@ -88,7 +90,7 @@ def test_what_is_replayed_comes_as_it_was_recorded(capture, sensor, recorded):
 
 def test_loss_is_marked_where_it_is_and_order_and_copies_change_nothing(capture, sensor, recorded):
     rng = np.random.default_rng(3)
-    sent = list(packets(capture))
+    sent = list(iter_packets(capture))
     lost = {n for n in range(1, len(sent)) if rng.random() < 0.01}
     assert lost
     kept = [n for n in range(len(sent)) if n not in lost]
@@ -106,12 +108,12 @@ def test_loss_is_marked_where_it_is_and_order_and_copies_change_nothing(capture,
     said = " ".join(str(one) for one in stream.findings)
     assert f"{gap.any(axis=1).sum()} of {N_FRAMES} frames have gaps" in said
     assert f"{sum(len(sent[n]) - 10 for n in lost)} bytes lost" in said
-    assert f"{len(kept) - len(set(kept))} packets that came twice" in said
+    assert f"{len(kept) - len(set(kept))} packets duplicate or too late" in said
     assert "packets out of order" in said
 
 
 def test_lost_samples_are_zero_and_the_rest_of_their_chirp_is_not(capture, sensor, recorded):
-    sent = list(packets(capture))
+    sent = list(iter_packets(capture))
 
     frames, _ = heard(sent[:3] + sent[4:], sensor, **TOLD)
 
@@ -126,7 +128,7 @@ def test_lost_samples_are_zero_and_the_rest_of_their_chirp_is_not(capture, senso
 
 
 def test_a_running_radar_is_joined_at_the_frame_it_is_in(capture, sensor, recorded):
-    sent = list(packets(capture))
+    sent = list(iter_packets(capture))
 
     frames, stream = heard(sent[30:], sensor, **TOLD)
 
@@ -136,21 +138,21 @@ def test_a_running_radar_is_joined_at_the_frame_it_is_in(capture, sensor, record
         xr.testing.assert_identical(frame.drop_vars("gap"), same)
     (said,) = stream.findings
     assert said.level == "note"  # nothing that was sent since was lost
-    assert "begins or ends within" in said.got
+    assert "gaps at the beginning or end of the stream" in said.value
 
 
 def test_frames_of_which_nothing_came_are_left_out_and_counted(capture, sensor):
-    sent = list(packets(capture))
+    sent = list(iter_packets(capture))
     frames, stream = heard(sent[:12] + sent[48:], sensor, **TOLD)  # none of frames 2 and 3
 
     starts = [round(frame.frame.item() / sensor.frame.period_s) for frame in frames]
 
     assert starts == [0, 1, *range(4, N_FRAMES)]
-    assert any("of 2 more nothing came" in str(one) for one in stream.findings)
+    assert any("2 more were lost completely" in str(one) for one in stream.findings)
 
 
 def test_packets_that_are_none_are_counted_and_nothing_of_them_is_kept(capture, sensor, recorded):
-    sent = list(packets(capture))
+    sent = list(iter_packets(capture))
     wrong = [
         b"",
         b"\x01",
@@ -158,7 +160,7 @@ def test_packets_that_are_none_are_counted_and_nothing_of_them_is_kept(capture, 
         sent[0] + b"\x00",
         bytes(9000),
         (7).to_bytes(4, "little") + (2**47).to_bytes(6, "little") + bytes(1456),
-        packet(3_000_000_000, bytes(1456)),  # in step, and 4 TB away
+        build_packet(3_000_000_000, bytes(1456)),  # in step, and 4 TB away
         bytes([255]) * 1466,
     ]
     mixed = sent[:20] + wrong + sent[20:]
@@ -168,16 +170,16 @@ def test_packets_that_are_none_are_counted_and_nothing_of_them_is_kept(capture, 
     for frame, same in zip(frames, recorded, strict=True):
         xr.testing.assert_identical(frame.drop_vars("gap"), same)
     (said,) = stream.findings
-    assert "5 not of 11 to 1466 bytes, 2 with counters that do not go together" in said.got
-    assert "1 sent more than 60 s after the others" in said.got
+    assert "5 not of 11 to 1466 bytes, 2 with inconsistent counters" in said.value
+    assert "1 sent more than 60 s ahead of the others" in said.value
 
 
 def test_packets_of_another_sender_change_nothing(capture, sensor, recorded):
     stream = dc.listen("127.0.0.1:0", radar=sensor, **TOLD, idle_s=0.5)
-    sent = list(packets(capture))
+    sent = list(iter_packets(capture))
     with stream:
         send(stream, sent[:30])
-        send(stream, [packet(n, bytes(1456)) for n in range(20, 60)])  # from another port
+        send(stream, [build_packet(n, bytes(1456)) for n in range(20, 60)])  # from another port
         wait_for(stream, 70)
         frames = list(stream)
 
@@ -189,26 +191,26 @@ def test_packets_of_another_sender_change_nothing(capture, sensor, recorded):
 
 
 def test_a_radar_that_begins_anew_ends_the_stream(sensor):
-    before = [packet(n, bytes(1456)) for n in range(1, 400)]
+    before = [build_packet(n, bytes(1456)) for n in range(1, 400)]
 
     frames, stream = heard([*before, *before[:5]], sensor, **TOLD)
 
     assert len(frames) == -(-399 * 1456 // 16384)
-    assert any("began anew" in str(one) for one in stream.findings)
+    assert any("restarted" in str(one) for one in stream.findings)
 
 
 @pytest.mark.parametrize(("n_before", "first"), [(100, 1), (20, 3), (600, 2)])
 def test_a_radar_that_begins_anew_is_noticed_wherever_it_was(sensor, n_before, first):
     rng = np.random.default_rng(8)
     before, after = (
-        [packet(n, rng.bytes(1456)) for n in range(begin, begin + n_sent)]
+        [build_packet(n, rng.bytes(1456)) for n in range(begin, begin + n_sent)]
         for begin, n_sent in ((1, n_before), (first, 249))
     )
 
     frames, stream = heard([*before, *after], sensor, **TOLD)
     alone, _ = heard(before, sensor, **TOLD)
 
-    assert any("began anew" in str(one) for one in stream.findings)
+    assert any("restarted" in str(one) for one in stream.findings)
     assert len(frames) == len(alone)
     for frame, same in zip(frames, alone, strict=True):
         np.testing.assert_array_equal(frame.values, same.values)
@@ -216,7 +218,7 @@ def test_a_radar_that_begins_anew_is_noticed_wherever_it_was(sensor, n_before, f
 
 def test_an_empty_line_says_so(sensor):
     stream = dc.listen("127.0.0.1:0", radar=sensor, **TOLD, idle_s=0.05)
-    with pytest.raises(dc.RecordingError, match="no packet of samples came in 0.05 s"):
+    with pytest.raises(dc.RecordingError, match="no packet of samples in 0.05 s"):
         list(stream)
 
 
@@ -228,13 +230,13 @@ def test_a_line_with_other_things_on_it_says_what(sensor):
 def test_a_port_that_another_has_is_refused(sensor):
     with (
         dc.listen("127.0.0.1:0", radar=sensor, **TOLD) as first,
-        pytest.raises(dc.InvalidSetting, match="no other program has"),
+        pytest.raises(dc.InvalidSetting, match="a free port"),
     ):
         dc.listen(first.address, radar=sensor, **TOLD)
 
 
 def test_a_port_is_let_go_when_the_stream_ends(capture, sensor):
-    _, stream = heard(packets(capture), sensor, **TOLD)
+    _, stream = heard(iter_packets(capture), sensor, **TOLD)
 
     with dc.listen(stream.address, radar=sensor, **TOLD) as again:
         assert again.address == stream.address
@@ -262,7 +264,7 @@ def test_a_radar_of_unknown_lanes_is_asked_for_its_chip(sensor):
 def test_packets_taken_one_by_one_are_those_taken_at_once():
     sent = [bytes([n]) * (n + 1) for n in range(40)] + [bytes(9000)]
     took = []
-    for kind in (OneByOne, type(taker(None, _slots()))):
+    for kind in (RecvfromReader, type(fastest_socket_reader(None, _slots()))):
         with (
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as into,
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out,
@@ -274,8 +276,8 @@ def test_packets_taken_one_by_one_are_those_taken_at_once():
             slots, n = _slots(), 0
             taking = kind(into, slots)
             while n < len(sent):
-                n += taking.take(n, 64 - n)
-            assert taking.take(n, 64 - n) == 0
+                n += taking.read_packets(n, 64 - n)
+            assert taking.read_packets(n, 64 - n) == 0
             assert len(set(slots.senders[:n].tolist())) == 1
             took.append((slots.sizes[:n].tolist(), slots.content[:n].copy()))
 
@@ -284,8 +286,10 @@ def test_packets_taken_one_by_one_are_those_taken_at_once():
     np.testing.assert_array_equal(took[0][1], took[1][1])
 
 
-def _slots() -> Slots:
-    return Slots(np.zeros((64, 1472), np.uint8), np.zeros(64, np.int64), np.zeros(64, np.int64))
+def _slots() -> PacketSlots:
+    return PacketSlots(
+        np.zeros((64, 1472), np.uint8), np.zeros(64, np.int64), np.zeros(64, np.int64)
+    )
 
 
 @pytest.mark.parametrize("frame_bytes", [512, 1456, 4096, 2**20])
@@ -295,15 +299,15 @@ def test_frames_of_any_size_come_whole_out_of_packets_in_any_near_order(frame_by
     order = np.argsort(np.arange(300) + rng.uniform(0, 50, 300))
     content, sizes = np.zeros((300, 1472), np.uint8), np.full(300, 1466, np.int64)
     for row, n in zip(content, order.tolist(), strict=True):
-        made = packet(n + 1, stream[n * 1456 : (n + 1) * 1456].tobytes())
+        made = build_packet(n + 1, stream[n * 1456 : (n + 1) * 1456].tobytes())
         row[:1466] = np.frombuffer(made, np.uint8)
-    window = Window(frame_bytes, most_lost=1200)
+    window = ReassemblyWindow(frame_bytes, max_lost_frames=1200)
 
     found = {}
-    for one in window.place(Slots(content, sizes, np.zeros(300, np.int64))):
+    for one in window.reassemble(PacketSlots(content, sizes, np.zeros(300, np.int64))):
         found[one.number] = one.content.copy()
-    for one in window.up_to(window.sending + 1):
-        found[one.number] = one.content[one.arrived].copy()
+    for one in window.flush_before(window.frame_in_progress + 1):
+        found[one.number] = one.content[one.received_mask].copy()
 
     assert window.counters[N_PACKETS] == 300
     assert window.lost_bytes == 0
@@ -313,50 +317,52 @@ def test_frames_of_any_size_come_whole_out_of_packets_in_any_near_order(frame_by
 @pytest.mark.parametrize("frame_bytes", [512, 4096, 2**20])
 def test_a_radar_that_has_run_for_days_is_joined(frame_bytes):
     first = 2**32 + 5  # the number of a packet has begun again from 0
-    window, n_bytes = Window(frame_bytes, most_lost=1200), 0
+    window, n_bytes = ReassemblyWindow(frame_bytes, max_lost_frames=1200), 0
     for number in range(first, first + 2000):
         row = np.zeros((1, 1472), np.uint8)
-        row[0, :1466] = np.frombuffer(packet(number, bytes(1456)), np.uint8)
-        for one in window.place(Slots(row, np.array([1466]), np.zeros(1, np.int64))):
-            n_bytes += int(one.arrived.sum())
-    n_bytes += sum(int(one.arrived.sum()) for one in window.up_to(window.sending + 1))
+        row[0, :1466] = np.frombuffer(build_packet(number, bytes(1456)), np.uint8)
+        for one in window.reassemble(PacketSlots(row, np.array([1466]), np.zeros(1, np.int64))):
+            n_bytes += int(one.received_mask.sum())
+    n_bytes += sum(
+        int(one.received_mask.sum()) for one in window.flush_before(window.frame_in_progress + 1)
+    )
 
     assert n_bytes == 2000 * 1456
     assert window.lost_bytes == 0
 
 
 def test_no_frames_are_given_for_the_way_that_a_packet_jumps():
-    window, n_given = Window(512, most_lost=2_000_000), 0
+    window, n_given = ReassemblyWindow(512, max_lost_frames=2_000_000), 0
     for number in (1, 700_000, 1_400_000, 1):
         row = np.zeros((1, 1472), np.uint8)
-        row[0, :1466] = np.frombuffer(packet(number, bytes(1456)), np.uint8)
-        slots = Slots(row, np.array([1466]), np.zeros(1, np.int64))
-        n_given += sum(1 for _ in window.place(slots))
+        row[0, :1466] = np.frombuffer(build_packet(number, bytes(1456)), np.uint8)
+        slots = PacketSlots(row, np.array([1466]), np.zeros(1, np.int64))
+        n_given += sum(1 for _ in window.reassemble(slots))
 
     assert n_given <= 3 * 4
-    assert window.sending > 3_000_000  # none of them was refused
+    assert window.frame_in_progress > 3_000_000  # none of them was refused
 
 
 def test_a_packet_of_more_than_a_minute_later_is_refused_and_changes_nothing(
     capture, sensor, recorded
 ):
-    sent = list(packets(capture))
-    in_a_minute = packet(15_000, bytes(1456))  # 1200 frames of 11.3 packets: 13,500
+    sent = list(iter_packets(capture))
+    in_a_minute = build_packet(15_000, bytes(1456))  # 1200 frames of 11.3 packets: 13,500
     frames, stream = heard([*sent[:20], in_a_minute, *sent[20:]], sensor, **TOLD)
 
     assert len(frames) == N_FRAMES
     for frame, same in zip(frames, recorded, strict=True):
         xr.testing.assert_identical(frame.drop_vars("gap"), same)
     (said,) = stream.findings
-    assert "1 sent more than 60 s after the others, by their counters" in said.got
+    assert "1 sent more than 60 s ahead of the others, by their counters" in said.value
 
 
 def test_a_radar_that_was_not_heard_for_more_than_a_minute_ends_the_stream(capture, sensor):
-    late = [packet(n, bytes(1456)) for n in range(15_000, 15_100)]
-    frames, stream = heard([*packets(capture), *late], sensor, **TOLD)
+    late = [build_packet(n, bytes(1456)) for n in range(15_000, 15_100)]
+    frames, stream = heard([*iter_packets(capture), *late], sensor, **TOLD)
 
     assert len(frames) == N_FRAMES
-    assert any("more than 60 s of it were lost" in one.got for one in stream.findings)
+    assert any("more than 60 s of it were lost" in one.value for one in stream.findings)
 
 
 def test_a_file_that_grows_gives_each_frame_once_its_bytes_are_there(
@@ -395,7 +401,7 @@ def test_a_part_of_a_frame_is_waited_for_and_left_out_when_nothing_follows(
     stream = dc.follow(path, radar=sensor, **TOLD, idle_s=0.1)
 
     assert len(list(stream)) == 2
-    assert any("1001 bytes after the last whole frame" in str(one) for one in stream.findings)
+    assert any("1001 bytes after the last complete frame" in str(one) for one in stream.findings)
 
 
 def test_what_follows_the_frames_that_were_asked_for_is_not_said_to_be_left_out(
@@ -457,7 +463,7 @@ def test_a_file_that_does_not_only_grow_ends_the_stream_and_it_is_said(
 def test_a_file_without_a_frame_says_what_it_has(sensor, tmp_path):
     path = tmp_path / "empty.bin"
     path.write_bytes(bytes(99))
-    with pytest.raises(dc.RecordingError, match="99 bytes, and no whole frame came in 0.05 s"):
+    with pytest.raises(dc.RecordingError, match="99 bytes, and no complete frame in 0.05 s"):
         list(dc.follow(path, radar=sensor, **TOLD, idle_s=0.05))
 
 
@@ -465,11 +471,11 @@ def test_what_is_no_bare_capture_is_not_followed(sensor, tmp_path):
     path = tmp_path / "cube.bin"
     np.save(path.with_suffix(".npy"), np.zeros(20_000, np.int16))
     path.with_suffix(".npy").rename(path)
-    with pytest.raises(dc.RecordingError, match="a NumPy array, but must be bare samples"):
+    with pytest.raises(dc.RecordingError, match="a NumPy array; expected raw samples"):
         list(dc.follow(path, radar=sensor, **TOLD, idle_s=0.05))
     with pytest.raises(dc.RecordingError, match="no such file"):
         dc.follow(tmp_path / "nothing.bin", radar=sensor)
-    with pytest.raises(dc.RecordingError, match="is a folder, but must be one file"):
+    with pytest.raises(dc.RecordingError, match=": a folder; expected one file"):
         dc.follow(tmp_path, radar=sensor)
 
 
@@ -489,11 +495,11 @@ def called(sensor, tmp_path, monkeypatch) -> list[str]:
 
 def test_following_finds_what_reading_finds(capture, sensor):
     scenario = dc.Scenario(
-        recording=dc.Source(path=str(capture), device="xwr1843", iq="iq"), radar=sensor
+        recording=RecordingSource(path=str(capture), device="xwr1843", iq="iq"), radar=sensor
     )
     seen = []
 
-    live = dc.watch(scenario, dc.stream_of(scenario, idle_s=0.05), tell=seen.append)
+    live = dc.process_stream(scenario, open_stream(scenario, idle_s=0.05), on_frame=seen.append)
     read = dc.run(scenario)
 
     xr.testing.assert_identical(live.detections, read.detections)
@@ -515,7 +521,7 @@ def test_results_of_a_stream_keep_the_first_frame_alone(capture, called, recorde
     made = json.loads(out)
     assert made["frames"] == 6
     assert {row["frame"] for row in made["detections"]} <= set(range(3, 9))
-    assert any("first frame alone" in finding["got"] for finding in made["findings"])
+    assert any("first frame only" in finding["value"] for finding in made["findings"])
     assert [line.split(":")[0] for line in told.splitlines()] == [f"frame {n}" for n in range(3, 9)]
 
 
@@ -524,7 +530,7 @@ def test_a_run_listens_to_an_address_and_a_signal_ends_it_with_results(
     ending, capture, called, monkeypatch, capsys
 ):
     port, seen = _free_port(), []
-    monkeypatch.setattr("dechirp.cli.followed._tell", seen.append)
+    monkeypatch.setattr("dechirp.cli.stream._print_frame", seen.append)
     deadline = time.monotonic() + 5 * IDLE_S  # imports and pictures, on a busy machine
 
     def send_and_interrupt() -> None:
@@ -563,7 +569,7 @@ def test_a_signal_after_the_last_frame_ends_the_run(ending, code, capture, calle
         os.kill(os.getpid(), ending)
         raise AssertionError("was swallowed")
 
-    monkeypatch.setattr("dechirp.experiment.watch.concluded", interrupted)
+    monkeypatch.setattr("dechirp.experiments.streaming.build_result", interrupted)
 
     assert status("run", str(capture), "--follow", "--idle", "50ms", *called) == code
 
@@ -590,11 +596,11 @@ def _free_port() -> int:
     [
         (["--follow"], "given for a scene that is simulated"),
         (["--idle", "3s"], "given without --follow"),
-        (["capture.bin", "--follow", "--idle", "3"], "--idle is 3"),
+        (["capture.bin", "--follow", "--idle", "3"], "--idle: 3"),
         (["capture.bin", "--follow", "--idle", "0s"], "idle_s"),
         (["capture.bin", "--follow", "--axes", "chirp,sample"], "--axes"),
         (["udp://127.0.0.1:99999"], "99999"),
-        (["udp://127.0.0.1:0", "--idle", "10ms"], "no packet of samples came in 0.01 s"),
+        (["udp://127.0.0.1:0", "--idle", "10ms"], "no packet of samples in 0.01 s"),
     ],
 )
 def test_a_wrong_call_is_told_and_nothing_is_written(arguments, says, capture, called, capsys):

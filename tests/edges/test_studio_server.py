@@ -24,9 +24,9 @@ from tornado.ioloop import IOLoop
 
 from dechirp.cli.main import main
 from dechirp.core.errors import InvalidSetting
-from dechirp.studio.connection import Connection
-from dechirp.studio.guard import places
-from dechirp.studio.server import MOST_MESSAGE, MOST_PAGES, Studio
+from dechirp.studio.access_control import allowed_hosts
+from dechirp.studio.connection import BatchingConnection
+from dechirp.studio.server import MAX_MESSAGE_BYTES, MAX_PAGES, StudioServer
 
 ACK = b'"msgtype": "ACK"'
 
@@ -45,7 +45,7 @@ def broken(document) -> None:
 def served(host: str = "127.0.0.1"):
     """Run a server in a thread of its own."""
     pages = {"/": small, "/lesson": small, "/broken": broken}
-    studio = Studio(lambda worker: pages, host=host, port=0)
+    studio = StudioServer(lambda worker: pages, host=host, port=0)
     stopped, began = [], threading.Event()
 
     async def run() -> None:
@@ -72,7 +72,7 @@ def studio():
         yield one
 
 
-def asked(studio: Studio, path: str = "/", **headers: str):
+def asked(studio: StudioServer, path: str = "/", **headers: str):
     """Ask for something: status, headers and text of the answer."""
     port = urlsplit(studio.address).port
     connection = HTTPConnection("127.0.0.1", port, timeout=20)
@@ -89,7 +89,7 @@ def token_of(page: str) -> str:
 
 
 def connected(
-    studio: Studio, token: str, *, origin: str | None = None, says: bytes = b""
+    studio: StudioServer, token: str, *, origin: str | None = None, says: bytes = b""
 ) -> tuple[int, bytes]:
     """Connect as the page of a token does, and say something: status, and what comes back."""
     place = urlsplit(studio.address)
@@ -149,12 +149,12 @@ def test_a_page_that_breaks_leaves_the_others(studio):
 
 
 def test_no_more_pages_than_may_be_and_the_rest_goes_on(studio):
-    statuses = [asked(studio, path)[0] for path in ["/", "/lesson/"] * (MOST_PAGES // 2)]
+    statuses = [asked(studio, path)[0] for path in ["/", "/lesson/"] * (MAX_PAGES // 2)]
     status, _, text = asked(studio)
 
-    assert statuses == [200] * MOST_PAGES
+    assert statuses == [200] * MAX_PAGES
     assert [asked(studio, path)[0] for path in ("/lesson", "/lesson/")] == [503, 503]
-    assert (status, text) == (503, f"{MOST_PAGES} pages are open, as many as may be. Close one.\n")
+    assert (status, text) == (503, f"{MAX_PAGES} pages are open, the maximum. Close one.\n")
     assert asked(studio, "/healthz")[0] == 200
 
 
@@ -174,7 +174,7 @@ def test_what_changed_together_goes_as_one_message():
 
     async def turns() -> None:
         session = ServerSession("one", document, io_loop=IOLoop.current())
-        Connection(Protocol(), Browser(), None, session)
+        BatchingConnection(Protocol(), Browser(), None, session)
         for _ in range(2):
             await session.with_document_locked(change)
 
@@ -195,7 +195,7 @@ def test_a_server_that_is_asked_for_under_a_foreign_name_refuses(studio, path, h
 
 def test_names_are_the_same_in_capitals(studio):
     assert asked(studio, Host=f"LocalHost:{urlsplit(studio.address).port}")[0] == 200
-    assert places("Radar.Example", 5006) >= {"radar.example:5006"}
+    assert allowed_hosts("Radar.Example", 5006) >= {"radar.example:5006"}
 
 
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "[::1]"])
@@ -238,7 +238,7 @@ def test_a_message_longer_than_any_of_ours_ends_its_connection_alone(studio):
     token = token_of(asked(studio)[2])
 
     # A text frame from a browser, masked with zeros, of which the length is enough.
-    says = b"\x81\xff" + (MOST_MESSAGE + 1).to_bytes(8, "big") + bytes(4)
+    says = b"\x81\xff" + (MAX_MESSAGE_BYTES + 1).to_bytes(8, "big") + bytes(4)
     status, said = connected(studio, token, says=says)
 
     assert status == 101
@@ -284,14 +284,14 @@ def test_a_port_that_is_taken_is_refused_in_a_sentence(studio, capsys):
 
     assert ended.value.code == 2
     assert capsys.readouterr().err == (
-        f"--port is {port}, where another program listens, but must be free."
-        f" Give another one, as --port {port + 1}, or 0 for any that is free.\n"
+        f"--port: {port}, which another program uses; expected a free port;"
+        f" choose another one, as --port {port + 1}, or 0 for a free one\n"
     )
 
 
 def test_an_address_of_another_machine_is_refused():
-    with pytest.raises(InvalidSetting, match="--host is 192.0.2.1.*address of this machine"):
-        Studio(lambda worker: {}, host="192.0.2.1", port=0)
+    with pytest.raises(InvalidSetting, match="--host: 192.0.2.1.*address of this machine"):
+        StudioServer(lambda worker: {}, host="192.0.2.1", port=0)
 
 
 @pytest.mark.parametrize("words", [["nowhere"], ["--port", "70000"], ["--port", "http"]])
@@ -300,7 +300,7 @@ def test_a_wrong_call_is_refused_before_anything_is_served(words, capsys):
         main(["studio", *words])
 
     assert ended.value.code == 2
-    assert "but must be" in capsys.readouterr().err
+    assert "; expected " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

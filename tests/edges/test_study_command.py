@@ -11,9 +11,9 @@ import pytest
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.experiment.study.ledger import Record
-from dechirp.experiment.study.run import replay
-from dechirp.store.parquet import read_parquet
+from dechirp.experiments.study.ledger import LedgerReader
+from dechirp.experiments.study.run import replay_trial
+from dechirp.results.parquet import read_parquet
 
 EXAMPLES = Path(dc.__file__).parents[2] / "examples" / "studies"
 
@@ -41,7 +41,7 @@ vary:
 trials: {at_most: 40, block: 15}
 scores: [detection_probability, false_alarm_probability, range_rmse, resolution_probability]
 require:
-  - {score: detection_probability, target: car, at: {impairments.white-noise.snr: -16 dB},
+  - {score: detection_probability, target: car, points: {impairments.white-noise.snr: -16 dB},
      at_least: 0.5, confidence: 0.99}
 """
 
@@ -88,15 +88,18 @@ def test_trials_are_the_same_to_the_bit_wherever_they_run(file, tmp_path):
     with ThreadPoolExecutor(3) as threads:
         dc.run_study(study, tmp_path / "threads", executor=threads)
     dc.run_study(study, tmp_path / "processes")
-    with Record.read(tmp_path / "threads") as one, Record.read(tmp_path / "processes") as other:
+    with (
+        LedgerReader.open_existing(tmp_path / "threads") as one,
+        LedgerReader.open_existing(tmp_path / "processes") as other,
+    ):
         for point in range(6):
-            np.testing.assert_array_equal(one.sums(point), other.sums(point))
-            np.testing.assert_array_equal(one.theory(point), other.theory(point))
-        made = replay(dc.load_study(file), 17, point=3)
-        np.testing.assert_array_equal(made.sums, one.sums(3)[17])
+            np.testing.assert_array_equal(one.point_sums(point), other.point_sums(point))
+            np.testing.assert_array_equal(one.point_theory(point), other.point_theory(point))
+        made = replay_trial(dc.load_study(file), 17, point=3)
+        np.testing.assert_array_equal(made.sums, one.point_sums(3)[17])
     # `run` of that trial sees the same samples: the same detections.
     np.testing.assert_array_equal(
-        made.result.detections.range.values, made.look.detections["range"]
+        made.result.detections.range.values, made.trial_result.detections["range"]
     )
 
 

@@ -5,17 +5,17 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
-from dechirp.evaluate.detector import detector
-from dechirp.evaluate.score.detection_probability import DetectionProbability
-from dechirp.evaluate.score.range_rmse import RangeRmse
-from dechirp.experiment.study.case import case_of
-from dechirp.experiment.study.layout import Layout
-from dechirp.experiment.study.plan import Plan
-from dechirp.experiment.study.require import judge
-from dechirp.experiment.study.results import Measured, collect
-from dechirp.experiment.study.run import replay
-from dechirp.experiment.study.study import Requirement
-from dechirp.theory.correlated import Box
+from dechirp.evaluation.detector_law import find_detector_law
+from dechirp.evaluation.score.detection_probability import DetectionProbability
+from dechirp.evaluation.score.errors import RangeRmse
+from dechirp.experiments.study.layout import Layout
+from dechirp.experiments.study.plan import Plan
+from dechirp.experiments.study.requirements import judge_requirements
+from dechirp.experiments.study.results import PointData, estimate_points
+from dechirp.experiments.study.run import replay_trial
+from dechirp.experiments.study.study import Requirement
+from dechirp.experiments.study.trial_context import build_trial_context
+from dechirp.theory.cfar_correlated_cells import CorrelatedWindow
 from study_made import WINDOW, Share, layout, study
 
 STUDY = """
@@ -55,22 +55,22 @@ def load(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("score", "more", "got"),
+    ("score", "more", "value"),
     [
         ("azimuth_rmse", "", "chain.angle none"),
-        ("clusters_per_target", "", "makes no clusters"),
+        ("clusters_per_target", "", "with a chain without clusters"),
         ("track_ospa", "", "without a tracker"),
         ("roc", "sensor: statistical", "sensor: statistical"),
     ],
 )
-def test_a_score_that_fits_no_point_is_refused_before_any_trial(load, tmp_path, score, more, got):
+def test_a_score_that_fits_no_point_is_refused_before_any_trial(load, tmp_path, score, more, value):
     asked = load(score, more=more)
-    with pytest.raises(InvalidSetting, match=got) as error:
+    with pytest.raises(InvalidSetting, match=value) as error:
         dc.run_study(asked, tmp_path / "out")
     assert error.value.mistakes[0].setting == "scores"
     assert not (tmp_path / "out").exists()
-    with pytest.raises(InvalidSetting, match=got):
-        replay(asked, 0)
+    with pytest.raises(InvalidSetting, match=value):
+        replay_trial(asked, 0)
 
 
 def test_a_score_that_fits_some_points_is_tried(load, tmp_path):
@@ -124,15 +124,15 @@ def test_no_probability_is_asked_to_be_what_none_can_be(load, until, more, setti
 def test_a_range_of_words_is_told_once(load):
     with pytest.raises(InvalidFile) as error:
         load(vary="chain.range_window: {from: hann, to: hamming, n: 2}")
-    assert [one.got for one in error.value.mistakes] == ["a range"]
+    assert [one.value for one in error.value.mistakes] == ["a range"]
 
 
 def test_so_many_values_that_none_can_confirm_them_are_not_to_be_confirmed(load):
     with pytest.raises(InvalidFile) as error:
         load(vary="scene.targets.car.rcs: {from: 0 dBsm, to: 9 dBsm, step: 1e-300 dB}")
     (one,) = error.value.mistakes
-    assert len(one.got) < 80
-    assert one.fix == "Take fewer."
+    assert len(one.value) < 80
+    assert one.fix == "take fewer"
 
 
 def test_points_that_show_nothing_at_any_confidence_are_undecided():
@@ -140,11 +140,13 @@ def test_points_that_show_nothing_at_any_confidence_are_undecided():
     kept = np.array([[1.0, 1.0], [0.0, 1.0]])
     limit = Requirement(score="detection_probability", at_least=0.5)
     made = [
-        Measured(settings=((WINDOW.path, text),), numbers=(None,), sums=kept, theory=np.array([1]))
+        PointData(settings=((WINDOW.path, text),), numbers=(None,), sums=kept, theory=np.array([1]))
         for text in WINDOW.texts
     ]
     what = study(WINDOW, scores=(Share(),), require=(limit,))
-    (one,) = judge(collect(what, layout(scores=(Share(),)), made), lambda _: kept)
+    (one,) = judge_requirements(
+        estimate_points(what, layout(scores=(Share(),)), made), lambda _: kept
+    )
     assert one.decision == "undecided"
     assert one.certainty == pytest.approx(0.5)
 
@@ -152,18 +154,18 @@ def test_points_that_show_nothing_at_any_confidence_are_undecided():
 def test_errors_of_targets_together_have_no_theory_and_shares_have_the_mean():
     both = Layout((DetectionProbability(), RangeRmse()), (("car", "van"), ("car", "van")))
     theory = np.array([0.5, 1.0, 0.1, 0.3])
-    assert both.theory_of(theory, "detection_probability") == 0.75
-    assert np.isnan(both.theory_of(theory, "range_rmse"))
-    assert both.theory_of(theory, "range_rmse", "van") == 0.3
+    assert both.score_theory(theory, "detection_probability") == 0.75
+    assert np.isnan(both.score_theory(theory, "range_rmse"))
+    assert both.score_theory(theory, "range_rmse", "van") == 0.3
     alone = Layout((RangeRmse(),), (("car",),))
-    assert alone.theory_of(np.array([0.1]), "range_rmse") == 0.1
+    assert alone.score_theory(np.array([0.1]), "range_rmse") == 0.1
 
 
 def test_an_ordered_statistic_is_worth_more_cells_than_their_mean_under_a_window(load):
     study = load(vary="chain.cfar.estimator: [{kind: ordered-statistic}]")
-    case = case_of(Plan.of(study).scenario(0))
-    noise, ring = case.chain.noise(case.radar), case.chain.cfar.ring
-    box = ring.box(noise, ring.half_range)
+    case = build_trial_context(Plan.from_study(study).scenario(0))
+    noise, ring = case.chain.map_noise(case.radar), case.chain.cfar.training_window
+    box = ring.noise_box(noise, ring.half_range)
     roots = [np.linalg.cholesky(c) for c in (box.velocity_covariance, box.range_covariance)]
     rng = np.random.default_rng(3)
     shape = (20_000, len(roots[0]), len(roots[1]))
@@ -175,19 +177,19 @@ def test_an_ordered_statistic_is_worth_more_cells_than_their_mean_under_a_window
     # Of n independent exponential cells: p q / (n p^2), and the variance itself is known to 5 %
     # at five standard errors. As many cells as the mean is worth would make it 1.3 times as much.
     worth = 0.75 / 0.25 / drawn.var()
-    assert box.n_independent_at(0.75) == pytest.approx(worth, rel=0.08)
+    assert box.n_independent_for_quantile(0.75) == pytest.approx(worth, rel=0.08)
     assert box.n_independent < 0.85 * worth
-    law = detector(case.chain.cfar, noise)
-    assert law.n_training == round(box.n_independent_at(0.75))
+    law = find_detector_law(case.chain.cfar, noise)
+    assert law.n_training == round(box.n_independent_for_quantile(0.75))
 
 
 def test_independent_cells_are_worth_themselves_at_every_rank():
-    white = Box(
+    white = CorrelatedWindow(
         range_covariance=np.eye(9),
         velocity_covariance=np.eye(7),
         guard_range=slice(3, 6),
         guard_velocity=slice(2, 5),
-        under_test=(4, 3),
+        cell_under_test=(4, 3),
     )
     for share in (0.1, 0.5, 0.75, 0.99):
-        assert white.n_independent_at(share) == pytest.approx(white.n_training)
+        assert white.n_independent_for_quantile(share) == pytest.approx(white.n_training)

@@ -10,7 +10,7 @@ import pytest
 
 import data_set_study
 import dechirp as dc
-from dechirp.store.data_set import read_data_set
+from dechirp.results.data_set import read_data_set
 
 FILE = Path(dc.__file__).parents[2] / "examples" / "torch_dataset.py"
 

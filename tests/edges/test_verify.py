@@ -13,13 +13,13 @@ import psutil
 import pytest
 
 import dechirp as dc
+from dechirp.certificate import certificate, every_detector, extended, false_alarms
+from dechirp.certificate.certificate import CLAIM_IDS, verify
+from dechirp.certificate.checksum import number_checksum
+from dechirp.certificate.document import build_document
+from dechirp.certificate.trials import Job
 from dechirp.cli.main import main
-from dechirp.experiment.verify import certificate, every_detector, false_alarms, further
-from dechirp.experiment.verify.certificate import CLAIMS, verify
-from dechirp.experiment.verify.checksum import of_numbers
-from dechirp.experiment.verify.document import document
-from dechirp.experiment.verify.trials import Job
-from dechirp.store.tables import json_text
+from dechirp.results.tables import json_text
 
 CLAIM_KEYS = ["id", "claim", "published", "required", "measured", "limit", "passed"]
 
@@ -27,7 +27,7 @@ CLAIM_KEYS = ["id", "claim", "published", "required", "measured", "limit", "pass
 def few(jobs: dict[str, Job]) -> dict[str, Job]:
     """The same jobs with a hundredth of their trials, too few to certify anything."""
     return {
-        name: replace(job, n_trials=max(job.n_trials // 100, 3), n_each=20)
+        name: replace(job, n_trials=max(job.n_trials // 100, 3), block_size=20)
         for name, job in jobs.items()
     }
 
@@ -35,11 +35,15 @@ def few(jobs: dict[str, Job]) -> dict[str, Job]:
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Few trials, and no processes."""
-    every = certificate._jobs
-    monkeypatch.setattr(certificate, "_jobs", lambda *given, **told: few(every(*given, **told)))
-    usual = certificate.given
+    every = certificate._report_jobs
+    monkeypatch.setattr(
+        certificate, "_report_jobs", lambda *given, **told: few(every(*given, **told))
+    )
+    usual = certificate.workers_from_executor
     thread = ThreadPoolExecutor(1)
-    monkeypatch.setattr(certificate, "given", lambda executor: usual(executor or thread))
+    monkeypatch.setattr(
+        certificate, "workers_from_executor", lambda executor: usual(executor or thread)
+    )
     yield
     thread.shutdown()
 
@@ -62,7 +66,7 @@ def test_one_document_says_of_each_claim_what_a_script_needs(call, tmp_path):
     found = json.loads(out)
 
     assert err == ""
-    assert [claim["id"] for claim in found["claims"]] == list(CLAIMS)
+    assert [claim["id"] for claim in found["claims"]] == list(CLAIM_IDS)
     for claim in found["claims"]:
         assert list(claim)[: len(CLAIM_KEYS)] == CLAIM_KEYS
         assert claim["passed"] == all(check["passed"] for check in claim["checks"])
@@ -96,7 +100,7 @@ def test_when_all_hold_the_status_is_zero(call, monkeypatch):
     assert (status, out) == (0, "")
     status, out, _ = call()
     assert status == 0
-    assert f"{len(CLAIMS)} of {len(CLAIMS)} claims hold." in out
+    assert f"{len(CLAIM_IDS)} of {len(CLAIM_IDS)} claims hold." in out
 
 
 def _passing(claim):
@@ -107,55 +111,55 @@ def _passing(claim):
 
 def test_the_same_seed_gives_the_same_certificate_to_the_bit():
     with ThreadPoolExecutor(2) as crowd:
-        one, many = document(verify(seed=4)), document(verify(seed=4, executor=crowd))
+        one, many = build_document(verify(seed=4)), build_document(verify(seed=4, executor=crowd))
     for changing in ("date", "timing_s"):
         del one[changing], many[changing]
     assert repr(one) == repr(many)  # so few trials leave an interval or two without a number
-    assert document(verify(seed=5))["claims"] != one["claims"]
+    assert build_document(verify(seed=5))["claims"] != one["claims"]
 
 
 def test_in_full_the_parts_come_too_and_progress_counts_all(monkeypatch):
     # Calibrations take seconds each: a rectangular window has closed forms.
-    group = {"maps of noise": every_detector.GROUPS["maps of noise"][:1]}
-    monkeypatch.setattr(every_detector, "GROUPS", group)
-    monkeypatch.setattr(every_detector, "CELLS", 1e5)
-    beyond, noise = further.jobs, false_alarms.noise_tests
-    monkeypatch.setattr(further, "jobs", lambda n_trials: few(beyond(n_trials)))
+    group = {"maps of noise": every_detector.MAP_GROUPS["maps of noise"][:1]}
+    monkeypatch.setattr(every_detector, "MAP_GROUPS", group)
+    monkeypatch.setattr(every_detector, "MIN_CELLS", 1e5)
+    beyond, noise = extended.initial_jobs, false_alarms.noise_tests
+    monkeypatch.setattr(extended, "initial_jobs", lambda n_trials: few(beyond(n_trials)))
     monkeypatch.setattr(false_alarms, "noise_tests", lambda full: noise(full=False))
     seen = []
 
     made = verify(seed=2, trials=100, full=True, progress=lambda *counts: seen.append(counts))
 
-    found = document(made)
+    found = build_document(made)
     assert [part["id"] for part in found["parts"]] == ["false_alarms", "directions", "impairments"]
     assert all(part["claims"] for part in found["parts"])
     assert not found["passed"]  # of so few
     assert seen == [(done, len(seen)) for done in range(1, len(seen) + 1)]
     assert {"python", "numpy", "scipy", "numba", "llvmlite"} <= set(found["versions"])
-    assert found["checksum"] == of_numbers(json.loads(json_text(found)))
+    assert found["checksum"] == number_checksum(json.loads(json_text(found)))
 
 
 def test_the_tables_keep_the_report_s_numbers_beside_ours():
-    tables = {table["number"]: table for table in document(verify())["tables"]}
+    tables = {table["number"]: table for table in build_document(verify())["tables"]}
 
     assert list(tables) == [5, 6, 7]
     waveform = {row["quantity"]: row for row in tables[6]["rows"]}
     # The report computed with c = 3e8; the exact c gives 0.07 % less and more.
     assert waveform["bandwidth"]["published"] == 150e6
-    assert waveform["bandwidth"]["here"] == pytest.approx(149.896e6, rel=1e-4)
-    assert waveform["duration of the chirp"]["published"] == pytest.approx(7.3333e-6, rel=1e-5)
+    assert waveform["bandwidth"]["computed"] == pytest.approx(149.896e6, rel=1e-4)
+    assert waveform["chirp duration"]["published"] == pytest.approx(7.3333e-6, rel=1e-5)
     assert waveform["slope"]["published"] == 2.045e13
 
 
 def test_the_corrections_carry_the_right_values():
-    found = {one["subject"]: one for one in document(verify())["corrections"]}
+    found = {one["subject"]: one for one in build_document(verify())["corrections"]}
 
-    assert found["residual video phase"]["right"].startswith("1.138 cycles")
-    assert found["velocity that is found"]["right"].startswith("11.50 m/s")
-    assert found["slope of the ramp"]["right"] == "2.0455e+13 Hz/s"
-    assert found["samples of a chirp"]["right"] == "2200"
-    assert "28.9" in found["amplitude taken as power"]["right"]
-    assert "16.0 dB" in found["amplitude taken as power"]["why"]
+    assert found["residual video phase"]["correct"].startswith("1.138 cycles")
+    assert found["measured velocity"]["correct"].startswith("11.50 m/s")
+    assert found["slope of the ramp"]["correct"] == "2.0455e+13 Hz/s"
+    assert found["samples of a chirp"]["correct"] == "2200"
+    assert "28.9" in found["amplitudes used as powers"]["correct"]
+    assert "16.0 dB" in found["amplitudes used as powers"]["reason"]
     assert len(found) == 10
 
 
@@ -188,7 +192,9 @@ def test_a_wrong_call_says_what_is_needed(call, words, option):
 def test_somebody_else_s_folder_is_refused_before_the_trials(call, tmp_path, monkeypatch):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work")
-    monkeypatch.setattr(certificate, "_jobs", lambda *_, **__: pytest.fail("trials were begun"))
+    monkeypatch.setattr(
+        certificate, "_report_jobs", lambda *_, **__: pytest.fail("trials were begun")
+    )
 
     status, _, err = call("--out", "mine")
 

@@ -22,21 +22,21 @@ import dechirp as dc
 from data_set_study import adaptive, fingerprint, run, study
 from dechirp.cli.main import main
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
-from dechirp.echoes.codes import codes
-from dechirp.echoes.impairments.quantisation import Quantisation
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
-from dechirp.experiment.study import trial as trials
-from dechirp.experiment.study.data_set import data_bytes
-from dechirp.experiment.study.items import TRUTH
-from dechirp.experiment.study.plan import Plan
-from dechirp.experiment.study.record import Record
-from dechirp.experiment.study.run import open_ledger, replay
-from dechirp.experiment.study.study import Drawn, Listed, Trials
-from dechirp.experiment.study.text import study_text
+from dechirp.experiments.study import trial as trials
+from dechirp.experiments.study.data_set import data_bytes
+from dechirp.experiments.study.data_set_items import TRUTH_COLUMNS
+from dechirp.experiments.study.dumping import dump_study
+from dechirp.experiments.study.ledger_reader import LedgerReader
+from dechirp.experiments.study.plan import Plan
+from dechirp.experiments.study.run import open_ledger, replay_trial
+from dechirp.experiments.study.study import RandomSetting, SweptSetting, TrialBudget
 from dechirp.radar.modulations.triangular import Triangular
-from dechirp.report.data_set import render
-from dechirp.store import shards
-from dechirp.store.data_set import n_bytes, read_data_set
+from dechirp.report.data_set import render_data_set_page
+from dechirp.results import shards
+from dechirp.results.data_set import read_data_set, total_bytes
+from dechirp.simulation.adc_codes import extract_adc_codes
+from dechirp.simulation.impairments.quantisation import Quantisation
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
 from nightly import NIGHTLY
 from printed import check_captions, check_pdf
 from trial_cases import small
@@ -64,7 +64,7 @@ def samples(data, point, trial):
 
 @pytest.mark.parametrize(("point", "trial"), ITEMS)
 def test_samples_of_an_item_are_those_of_its_trial_to_half_a_step(data, point, trial):
-    cube = replay(study(), trial, point=point).result.cube
+    cube = replay_trial(study(), trial, point=point).result.cube
     found, scale = samples(data, point, trial)
     off = found - cube.values
     parts = np.maximum(abs(off.real), abs(off.imag))
@@ -76,7 +76,7 @@ def test_samples_of_an_item_are_those_of_its_trial_to_half_a_step(data, point, t
 
 @pytest.mark.parametrize(("point", "trial"), ITEMS)
 def test_a_map_is_that_of_its_trial_to_half_of_a_hundredth_of_a_decibel(data, point, trial):
-    power = replay(study(), trial, point=point).result.power
+    power = replay_trial(study(), trial, point=point).result.power
     found = data[""].power[point, trial, 0]  # xarray knows the step
     np.testing.assert_allclose(found.values, 10 * np.log10(power.values), rtol=0, atol=0.00501)
     np.testing.assert_allclose(data[""].range_bins[point], power.range)
@@ -85,7 +85,7 @@ def test_a_map_is_that_of_its_trial_to_half_of_a_hundredth_of_a_decibel(data, po
 
 @pytest.mark.parametrize(("point", "trial"), ITEMS)
 def test_detections_and_truth_of_an_item_are_those_of_its_trial(data, point, trial):
-    made = replay(study(), trial, point=point)
+    made = replay_trial(study(), trial, point=point)
     rows = data["detections"]
     start, stop = int(rows.start[point, trial]), int(rows.stop[point, trial])
     own = rows.isel(detection=slice(start, stop))
@@ -93,7 +93,7 @@ def test_detections_and_truth_of_an_item_are_those_of_its_trial(data, point, tri
     for name, column in made.result.detections.items():
         np.testing.assert_array_equal(own[name], column)
         assert own[name].attrs["units"] == column.attrs["units"]
-    np.testing.assert_array_equal(own.target, made.look.match.target)
+    np.testing.assert_array_equal(own.target, made.trial_result.association.target)
     truth = made.result.truth.transpose("frame", "target")
     for name in ("range", "velocity", "azimuth", "elevation", "snr"):
         np.testing.assert_array_equal(data["truth"][name][point, trial], truth[name])
@@ -141,8 +141,8 @@ def test_codes_of_a_converter_are_kept_as_they_are(tmp_path):
     asked = study(scenario=replace(study().scenario, impairments=noise), keep=("cubes",))
     run(tmp_path, asked)
     data = read_data_set(tmp_path / "data.zarr")
-    cube = replay(asked, 4, point=2).result.cube
-    np.testing.assert_array_equal(data[""].cube[2, 4], codes(cube).values)
+    cube = replay_trial(asked, 4, point=2).result.cube
+    np.testing.assert_array_equal(data[""].cube[2, 4], extract_adc_codes(cube).values)
     found, scale = samples(data, 2, 4)
     np.testing.assert_array_equal(found, cube.values)
     assert scale == cube.attrs["scale"]
@@ -152,7 +152,7 @@ def test_real_samples_have_no_axis_of_two_parts(tmp_path):
     asked = study(scenario=replace(study().scenario, radar=small(1, "real")), keep=("cubes",))
     run(tmp_path, asked)
     data = read_data_set(tmp_path / "data.zarr")[""]
-    cube = replay(asked, 1).result.cube.values
+    cube = replay_trial(asked, 1).result.cube.values
     scale = float(data.cube_scale[0, 1])
     np.testing.assert_allclose(data.cube[0, 1] * scale, cube, rtol=0, atol=0.51 * scale)
 
@@ -160,7 +160,7 @@ def test_real_samples_have_no_axis_of_two_parts(tmp_path):
 def test_a_block_larger_than_a_shard_is_parted_evenly(tmp_path, monkeypatch, undisturbed):
     one = 2 * 32 * 2 * 64 * 2
     monkeypatch.setattr(shards, "SHARD_BYTES", 4 * one)  # of blocks of 6: three, not four
-    parted = study(trials=Trials(at_most=23, block=6), keep=("cubes",))
+    parted = study(trials=TrialBudget(at_most=23, block=6), keep=("cubes",))
     run(tmp_path, parted)
     group = zarr.open_group(tmp_path / "data.zarr", mode="r")
     assert group["cube"].shards[1] == 3
@@ -216,8 +216,8 @@ def test_a_study_that_is_done_changes_nothing_when_it_is_called_again(tmp_path):
 
 def test_points_that_had_enough_leave_no_items_past_their_end(tmp_path):
     run(tmp_path, adaptive())
-    with Record.read(tmp_path) as record:
-        lengths = [len(record.sums(point)) for point in range(3)]
+    with LedgerReader.open_existing(tmp_path) as record:
+        lengths = [len(record.point_sums(point)) for point in range(3)]
     assert min(lengths) < 23
     data = read_data_set(tmp_path / "data.zarr")
     np.testing.assert_array_equal(data[""].made.sum("trial"), lengths)
@@ -233,7 +233,7 @@ def test_points_that_had_enough_leave_no_items_past_their_end(tmp_path):
 
 
 def test_a_trial_that_fails_is_an_item_of_zeros_that_is_not_made(tmp_path, monkeypatch, data):
-    real, calls = trials.detected_columns, []
+    real, calls = trials.FrameProcessor, []
 
     def fails_once(*args, **kwargs):
         calls.append(1)
@@ -241,7 +241,7 @@ def test_a_trial_that_fails_is_an_item_of_zeros_that_is_not_made(tmp_path, monke
             raise ValueError("a bad day")
         return real(*args, **kwargs)
 
-    monkeypatch.setattr(trials, "detected_columns", fails_once)
+    monkeypatch.setattr(trials, "FrameProcessor", fails_once)
     run(tmp_path, study(stop_after_failures=0.5))
     found = read_data_set(tmp_path / "data.zarr")
     assert np.argwhere(~found[""].made.values).tolist() == [[0, 6]]
@@ -265,16 +265,16 @@ def test_a_full_disk_stops_it_in_words_and_counts_nothing_that_is_not_there(
         return real(file)
 
     monkeypatch.setattr(shards.os, "fsync", full)
-    with pytest.raises(DechirpError, match=r"No space left on device.*call again to go on"):
+    with pytest.raises(DechirpError, match=r"No space left on device.*call again to continue"):
         run(tmp_path)
     monkeypatch.undo()
     folder = tmp_path / "data.zarr"
-    with Record.read(tmp_path) as record:
-        n_done = len(record.done())
+    with LedgerReader.open_existing(tmp_path) as record:
+        n_done = len(record.finished_blocks())
     assert n_done < 15
     assert len(list((folder / "cube").glob("c.*"))) >= n_done
     assert not list(folder.rglob(".*"))
-    with pytest.raises(DechirpError, match="no data set that is whole"):
+    with pytest.raises(DechirpError, match="without a complete data set"):
         read_data_set(folder)
     run(tmp_path)
     assert fingerprint(tmp_path) == fingerprint(undisturbed)
@@ -286,7 +286,7 @@ def test_a_disk_without_room_is_refused_and_the_folder_is_free_for_a_smaller_one
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(10**6, 10**6 - 10**5, 10**5))
     out = tmp_path / "new"
-    with pytest.raises(DechirpError, match="disk with 100 kB of room"):
+    with pytest.raises(DechirpError, match="disk with 100 kB of free space"):
         run(out)
     assert not out.exists()
     run(out, study(keep=("detections",)))
@@ -305,7 +305,7 @@ def test_a_data_set_whose_record_has_gone_is_not_written_over(tmp_path):
     run(tmp_path, study(keep=("detections",)))
     before = fingerprint(tmp_path)
     (tmp_path / "study.sqlite").unlink()
-    with pytest.raises(DechirpError, match="whose record has gone"):
+    with pytest.raises(DechirpError, match="whose ledger is missing"):
         run(tmp_path, study(keep=("detections",), seed=9))
     assert fingerprint(tmp_path) == before
 
@@ -315,15 +315,15 @@ def test_detections_that_are_drawn_make_a_data_set_too(tmp_path):
     run(tmp_path, asked)
     data = read_data_set(tmp_path / "data.zarr")
     assert "cube" not in data[""]
-    look = replay(asked, 11, point=2).look
+    look = replay_trial(asked, 11, point=2).trial_result
     rows = data["detections"]
     own = slice(int(rows.start[2, 11]), int(rows.stop[2, 11]))
     np.testing.assert_array_equal(rows.range[own], look.detections["range"])
-    np.testing.assert_array_equal(rows.target[own], look.match.target)
+    np.testing.assert_array_equal(rows.target[own], look.association.target)
 
 
 def test_what_is_drawn_in_each_trial_is_told_of_each(tmp_path):
-    place = Drawn(
+    place = RandomSetting(
         path="scene.targets.car.position.0", distribution="uniform", first=10, second=30, unit="m"
     )
     asked = study(vary=(place,), keep=("detections",))
@@ -347,25 +347,28 @@ def test_a_study_that_begins_or_ends_to_keep_is_refused_for_that_alone(tmp_path,
 
 
 def test_room_that_is_confirmed_is_in_the_text_with_and_without_a_data_set():
-    assert "at_most_bytes: 1000000000" in study_text(study(keep=(), at_most_bytes=10**9))
-    assert "at_most_bytes" not in study_text(study())
+    assert "at_most_bytes: 1000000000" in dump_study(study(keep=(), at_most_bytes=10**9))
+    assert "at_most_bytes" not in dump_study(study())
 
 
 def test_a_study_without_a_data_set_is_what_it_was(tmp_path):
     plain = study(keep=())
-    assert "keep" not in study_text(plain)
-    assert "at_most_bytes" not in study_text(plain)
+    assert "keep" not in dump_study(plain)
+    assert "at_most_bytes" not in dump_study(plain)
     run(tmp_path, plain)
     assert not (tmp_path / "data.zarr").exists()
-    with Record.read(tmp_path) as record:
-        assert not list(record.items())
+    with LedgerReader.open_existing(tmp_path) as record:
+        assert not list(record.iter_items())
 
 
 def test_scores_do_not_depend_on_what_is_kept(tmp_path, undisturbed):
     run(tmp_path, study(keep=()))
-    with Record.read(tmp_path) as one, Record.read(undisturbed) as other:
+    with (
+        LedgerReader.open_existing(tmp_path) as one,
+        LedgerReader.open_existing(undisturbed) as other,
+    ):
         for point in range(3):
-            np.testing.assert_array_equal(one.sums(point), other.sums(point))
+            np.testing.assert_array_equal(one.point_sums(point), other.point_sums(point))
 
 
 @pytest.mark.parametrize(
@@ -373,7 +376,7 @@ def test_scores_do_not_depend_on_what_is_kept(tmp_path, undisturbed):
     [
         ({"keep": ("cubes",), "sensor": "statistical"}, "cubes, with sensor: statistical"),
         ({"keep": ("maps", "maps")}, "maps twice"),
-        ({"keep": ("cube",)}, "'cube', but must be some of cubes, maps, detections"),
+        ({"keep": ("cube",)}, "'cube'; expected some of cubes, maps, detections"),
         ({"at_most_bytes": 0}, "at_most_bytes"),
     ],
 )
@@ -382,8 +385,8 @@ def test_what_cannot_be_kept_is_refused(changed, says):
         study(**changed)
 
 
-CHIRPS = Listed(path="radar.frame.n_chirps", texts=("32", "64"), numbers=(32.0, 64.0))
-START = Drawn(
+CHIRPS = SweptSetting(path="radar.frame.n_chirps", texts=("32", "64"), numbers=(32.0, 64.0))
+START = RandomSetting(
     path="radar.frame.chirp.start_frequency",
     distribution="uniform",
     first=76,
@@ -416,25 +419,25 @@ def test_maps_of_triangles_are_refused(tmp_path):
 
 def test_the_size_is_that_of_the_arrays(undisturbed):
     group = zarr.open_group(undisturbed / "data.zarr", mode="r")
-    assert data_bytes(Plan.of(study())) == group["cube"].nbytes + group["power"].nbytes
+    assert data_bytes(Plan.from_study(study())) == group["cube"].nbytes + group["power"].nbytes
 
 
 def test_all_that_the_truth_has_is_described(data):
-    assert set(TRUTH) == {str(name) for name in data["truth"].data_vars}
+    assert set(TRUTH_COLUMNS) == {str(name) for name in data["truth"].data_vars}
     assert all(of.attrs["units"] and of.attrs["long_name"] for of in data["truth"].values())
 
 
 def test_a_file_says_what_is_kept_and_is_refused_with_its_line(tmp_path):
     dc_study = tmp_path / "study.yaml"
-    dc_study.write_text(study_text(study()))
+    dc_study.write_text(dump_study(study()))
     assert dc.load_study(dc_study) == study()
-    dc_study.write_text(study_text(study()).replace("maps", "mpas"))
-    with pytest.raises(InvalidFile, match=r"keep.*mpas, but must be"):
+    dc_study.write_text(dump_study(study()).replace("maps", "mpas"))
+    with pytest.raises(InvalidFile, match=r"keep.*mpas; expected"):
         dc.load_study(dc_study)
 
 
 def test_the_datasheet_says_what_is_there_and_asks_for_no_other_file(undisturbed, data):
-    page = render(study(), data, n_bytes=n_bytes(undisturbed / "data.zarr"))
+    page = render_data_set_page(study(), data, n_bytes=total_bytes(undisturbed / "data.zarr"))
     assert "69 items: cubes, maps and detections, with truth" in page
     assert not re.search(r'(?:src|href)="(?!#|data:)', page)
     for group in data.values():
@@ -442,13 +445,17 @@ def test_the_datasheet_says_what_is_there_and_asks_for_no_other_file(undisturbed
             assert f"<td>{name}</td>" in page
     # Each point, and so each value, has as many items.
     assert page.count('<td class="num">23</td>') == 3
-    assert page == render(study(), data, n_bytes=n_bytes(undisturbed / "data.zarr"))
+    assert page == render_data_set_page(
+        study(), data, n_bytes=total_bytes(undisturbed / "data.zarr")
+    )
     check_captions(page)
     check_pdf(page)
 
 
 def test_the_python_of_the_datasheet_reads_an_item(undisturbed, data, monkeypatch):
-    code = re.search(r"<pre>(import numpy.*?)</pre>", render(study(), data, n_bytes=0), re.DOTALL)
+    code = re.search(
+        r"<pre>(import numpy.*?)</pre>", render_data_set_page(study(), data, n_bytes=0), re.DOTALL
+    )
     monkeypatch.chdir(undisturbed)
     names: dict = {}
     exec(html.unescape(code[1]), names)
@@ -461,7 +468,7 @@ def test_the_python_of_the_datasheet_reads_an_item(undisturbed, data, monkeypatc
 
 def test_the_command_makes_the_data_set_and_its_datasheet(tmp_path, capsys):
     file, out = tmp_path / "study.yaml", tmp_path / "out"
-    file.write_text(study_text(study(trials=Trials(at_most=4, block=2), vary=())))
+    file.write_text(dump_study(study(trials=TrialBudget(at_most=4, block=2), vary=())))
     for _ in range(2):  # the second time nothing is left to do
         with pytest.raises(SystemExit) as ended:
             main(["study", str(file), "--workers", "1", "--out", str(out), "--pdf"])

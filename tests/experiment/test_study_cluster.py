@@ -20,9 +20,14 @@ import cloudpickle
 
 import tiny_study
 from dechirp.core.errors import DechirpError, InvalidSetting
-from dechirp.experiment.study.environment import environment
-from dechirp.experiment.study.executors import chosen, dask, given, slurm
-from dechirp.experiment.study.record import Record
+from dechirp.experiments.study.environment import describe_environment
+from dechirp.experiments.study.executors import (
+    dask_workers,
+    slurm_workers,
+    workers_from_executor,
+    workers_from_options,
+)
+from dechirp.experiments.study.ledger_reader import LedgerReader
 from nightly import NIGHTLY, nightly
 from tiny_study import Tiny, fingerprint, run
 
@@ -79,15 +84,15 @@ def free_port() -> int:
 @contextmanager
 def joined(address: str, *, within_s: float = 40.0):
     """Workers of a scheduler that was started a moment ago."""
-    with dask(address, timeout_s=within_s) as workers:
+    with dask_workers(address, timeout_s=within_s) as workers:
         deadline = time.monotonic() + within_s
-        while workers.count() < 2 and time.monotonic() < deadline:
+        while workers.capacity() < 2 and time.monotonic() < deadline:
             time.sleep(0.05)
         yield workers
 
 
 def undisturbed(out: Path, *, until: bool = False) -> str:
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         run(out, workers, until=until)
     return fingerprint(out)
 
@@ -97,26 +102,26 @@ def test_dask_gives_the_same_as_one_thread_and_loses_nothing_when_it_dies(tmp_pa
     kept_until = undisturbed(tmp_path / "alone-until", until=True)
     with cluster() as there:
         with joined(there.address) as workers:
-            assert workers.count() == 2
+            assert workers.capacity() == 2
             assert workers.findings == ()
             run(tmp_path / "until", workers, until=True)
             assert fingerprint(tmp_path / "until") == kept_until
 
         # Other versions on the workers are refused, by name.
-        monkeypatch.setitem(environment(), "numpy", "1.0")
-        with pytest.raises(DechirpError) as refused, dask(there.address):
+        monkeypatch.setitem(describe_environment(), "numpy", "1.0")
+        with pytest.raises(DechirpError) as refused, dask_workers(there.address):
             pass
         monkeypatch.undo()
         first, second = refused.value.mistakes
         assert {first.setting[:13], second.setting[:13]} == {"worker tcp://"}
-        assert (first.got, first.need) == (f"numpy {np.__version__}", "numpy 1.0")
+        assert (first.value, first.expected) == (f"numpy {np.__version__}", "numpy 1.0")
 
         # A worker dies in the midst of it, then the scheduler.
         def kill(said) -> None:
-            if said.trials_done > 200 and there.workers[0].poll() is None:
+            if said.n_trials_done > 200 and there.workers[0].poll() is None:
                 there.workers[0].kill()
                 there.workers[0].wait()
-            if said.trials_done > 1000:
+            if said.n_trials_done > 1000:
                 there.scheduler.kill()
 
         with (
@@ -124,9 +129,9 @@ def test_dask_gives_the_same_as_one_thread_and_loses_nothing_when_it_dies(tmp_pa
             pytest.raises(DechirpError, match=r"which is gone.*what was done is kept"),
         ):
             run(tmp_path / "killed", workers, Tiny(pause_s=0.001), progress=kill)
-    with Record.read(tmp_path / "killed") as record:
-        assert 1000 < sum(len(sums) for _, sums in record.all_sums()) < 1612
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with LedgerReader.open_existing(tmp_path / "killed") as record:
+        assert 1000 < sum(len(sums) for _, sums in record.iter_point_sums()) < 1612
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         run(tmp_path / "killed", workers)
     assert fingerprint(tmp_path / "killed") == kept
 
@@ -142,7 +147,7 @@ def test_a_cluster_killed_at_random_moments_loses_nothing(tmp_path, seed):
         victim = (there.scheduler, *there.workers)[seed % 3]
 
         def kill(said) -> None:
-            if said.trials_done >= moment:
+            if said.n_trials_done >= moment:
                 victim.kill()
 
         with joined(there.address) as workers:
@@ -150,7 +155,7 @@ def test_a_cluster_killed_at_random_moments_loses_nothing(tmp_path, seed):
                 run(tmp_path / "killed", workers, Tiny(pause_s=0.001), until=until, progress=kill)
             except DechirpError:
                 assert victim is there.scheduler
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         run(tmp_path / "killed", workers, until=until)
     assert fingerprint(tmp_path / "killed") == kept
 
@@ -159,7 +164,7 @@ def test_a_scheduler_that_does_not_answer_is_said_within_its_time():
     started = time.monotonic()
     with (
         pytest.raises(InvalidSetting, match=r"--scheduler.*does not answer.*within 0.5 s"),
-        dask(f"tcp://127.0.0.1:{free_port()}", timeout_s=0.5),
+        dask_workers(f"tcp://127.0.0.1:{free_port()}", timeout_s=0.5),
     ):
         pass
     assert time.monotonic() - started < 10
@@ -167,21 +172,27 @@ def test_a_scheduler_that_does_not_answer_is_said_within_its_time():
 
 @pytest.mark.parametrize("address", ["", "node", "tcp://node", "node:port", "tcp://node:99999"])
 def test_what_is_no_address_is_refused_at_once(address):
-    with pytest.raises(InvalidSetting, match="an address as tcp://node:8786"), dask(address):
+    with (
+        pytest.raises(InvalidSetting, match="an address as tcp://node:8786"),
+        dask_workers(address),
+    ):
         pass
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     for told in ({"scheduler": "tcp://a:1"}, {"cluster": "slurm"}):
-        with pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[dask\]'"), chosen(**told):
+        with (
+            pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[dask\]'"),
+            workers_from_options(**told),
+        ):
             pass
 
 
 def test_without_slurm_it_says_so(monkeypatch):
     pytest.importorskip("dask_jobqueue")
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(InvalidSetting, match="has no `sbatch`"), slurm(2):
+    with pytest.raises(InvalidSetting, match="has no `sbatch`"), slurm_workers(2):
         pass
 
 
@@ -204,7 +215,7 @@ def test_slurm_is_given_jobs_of_one_thread_a_worker_that_do_the_study(tmp_path, 
     monkeypatch.setenv("PATH", f"{bin_}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.chdir(tmp_path)
 
-    with slurm(2) as workers:
+    with slurm_workers(2) as workers:
         if NIGHTLY:
             run(tmp_path / "slurm", workers, until=True)
             assert fingerprint(tmp_path / "slurm") == undisturbed(tmp_path / "alone", until=True)

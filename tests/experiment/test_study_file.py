@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dechirp.config.quantities import digits_of, quantity
+from dechirp.config.quantities import format_decimal, parse_quantity
 from dechirp.core.errors import InvalidFile, InvalidSetting
-from dechirp.experiment.study.plan import Plan
-from dechirp.experiment.study.read import load_study
-from dechirp.experiment.study.study import Draw, Drawn, Listed, Study
-from dechirp.experiment.study.text import study_text
+from dechirp.experiments.study.dumping import dump_study
+from dechirp.experiments.study.parsing import load_study
+from dechirp.experiments.study.plan import Plan
+from dechirp.experiments.study.study import RandomSetting, Sampling, Study, SweptSetting
 
 SCENARIO = """\
 radar:
@@ -42,7 +42,7 @@ trials: {{at_most: 100, until: {{score: false_alarm_probability, width: 1e-3}}}}
 scores: [false_alarm_probability, track_ospa]
 stop_after_failures: 0.01
 require:
-  - {{score: false_alarm_probability, at: {{scene.targets.car.rcs: 10.0 dBsm}}, at_most: 1e-3}}
+  - {{score: false_alarm_probability, points: {{scene.targets.car.rcs: 10.0 dBsm}}, at_most: 1e-3}}
   - {{score: track_ospa, at_most: 10 cm, confidence: 0.9}}
 """
 
@@ -75,7 +75,7 @@ def told(loaded, *args, **more):
     with pytest.raises(InvalidFile) as error:
         loaded(*args, **more)
     for mistake in error.value.mistakes:
-        assert mistake.setting and mistake.got and mistake.need and mistake.fix
+        assert mistake.setting and mistake.value and mistake.expected and mistake.fix
         assert mistake.file
     return error.value.mistakes
 
@@ -90,7 +90,7 @@ def test_a_study_reads_as_it_is_written(load):
     assert (study.seed, study.n_points) == (7, 14)
     assert study.trials.until.width == 1e-3
     first, second = study.require
-    assert first.at == (("scene.targets.car.rcs", "10 dBsm"),)  # the text of the list
+    assert first.points == (("scene.targets.car.rcs", "10 dBsm"),)  # the text of the list
     assert (second.at_most, second.confidence) == (0.1, 0.9)
 
 
@@ -101,9 +101,9 @@ def test_a_study_is_written_so_that_it_is_read_back_equal(load):
     more += "  chain.angle: [null, {kind: fft}]\ndraw: {method: sobol, n: 8}\n"
     study = load(STUDY.replace("trials:", more + "trials:", 1))
 
-    text = study_text(study)
+    text = dump_study(study)
     assert load(text) == study
-    assert study_text(load(text)) == text
+    assert dump_study(load(text)) == text
 
 
 def test_a_long_range_stays_short_where_it_is_written(load):
@@ -113,7 +113,7 @@ def test_a_long_range_stays_short_where_it_is_written(load):
         f"vary: {{scene.targets.car.position.0: {said}}}"
     )
 
-    text = study_text(study)
+    text = dump_study(study)
     assert said in text
     assert load(text) == study
 
@@ -173,10 +173,10 @@ def test_counts_stay_whole_in_equal_ratios(varied):
 )
 def test_a_range_has_its_ends_and_equal_steps(low, step, n, short):
     """`short`: thousandths of a step by which the end is beyond the last value."""
-    from dechirp.experiment.study.vary import spread
+    from dechirp.experiments.study.vary_values import stepped_values
 
     high = low + step * (n - 1) + step * short / 1000
-    made = spread(low, high, step)
+    made = stepped_values(low, high, step)
 
     assert len(made) == n
     assert made[0] == low
@@ -187,11 +187,11 @@ def test_a_range_has_its_ends_and_equal_steps(low, step, n, short):
 @settings(max_examples=60, deadline=None)
 @given(low=st.floats(1e-6, 1e6), ratio=st.floats(1.01, 1e6), n=st.integers(2, 200))
 def test_equal_ratios_have_both_ends(low, ratio, n):
-    from dechirp.experiment.study.vary import spaced
+    from dechirp.experiments.study.vary_values import spaced_values
 
     ends = Decimal(repr(low)), Decimal(repr(low * ratio))
-    made = [float(one) for one in spaced(*ends, n, "log")]
-    even = [float(one) for one in spaced(*ends, n, "linear")]
+    made = [float(one) for one in spaced_values(*ends, n, "log")]
+    even = [float(one) for one in spaced_values(*ends, n, "linear")]
 
     assert (made[0], made[-1]) == (even[0], even[-1]) == tuple(map(float, ends))
     # Twelve digits are kept, of the number and of the larger end.
@@ -205,7 +205,7 @@ def test_equal_ratios_have_both_ends(low, ratio, n):
 @given(st.decimals(allow_nan=False, allow_infinity=False, places=9))
 def test_digits_of_a_number_are_read_back(number):
     if abs(number) < Decimal("1e300"):
-        assert quantity(digits_of(number), None) == float(number)
+        assert parse_quantity(format_decimal(number), None) == float(number)
 
 
 @pytest.mark.parametrize(
@@ -215,8 +215,9 @@ def test_digits_of_a_number_are_read_back(number):
          ("cell-averaging", "ordered-statistic")),
         ("chain.angle", "[null, {kind: fft}]", ("none", "fft")),
         ("chain.angle", "[{kind: fft}, {kind: fft, window: hann}]", ("fft", "fft (window hann)")),
-        ("impairments", "[[{kind: thermal-noise}], [{kind: thermal-noise}, {kind: gas}]]",
-         ("thermal-noise", "thermal-noise + gas")),
+        ("impairments", "[[{kind: thermal-noise}], [{kind: thermal-noise}, {kind:"
+                        " gas-attenuation}]]",
+         ("thermal-noise", "thermal-noise + gas-attenuation")),
         ("impairments", "{clear: [{kind: thermal-noise}], none at all: []}",
          ("clear", "none at all")),
         ("scene.targets.car.position", "[[50 m, 0, 0], [60 m, 1 m, 0]]",
@@ -247,8 +248,12 @@ def test_texts_of_values_do_for_set(load, varied, tmp_path, monkeypatch):
         for text in axis.texts:
             again = load("scenario: scenario.yaml\nscores: [roc]\n", f"{axis.path}={text}")
             by_label = load("scenario: scenario.yaml\nscores: [roc]\n")
-            assert Plan.of(by_label).study.scenario != again.scenario or axis.path == "radar"
-            both = Plan.of(Study(scenario=by_label.scenario, scores=by_label.scores, vary=(axis,)))
+            assert (
+                Plan.from_study(by_label).study.scenario != again.scenario or axis.path == "radar"
+            )
+            both = Plan.from_study(
+                Study(scenario=by_label.scenario, scores=by_label.scores, vary=(axis,))
+            )
             assert both.scenario(axis.texts.index(text)) == again.scenario
 
 
@@ -355,7 +360,7 @@ WRONG = [
      "drawn, of whole numbers", "a list or a range"),
     ("seed: 7", "draw: {method: sobol, n: 8}", "draw", "nothing to draw", "left out"),
     ("seed: 7", "draw: {method: sobol, n: 100}", "draw.n", "100", "a power of two"),
-    ("seed: 7", "draw: {method: sobol}", "draw.n", "missing", "given: a whole number"),
+    ("seed: 7", "draw: {method: sobol}", "draw.n", "missing", "a whole number"),
     ("seed: 7", "draw: {method: soblo, n: 8}", "draw.method", "soblo", "one of sobol"),
     # trials and scores
     ("at_most: 100,", "at_most: 0,", "trials.at_most", "0", "a whole number from 1"),
@@ -375,7 +380,7 @@ WRONG = [
     ("track_ospa]", "track_ospa, track-ospa]", "scores", "track_ospa twice", "each once"),
     ("scores: [false_alarm_probability, track_ospa]\n", "scores: []\n", "scores", "an empty list",
      "a list of scores"),
-    ("scores: [false_alarm_probability, track_ospa]\n", "", "scores", "missing", "given: a list"),
+    ("scores: [false_alarm_probability, track_ospa]\n", "", "scores", "missing", "a list"),
     # require
     ("at_most: 10 cm,", "at_most: 10 s,", "require.1.at_most", "10 s", "a length"),
     ("at_most: 10 cm,", "", "require.1.at_least", "absent, and no at_most", "a limit"),
@@ -384,35 +389,36 @@ WRONG = [
     ("confidence: 0.9}", "confidence: 2}", "require.1.confidence", "2", "between 0 and 1"),
     ("score: track_ospa, at_most", "score: track_opsa, at_most", "require.1.score", "track_opsa",
      "one of the study's scores: false_alarm_probability, track_ospa"),
-    ("at: {scene.targets.car.rcs: 10.0 dBsm}", "at: {scene.targets.car.rcs: 11 dBsm}",
-     "require.0.at.scene.targets.car.rcs", "scene.targets.car.rcs: 11 dBsm", "-10 dBsm, -5 dBsm"),
-    ("at: {scene.targets.car.rcs: 10.0 dBsm}", "at: {scene.targets.truck.rcs: 11 dBsm}",
-     "require.0.at.scene.targets.truck.rcs", "which takes no values", "scene.targets.car.rcs"),
-    ("at: {scene.targets.car.rcs: 10.0 dBsm}", "at: 10 dBsm", "require.0.at", "10 dBsm",
+    ("points: {scene.targets.car.rcs: 10.0 dBsm}", "points: {scene.targets.car.rcs: 11 dBsm}",
+     "require.0.points.scene.targets.car.rcs", "scene.targets.car.rcs: 11 dBsm", "-10 dBsm, -5"
+                                                                                 " dBsm"),
+    ("points: {scene.targets.car.rcs: 10.0 dBsm}", "points: {scene.targets.truck.rcs: 11 dBsm}",
+     "require.0.points.scene.targets.truck.rcs", "which takes no values", "scene.targets.car.rcs"),
+    ("points: {scene.targets.car.rcs: 10.0 dBsm}", "points: 10 dBsm", "require.0.points", "10 dBsm",
      "a mapping of paths"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("was", "becomes", "setting", "got", "need"), WRONG, ids=[f"{w[1]!r:.60}" for w in WRONG]
+    ("was", "becomes", "setting", "value", "expected"), WRONG, ids=[f"{w[1]!r:.60}" for w in WRONG]
 )
-def test_what_is_wrong_is_told_with_its_place(load, was, becomes, setting, got, need):
+def test_what_is_wrong_is_told_with_its_place(load, was, becomes, setting, value, expected):
     assert was in STUDY
     text = STUDY.replace(was, becomes, 1)
     mistakes = told(load, text)
 
     found = [one for one in mistakes if one.setting == setting]
     assert found, mistakes
-    assert got in found[0].got
-    assert need in found[0].need
+    assert value in found[0].value
+    assert expected in found[0].expected
     assert found[0].file.endswith("study.yaml")
     if becomes:
-        assert text.splitlines()[found[0].line - 1] not in STUDY.splitlines() or got in (
+        assert text.splitlines()[found[0].line - 1] not in STUDY.splitlines() or value in (
             "missing",
             "given twice",
         )
     # Nothing is told twice, and nothing that follows only from another mistake.
-    follows = {"at_least", "at"} if "vary" in setting or "scores" in setting else set()
+    follows = {"at_least", "points"} if "vary" in setting or "scores" in setting else set()
     others = {one.setting.split(".")[2] for one in mistakes if one.setting.startswith("require")}
     assert len(mistakes) == 1 or others <= follows or setting.startswith("require"), mistakes
 
@@ -439,7 +445,7 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(load):
 def test_a_recording_is_no_scenario_of_a_study(load):
     (one,) = told(load, STUDY, scenario="recording: {path: x.npy}\n")
 
-    assert (one.setting, one.got) == ("scenario", "of a recording")
+    assert (one.setting, one.value) == ("scenario", "of a recording")
     assert "tune" in one.fix
 
 
@@ -458,12 +464,12 @@ def test_a_grid_beyond_what_is_stated_must_be_confirmed(load):
         "at_most: 100,", "at_most: 10,")  # fmt: skip
     (one,) = told(load, text)
 
-    assert (one.setting, one.got) == ("vary", "a grid of 112000 points")
+    assert (one.setting, one.value) == ("vary", "a grid of 112000 points")
     assert "at_most_points: 112000" in one.fix
     study = load(f"{text}at_most_points: 112000\n")
-    plan = Plan.of(study)
+    plan = Plan.from_study(study)
     assert plan.n_points == 112_000
-    assert dict(plan.settings(111_999)) == {
+    assert dict(plan.point_settings(111_999)) == {
         "scene.targets.car.rcs": "20 dBsm",
         "chain.range_window": "rectangular",
         "scene.targets.truck.position.0": "8000 m",
@@ -493,7 +499,7 @@ def test_a_varied_setting_that_is_set_keeps_one_value(load):
     study = load(text, "scene.targets.car.rcs=3 dBsm", "chain.range_window=hard")
 
     assert study.n_points == 1
-    assert Plan.of(study).settings(0) == (
+    assert Plan.from_study(study).point_settings(0) == (
         ("scene.targets.car.rcs", "3 dBsm"),
         ("chain.range_window", "rectangular"),
     )
@@ -501,7 +507,7 @@ def test_a_varied_setting_that_is_set_keeps_one_value(load):
 
 
 @pytest.mark.parametrize(
-    ("option", "setting", "got"),
+    ("option", "setting", "value"),
     [
         ("scene.targets.car.rcs=3 m", "scene.targets.car.rcs", "3 m"),
         ("scene.targets.0.rcs=3 m^2", "scene.targets.0.rcs", "beside scene.targets.car.rcs"),
@@ -511,19 +517,19 @@ def test_a_varied_setting_that_is_set_keeps_one_value(load):
         ("n_frames", "--set", "n_frames"),
     ],
 )
-def test_an_option_that_cannot_be_is_told_as_one(load, option, setting, got):
+def test_an_option_that_cannot_be_is_told_as_one(load, option, setting, value):
     mistakes = told(load, STUDY, option)
 
     found = [one for one in mistakes if setting in one.setting]
     assert len(mistakes) == 1 and found, mistakes
     assert found[0].file == "--set"
-    assert got in found[0].got
+    assert value in found[0].value
 
 
 def test_values_of_a_requirement_are_quantities(load):
     for text in ("10 dBsm", "10.0 dBsm", "10 m^2", "1e5 cm^2"):
         study = load(STUDY.replace("10.0 dBsm", text))
-        assert study.require[0].at == (("scene.targets.car.rcs", "10 dBsm"),)
+        assert study.require[0].points == (("scene.targets.car.rcs", "10 dBsm"),)
 
 
 def test_a_limit_holds_however_its_score_is_spelt(load):
@@ -536,17 +542,17 @@ def test_a_limit_holds_however_its_score_is_spelt(load):
 def test_a_study_made_in_python_is_checked_as_well(load):
     study = load(STUDY)
     made = {"scenario": study.scenario, "scores": study.scores}
-    twice = Listed(path="n_frames", texts=("1",))
+    twice = SweptSetting(path="n_frames", texts=("1",))
 
     with pytest.raises(InvalidSetting, match="n_frames twice"):
         Study(**made, vary=(twice, twice))
-    with pytest.raises(InvalidSetting, match="Listed.labels is 2 of them"):
-        Listed(path="n_frames", texts=("1",), labels=("a", "b"))
+    with pytest.raises(InvalidSetting, match="SweptSetting.labels: 2 of them"):
+        SweptSetting(path="n_frames", texts=("1",), labels=("a", "b"))
     with pytest.raises(InvalidSetting, match="1 twice"):
-        Listed(path="n_frames", texts=("1", "1"))
+        SweptSetting(path="n_frames", texts=("1", "1"))
     with pytest.raises(InvalidSetting, match="power of two"):
-        Draw(n=3)
+        Sampling(n=3)
     with pytest.raises(InvalidSetting, match="above the lower end"):
-        Drawn(path="x", distribution="uniform", first=1.0, second=math.nan)
-    with pytest.raises(InvalidSetting, match="nfames is not a known name"):
-        Plan.of(Study(**made, vary=(Listed(path="nfames", texts=("1",)),)))
+        RandomSetting(path="x", distribution="uniform", first=1.0, second=math.nan)
+    with pytest.raises(InvalidSetting, match="nfames: not a known name"):
+        Plan.from_study(Study(**made, vary=(SweptSetting(path="nfames", texts=("1",)),)))

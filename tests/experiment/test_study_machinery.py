@@ -11,19 +11,18 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError
-from dechirp.core.threads import alone
-from dechirp.echoes.impairments.bumper import Bumper
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
-from dechirp.evaluate.score.detection_probability import DetectionProbability
-from dechirp.evaluate.score.range_rmse import RangeRmse
-from dechirp.evaluate.score.velocity_rmse import VelocityRmse
-from dechirp.experiment.scenario import Scenario
-from dechirp.experiment.study import trial
-from dechirp.experiment.study.executors import _with_threads
-from dechirp.experiment.study.plan import Plan
-from dechirp.experiment.study.run import replay
-from dechirp.experiment.study.study import Listed, Study, Trials
-from dechirp.experiment.study.trial import prepared, run_block
+from dechirp.core.threads import single_threaded
+from dechirp.evaluation.score.detection_probability import DetectionProbability
+from dechirp.evaluation.score.errors import RangeRmse, VelocityRmse
+from dechirp.experiments.scenario import Scenario
+from dechirp.experiments.study import trial
+from dechirp.experiments.study.executors import _thread_findings
+from dechirp.experiments.study.plan import Plan
+from dechirp.experiments.study.run import replay_trial
+from dechirp.experiments.study.study import Study, SweptSetting, TrialBudget
+from dechirp.experiments.study.trial import prepare_trial, run_block
+from dechirp.simulation.impairments.bumper import Bumper
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
 from trial_cases import small, target
 
 SCENE = dc.Scene(targets=(target(name="car"), target(41.3, -5.0, name="van", rcs_m2=3.0)))
@@ -33,7 +32,7 @@ SCORES = (DetectionProbability(), RangeRmse())
 def study(**changed) -> Study:
     """40 trials of two targets in blocks of 10."""
     scenario = Scenario(scene=SCENE, radar=small(2), impairments=(ThermalNoise(),))
-    settings = {"scenario": scenario, "trials": Trials(at_most=40, block=10), "scores": SCORES}
+    settings = {"scenario": scenario, "trials": TrialBudget(at_most=40, block=10), "scores": SCORES}
     return Study(**{**settings, **changed})
 
 
@@ -53,7 +52,7 @@ def often():
 
 def test_blocks_of_a_point_may_run_in_threads_of_one_process(often):
     numbers = [*range(4)] * 3
-    alone_plan, plan = Plan.of(study()), Plan.of(study())
+    alone_plan, plan = Plan.from_study(study()), Plan.from_study(study())
     expected = [kept(run_block(alone_plan, 0, number)) for number in numbers]
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda number: kept(run_block(plan, 0, number)), numbers))
@@ -62,7 +61,7 @@ def test_blocks_of_a_point_may_run_in_threads_of_one_process(often):
 
 def test_who_works_alone_has_one_thread_and_gives_the_others_back():
     before = numba.get_num_threads()
-    with pytest.raises(ZeroDivisionError), alone():
+    with pytest.raises(ZeroDivisionError), single_threaded():
         assert numba.get_num_threads() == 1
         raise ZeroDivisionError
     assert numba.get_num_threads() == before
@@ -73,8 +72,8 @@ def test_a_trial_replayed_is_that_of_the_study_to_the_bit():
     one = study(
         scenario=Scenario(scene=body, radar=small(4), impairments=(ThermalNoise(),)), seed=4
     )
-    block = run_block(Plan.of(one), 0, 2)
-    again = replay(one, 23)
+    block = run_block(Plan.from_study(one), 0, 2)
+    again = replay_trial(one, 23)
     assert again.sums.tobytes() == block.sums[3].tobytes()
 
 
@@ -82,24 +81,24 @@ def test_what_was_warned_of_does_not_depend_on_which_block_came_first():
     impairments = (ThermalNoise(), Bumper(distance_m=0.05, reflectivity=0.1))
     scenario = Scenario(scene=SCENE, radar=small(2), impairments=impairments)
     drawn = study(scenario=scenario, sensor="statistical")
-    first, late = Plan.of(drawn), Plan.of(drawn)
+    first, late = Plan.from_study(drawn), Plan.from_study(drawn)
     found = run_block(first, 0, 0).findings
     run_block(late, 0, 1)
-    assert any("bumper" in one.got for one in found)
+    assert any("bumper" in one.value for one in found)
     assert run_block(late, 0, 0).findings == found
 
 
 def test_short_memory_is_not_a_trials_failure(monkeypatch):
-    def look(self, number):
+    def run(self, number):
         raise MemoryError("no 3 GiB")
 
-    monkeypatch.setattr(trial.Prepared, "look", look)
+    monkeypatch.setattr(trial.TrialRunner, "run", run)
     with pytest.raises(DechirpError, match="too little memory for trial 10 of point 0"):
-        run_block(Plan.of(study()), 0, 1)
+        run_block(Plan.from_study(study()), 0, 1)
 
 
 def test_theory_that_raises_loses_no_trials(monkeypatch):
-    plan, undisturbed = Plan.of(study()), run_block(Plan.of(study()), 0, 0)
+    plan, undisturbed = Plan.from_study(study()), run_block(Plan.from_study(study()), 0, 0)
 
     def theory(self, case):
         raise ArithmeticError("no law")
@@ -109,12 +108,12 @@ def test_theory_that_raises_loses_no_trials(monkeypatch):
     assert block.sums.tobytes() == undisturbed.sums.tobytes()
     assert np.isnan(block.theory[:2]).all()
     assert block.theory[2:] == pytest.approx(undisturbed.theory[2:])
-    assert ["no law" in one.got for one in block.findings] == [True]
+    assert ["no law" in one.value for one in block.findings] == [True]
 
 
 def test_a_point_that_cannot_be_prepared_fails_in_each_trial_and_has_no_theory():
-    lists = (Listed(path="radar.frame.n_chirps", texts=("32", "1")),)
-    plan = Plan.of(study(vary=lists, scores=(DetectionProbability(), VelocityRmse())))
+    lists = (SweptSetting(path="radar.frame.n_chirps", texts=("32", "1")),)
+    plan = Plan.from_study(study(vary=lists, scores=(DetectionProbability(), VelocityRmse())))
     assert not run_block(plan, 0, 0).failures
     block = run_block(plan, 1, 0)
     assert [one.trial for one in block.failures] == list(range(10))
@@ -122,11 +121,13 @@ def test_a_point_that_cannot_be_prepared_fails_in_each_trial_and_has_no_theory()
 
 
 def test_targets_of_a_point_must_be_those_of_the_study(monkeypatch):
-    plan = Plan.of(study())
+    plan = Plan.from_study(study())
     car, van = SCENE.targets
     other = dc.Scene(targets=(car, replace(van, name="tram")))
-    made = prepared(Plan.of(study(scenario=replace(plan.study.scenario, scene=other))), 0, 0)
-    monkeypatch.setattr(trial, "prepared", lambda *asked: made)
+    made = prepare_trial(
+        Plan.from_study(study(scenario=replace(plan.study.scenario, scene=other))), 0, 0
+    )
+    monkeypatch.setattr(trial, "prepare_trial", lambda *asked: made)
     failed = run_block(plan, 0, 0).failures
     assert len(failed) == 10
     assert "targets car, tram" in failed[0].message
@@ -134,5 +135,5 @@ def test_targets_of_a_point_must_be_those_of_the_study(monkeypatch):
 
 @pytest.mark.parametrize(("threads", "n_told"), [({"a": 1, "b": 1}, 0), ({"a": 1, "b": 8}, 1)])
 def test_workers_whose_threads_would_wait_for_each_other_are_told_of(threads, n_told):
-    found = _with_threads(SimpleNamespace(nthreads=lambda: threads))
-    assert ["b of 8" in one.got for one in found] == [True] * n_told
+    found = _thread_findings(SimpleNamespace(nthreads=lambda: threads))
+    assert ["b of 8" in one.value for one in found] == [True] * n_told

@@ -7,21 +7,21 @@ from itertools import product
 import numpy as np
 import pytest
 
-from dechirp.config import files
-from dechirp.config.texts import dump, line
-from dechirp.config.tree import read_tree
-from dechirp.config.within import changed, read_at, way_to
+from dechirp.config import loading
+from dechirp.config.dumping import dump, dump_line
+from dechirp.config.setting_paths import find_setting, parse_setting, replace_settings
+from dechirp.config.yaml_tree import parse_yaml
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting
-from dechirp.core.values import value
-from dechirp.echoes.impairments.base import Impairment
-from dechirp.experiment.scenario import READERS, Scenario
-from dechirp.experiment.study.plan import Plan, differences
-from dechirp.experiment.study.study import Draw, Drawn, Listed, Study
-from dechirp.experiment.study.variants import HERE, Variants
-from dechirp.process.angle.base import DirectionEstimator
-from dechirp.process.cfar.base import NoiseEstimator
+from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.scenario import READERS, Scenario
+from dechirp.experiments.study.plan import Plan, digest_differences
+from dechirp.experiments.study.study import RandomSetting, Sampling, Study, SweptSetting
+from dechirp.experiments.study.variants import ABSOLUTE_CONTEXT, Variants
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.cfar.base import NoiseEstimator
 from dechirp.scene.bodies.base import Body
-from dechirp.theory.intervals import binomial
+from dechirp.simulation.impairments.base import Impairment
+from dechirp.theory.confidence_intervals import binomial_interval
 from nightly import nightly
 
 RICH = """\
@@ -44,7 +44,8 @@ scene:
     - {name: car, position: [60 m, 3 m, 0 m], velocity: [8 m/s, 0 m/s, 0 m/s], rcs: 10 dBsm}
     - {name: truck, position: [90 m, -4 m, 0 m], rcs: 20 dBsm, fluctuation: swerling-1}
     - {name: van, position: [30 m, -4 m, 0 m], body: {kind: van}}
-impairments: [{kind: thermal-noise}, {kind: rain, rate: 4 mm/h}, {kind: leakage, isolation: 30 dB}]
+impairments: [{kind: thermal-noise}, {kind: rain-attenuation, rate: 4 mm/h}, {kind: leakage,
+isolation: 30 dB}]
 chain:
   n_range_bins: 256
   mitigation: []
@@ -57,7 +58,7 @@ n_frames: 3
 @pytest.fixture(scope="module")
 def rich():
     """A scenario with something at most of its settings."""
-    return files.parse(RICH, Scenario, readers=READERS)
+    return loading.parse_settings(RICH, Scenario, readers=READERS)
 
 
 @pytest.fixture(scope="module")
@@ -68,18 +69,20 @@ def plain(rich):
 
 def by_text(whole, *options):
     """Value as it is read from a file with `--set`."""
-    return files.parse(dump(whole), type(whole), overrides=options, readers=READERS)
+    return loading.parse_settings(dump(whole), type(whole), overrides=options, readers=READERS)
 
 
 def by_value(whole, path, text):
     """The same without the text between."""
-    way = way_to(whole, path)
-    return changed(whole, {way.steps: read_at(whole, way, read_tree(text, ""), HERE)})
+    way = find_setting(whole, path)
+    return replace_settings(
+        whole, {way.steps: parse_setting(whole, way, parse_yaml(text, ""), ABSOLUTE_CONTEXT)}
+    )
 
 
 def leaves(node, path=""):
     """Path and node of all that is no mapping and no list."""
-    inside = list(node.inside())
+    inside = list(node.iter_children())
     if not inside:
         yield path, node
     for label, child in inside:
@@ -96,7 +99,7 @@ def other(node):
     try:
         return f"{float(number) * 1.01 + (0.01 if float(number) == 0 else 0):.6g} {unit}".strip()
     except ValueError:
-        return line(node)
+        return dump_line(node)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +117,7 @@ def test_every_setting_of_a_scenario_is_changed_as_set_changes_it(rich):
     assert compared(rich) > 50
 
 
-@value
+@frozen_dataclass
 class Impaired:
     """Impairments alone."""
 
@@ -124,7 +127,7 @@ class Impaired:
 def compared(whole):
     """Change every setting of a value both ways, one at a time, and count the changes."""
     n = 0
-    for path, node in leaves(read_tree(dump(whole), "")):
+    for path, node in leaves(parse_yaml(dump(whole), "")):
         text = other(node)
         if path.endswith("kind"):
             continue
@@ -177,7 +180,7 @@ def test_every_member_of_a_family_is_chosen_as_set_chooses_it(rich, path, family
         ["radar.frame.chirp.n_samples=128", "chain.n_range_bins=128"],  # only both together
         ["ego_motion.gate=3", "n_frames=4"],
         ["scene.targets.1.position.0=1 km", "scene.targets.car.name=coupe"],
-        ["impairments.rain.rate=8 mm/h", "impairments.0=null"],
+        ["impairments.rain-attenuation.rate=8 mm/h", "impairments.0=null"],
         ["chain.angle.kind=music", "chain.angle.n_sources=2"],  # the second of what the first made
     ],
 )
@@ -187,90 +190,96 @@ def test_settings_together_are_as_set_makes_them(rich, options):
         expected = by_text(rich, *options)
     except InvalidFile as error:
         with pytest.raises(InvalidFile) as again:
-            Variants(rich).of(texts)
+            Variants(rich).with_settings(texts)
         assert [one.setting for one in again.value.mistakes] == [
             one.setting for one in error.mistakes
         ]
         assert all(one.file is None for one in again.value.mistakes)
     else:
-        assert Variants(rich).of(texts) == expected
+        assert Variants(rich).with_settings(texts) == expected
 
 
 def study_of(scenario, *vary, scores=(), **more):
-    from dechirp.evaluate.score.processing_time import ProcessingTime
+    from dechirp.evaluation.score.processing_time import ProcessingTime
 
     return Study(scenario=scenario, scores=scores or (ProcessingTime(),), vary=vary, **more)
 
 
-RCS = Listed(
+RCS = SweptSetting(
     path="scene.targets.car.rcs",
     texts=("0 dBsm", "10 dBsm", "20 dBsm"),
     numbers=(0.0, 10.0, 20.0),
     unit="dBsm",
 )
-ANGLE = Listed(path="chain.angle", texts=("null", "{kind: fft}"), labels=("none", "fft"))
-RANGE = Drawn(
+ANGLE = SweptSetting(path="chain.angle", texts=("null", "{kind: fft}"), labels=("none", "fft"))
+RANGE = RandomSetting(
     path="scene.targets.car.position.0", distribution="uniform", first=10.0, second=50.0, unit="m"
 )
-LOSS = Drawn(path="radar.hardware.loss", distribution="normal", first=3.0, second=0.5, unit="dB")
+LOSS = RandomSetting(
+    path="radar.hardware.loss", distribution="normal", first=3.0, second=0.5, unit="dB"
+)
 
 
 def test_points_count_through_the_grid_the_last_list_fastest(plain):
-    plan = Plan.of(study_of(plain, RCS, ANGLE))
+    plan = Plan.from_study(study_of(plain, RCS, ANGLE))
 
     assert (plan.shape, plan.n_points) == ((3, 2), 6)
-    said = [tuple(text for _, text in plan.settings(point)) for point in range(6)]
+    said = [tuple(text for _, text in plan.point_settings(point)) for point in range(6)]
     assert said == list(product(RCS.texts, ANGLE.texts))
-    assert [plan.index(point) for point in range(6)] == list(product(range(3), range(2)))
-    assert plan.labels(3)[1] == ("chain.angle", "fft")
-    assert plan.numbers(3) == (10.0, None)
+    assert [plan.grid_index(point) for point in range(6)] == list(product(range(3), range(2)))
+    assert plan.point_labels(3)[1] == ("chain.angle", "fft")
+    assert plan.point_numbers(3) == (10.0, None)
     for point in range(6):
-        options = [f"{path}={text}" for path, text in plan.settings(point)]
+        options = [f"{path}={text}" for path, text in plan.point_settings(point)]
         assert plan.scenario(point) == by_text(plain, *options)
     with pytest.raises(InvalidSetting, match="from 0 to 5"):
-        plan.settings(6)
+        plan.point_settings(6)
 
 
 def test_a_study_that_varies_nothing_has_one_point(plain):
-    plan = Plan.of(study_of(plain))
+    plan = Plan.from_study(study_of(plain))
 
-    assert (plan.n_points, plan.settings(0), plan.drawn(7)) == (1, (), {})
+    assert (plan.n_points, plan.point_settings(0), plan.trial_settings(7)) == (1, (), {})
     assert plan.scenario(0) is plain
 
 
 def test_drawn_points_are_crossed_with_the_grid(plain):
-    plan = Plan.of(study_of(plain, RANGE, ANGLE, LOSS, draw=Draw(n=8)))
+    plan = Plan.from_study(study_of(plain, RANGE, ANGLE, LOSS, draw=Sampling(n=8)))
 
     assert (plan.shape, plan.n_points) == ((2, 8), 16)
-    assert plan.drawn(0) == {}
+    assert plan.trial_settings(0) == {}
     for draw in range(8):
-        first, second = dict(plan.settings(draw)), dict(plan.settings(8 + draw))
+        first, second = dict(plan.point_settings(draw)), dict(plan.point_settings(8 + draw))
         assert first.pop("chain.angle") != second.pop("chain.angle")
         assert first == second
-    (path, text), _, _ = plan.settings(5)
-    assert float(text.removesuffix(" m")) == plan.numbers(5)[0]
-    assert plan.scenario(5).scene.targets[0].position_m[0] == plan.numbers(5)[0]
+    (path, text), _, _ = plan.point_settings(5)
+    assert float(text.removesuffix(" m")) == plan.point_numbers(5)[0]
+    assert plan.scenario(5).scene.targets[0].position_m[0] == plan.point_numbers(5)[0]
     assert path == RANGE.path
 
 
 def test_what_is_drawn_anew_belongs_to_the_trial_alone(plain):
-    plan = Plan.of(study_of(plain, RCS, RANGE, LOSS))
-    drawn = [plan.drawn(trial) for trial in range(2000)]
+    plan = Plan.from_study(study_of(plain, RCS, RANGE, LOSS))
+    drawn = [plan.trial_settings(trial) for trial in range(2000)]
 
-    assert drawn[3] == plan.drawn(3) == Plan.of(study_of(plain, RANGE, LOSS)).drawn(3)
-    assert drawn[3] != Plan.of(study_of(plain, RANGE, LOSS, seed=1)).drawn(3)
+    assert (
+        drawn[3]
+        == plan.trial_settings(3)
+        == Plan.from_study(study_of(plain, RANGE, LOSS)).trial_settings(3)
+    )
+    assert drawn[3] != Plan.from_study(study_of(plain, RANGE, LOSS, seed=1)).trial_settings(3)
     assert plan.n_points == 3
-    assert set(dict(plan.settings(0))) == {RCS.path}
+    assert set(dict(plan.point_settings(0))) == {RCS.path}
     ranges, losses = (
         np.array([float(one[axis.path].split()[0]) for one in drawn]) for axis in (RANGE, LOSS)
     )
     # 2000 draws: thirds of a uniform one, and one standard deviation of a normal one, in dB.
     sure = 1 - 1e-7
-    low, high = binomial(int(np.sum(ranges < 10 + 40 / 3)), 2000, confidence=sure)
+    low, high = binomial_interval(int(np.sum(ranges < 10 + 40 / 3)), 2000, confidence=sure)
     assert low < 1 / 3 < high
-    low, high = binomial(int(np.sum(np.abs(losses - 3) < 0.5)), 2000, confidence=sure)
+    low, high = binomial_interval(int(np.sum(np.abs(losses - 3) < 0.5)), 2000, confidence=sure)
     assert low < 0.6826895 < high
-    low, high = binomial(int(np.sum((losses > 3) == (ranges > 30))), 2000, confidence=sure)
+    low, high = binomial_interval(int(np.sum((losses > 3) == (ranges > 30))), 2000, confidence=sure)
     assert low < 0.5 < high  # of each other they know nothing
     scenario = plan.scenario(2, drawn[0])
     assert scenario.scene.targets[0].position_m[0] == ranges[0]
@@ -279,59 +288,61 @@ def test_what_is_drawn_anew_belongs_to_the_trial_alone(plain):
 
 def test_points_of_a_sobol_sequence_lie_evenly(plain):
     """256 points of two settings: one in each of 256 equal cells, of any of these nine shapes."""
-    plan = Plan.of(study_of(plain, RANGE, LOSS, draw=Draw(method="sobol", n=256)))
+    plan = Plan.from_study(study_of(plain, RANGE, LOSS, draw=Sampling(method="sobol", n=256)))
     from scipy.special import ndtr
 
-    numbers = np.array([plan.numbers(point) for point in range(256)])
+    numbers = np.array([plan.point_numbers(point) for point in range(256)])
     shares = np.stack([(numbers[:, 0] - 10) / 40, ndtr((numbers[:, 1] - 3) / 0.5)])
     assert np.all((shares > 0) & (shares < 1))
     for bits in range(9):
         rows, columns = 2**bits, 2 ** (8 - bits)
         cells = (shares[0] * rows).astype(int) * columns + (shares[1] * columns).astype(int)
         assert len(set(cells)) == 256, (rows, columns)
-    other = Plan.of(study_of(plain, RANGE, LOSS, draw=Draw(n=256), seed=1))
-    assert other.numbers(0) != plan.numbers(0)
+    other = Plan.from_study(study_of(plain, RANGE, LOSS, draw=Sampling(n=256), seed=1))
+    assert other.point_numbers(0) != plan.point_numbers(0)
 
 
 def test_independent_points_do_not(plain):
-    plan = Plan.of(study_of(plain, RANGE, LOSS, draw=Draw(method="independent", n=300)))
-    shares = (np.array([plan.numbers(point)[0] for point in range(256)]) - 10) / 40
+    plan = Plan.from_study(study_of(plain, RANGE, LOSS, draw=Sampling(method="independent", n=300)))
+    shares = (np.array([plan.point_numbers(point)[0] for point in range(256)]) - 10) / 40
 
     # 256 throws into 256 cells leave 94 empty, give or take 8.
     assert 94 - 50 < 256 - len(set((shares * 256).astype(int))) < 94 + 50
 
 
 def test_a_plan_is_small_wherever_it_goes(plain):
-    plan = Plan.of(study_of(plain, RCS, ANGLE, RANGE))
+    plan = Plan.from_study(study_of(plain, RCS, ANGLE, RANGE))
     before = pickle.dumps(plan)
-    scenarios = [plan.scenario(point, plan.drawn(1)) for point in range(6)]
+    scenarios = [plan.scenario(point, plan.trial_settings(1)) for point in range(6)]
 
     assert len(pickle.dumps(plan)) == len(before) < 20_000
     again = pickle.loads(before)
     assert again.study == plan.study
-    assert [again.scenario(point, again.drawn(1)) for point in range(6)] == scenarios
+    assert [again.scenario(point, again.trial_settings(1)) for point in range(6)] == scenarios
     assert again.digest() == plan.digest()
 
 
 def test_a_digest_tells_what_has_changed(rich, tmp_path):
     (tmp_path / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     text = "{kind: mesh, path: " + str(tmp_path / "box.obj") + "}"
-    body = Listed(path="scene.targets.van.body", texts=("{kind: van}", text))
+    body = SweptSetting(path="scene.targets.van.body", texts=("{kind: van}", text))
     study = study_of(rich, RCS, body)
-    then = Plan.of(study).digest()
+    then = Plan.from_study(study).digest()
 
-    assert differences(then, Plan.of(study).digest()) == []
-    now = Plan.of(study_of(by_text(rich, "n_frames=5"), RCS, body, seed=3)).digest()
-    assert differences(then, now) == ["seed: 0 -> 3", "scenario.n_frames: 3 -> 5"]
-    now = Plan.of(study_of(rich, Listed(path=RCS.path, texts=("0 dBsm",)), body)).digest()
-    (said,) = differences(then, now)
+    assert digest_differences(then, Plan.from_study(study).digest()) == []
+    now = Plan.from_study(study_of(by_text(rich, "n_frames=5"), RCS, body, seed=3)).digest()
+    assert digest_differences(then, now) == ["seed: 0 -> 3", "scenario.n_frames: 3 -> 5"]
+    now = Plan.from_study(
+        study_of(rich, SweptSetting(path=RCS.path, texts=("0 dBsm",)), body)
+    ).digest()
+    (said,) = digest_differences(then, now)
     assert said == f"vary.{RCS.path}: [0 dBsm, 10 dBsm, 20 dBsm] -> [0 dBsm]"
-    assert differences(then, {**then, "version": "9"})[0].endswith("-> 9")
+    assert digest_differences(then, {**then, "version": "9"})[0].endswith("-> 9")
     (tmp_path / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n")
-    now = Plan.of(study).digest()
-    assert differences(then, now) == [f"file {tmp_path / 'box.obj'}: other content"]
+    now = Plan.from_study(study).digest()
+    assert digest_differences(then, now) == [f"file {tmp_path / 'box.obj'}: other content"]
     (tmp_path / "box.obj").unlink()
-    assert "not readable" in Plan.of(study).digest()[f"file {tmp_path / 'box.obj'}"]
+    assert "not readable" in Plan.from_study(study).digest()[f"file {tmp_path / 'box.obj'}"]
 
 
 @pytest.mark.parametrize(
@@ -348,7 +359,7 @@ def test_a_digest_tells_what_has_changed(rich, tmp_path):
     ],
 )
 def test_settings_that_cannot_be_varied_together_are_refused(rich, paths, match):
-    axes = [Listed(path=path, texts=("1", "2")) for path in paths]
+    axes = [SweptSetting(path=path, texts=("1", "2")) for path in paths]
 
     with pytest.raises(InvalidSetting, match=match):
-        Plan.of(study_of(rich, *axes))
+        Plan.from_study(study_of(rich, *axes))

@@ -5,10 +5,10 @@ import pytest
 from scipy import stats
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.experiment.study.require import exit_status, judge
-from dechirp.experiment.study.results import Measured, collect
-from dechirp.experiment.study.study import Requirement
-from dechirp.theory import intervals
+from dechirp.experiments.study.requirements import exit_status, judge_requirements
+from dechirp.experiments.study.results import PointData, estimate_points
+from dechirp.experiments.study.study import Requirement
+from dechirp.theory import confidence_intervals
 from study_made import RCS, WINDOW, Share, layout, result, study
 
 PD = "detection_probability"
@@ -27,11 +27,11 @@ def decided(points, *, axes=(), **asked):
     paths = [((axes[0].path, text),) for text in axes[0].texts] if axes else [()]
     numbers = [(x,) for x in axes[0].numbers or axes[0].texts] if axes else [()]
     made = [
-        Measured(settings=at, numbers=x, sums=of, theory=np.array([np.nan]))
+        PointData(settings=at, numbers=x, sums=of, theory=np.array([np.nan]))
         for at, x, of in zip(paths, numbers, kept, strict=True)
     ]
-    found = collect(what, layout(scores=(Share(),)), made)
-    return judge(found, lambda point: kept[point])
+    found = estimate_points(what, layout(scores=(Share(),)), made)
+    return judge_requirements(found, lambda point: kept[point])
 
 
 @pytest.mark.parametrize(
@@ -124,13 +124,15 @@ def test_a_requirement_is_of_the_points_that_it_names():
         RCS,
         WINDOW,
         require=(
-            Requirement(score=PD, at=((RCS.path, "20 dBsm"),), at_least=0.8),
-            Requirement(score=PD, at=((RCS.path, "-10 dBsm"), (WINDOW.path, "hann")), at_most=0.3),
+            Requirement(score=PD, points=((RCS.path, "20 dBsm"),), at_least=0.8),
+            Requirement(
+                score=PD, points=((RCS.path, "-10 dBsm"), (WINDOW.path, "hann")), at_most=0.3
+            ),
             Requirement(score=PD, at_least=0.8),
         ),
     )
 
-    judged = judge(found, lambda point: kept[point])
+    judged = judge_requirements(found, lambda point: kept[point])
 
     assert [one.points for one in judged] == [(12, 13), (0,), tuple(range(14))]
     assert [one.decision for one in judged] == ["met", "met", "not met"]
@@ -142,7 +144,7 @@ def test_more_trials_as_foretold_decide_it():
     assert one.decision == "undecided"
 
     def met(n):
-        low, _ = intervals.binomial(round(0.925 * n), n, confidence=0.9)
+        low, _ = confidence_intervals.binomial_interval(round(0.925 * n), n, confidence=0.9)
         return low >= 0.9
 
     n = 200 + one.more_trials
@@ -171,10 +173,10 @@ def test_trials_that_failed_are_no_trials():
     what = study(scores=(Share(),), require=(requirement,))
     kept = trials(100, 100)
     kept[40:] = np.nan
-    made = [Measured(settings=(), numbers=(), sums=kept, theory=np.array([np.nan]))]
-    found = collect(what, layout(scores=(Share(),)), made)
+    made = [PointData(settings=(), numbers=(), sums=kept, theory=np.array([np.nan]))]
+    found = estimate_points(what, layout(scores=(Share(),)), made)
 
-    (one,) = judge(found, lambda _: kept)
+    (one,) = judge_requirements(found, lambda _: kept)
 
     # 40 of 40 show 0.928 at least.
     assert (one.decision, one.trials) == ("met", 40)
@@ -191,7 +193,7 @@ def test_it_is_met_by_chance_no_more_often_than_said():
         counts[known[k]] += 1
 
     for decision in ("met", "not met"):
-        low, _ = intervals.binomial(counts[decision], 2000, confidence=1 - 1e-6)
+        low, _ = confidence_intervals.binomial_interval(counts[decision], 2000, confidence=1 - 1e-6)
         assert low < 0.05
         assert counts[decision] > 0
 
@@ -202,7 +204,7 @@ def test_a_target_that_the_score_is_not_of_is_named():
     )
 
     with pytest.raises(InvalidSetting, match="left out"):
-        judge(found, lambda point: kept[point])
+        judge_requirements(found, lambda point: kept[point])
 
 
 @pytest.mark.parametrize("confidence", [0.5, 0.3])

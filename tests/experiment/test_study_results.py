@@ -8,10 +8,15 @@ import pytest
 import xarray as xr
 
 from dechirp.core.errors import DechirpError, RecordingError
-from dechirp.experiment.study.results import StudyResult, numbered, write_points, write_trials
-from dechirp.experiment.study.study import Listed
-from dechirp.store.parquet import read_parquet, write_parquet
-from dechirp.theory import intervals
+from dechirp.experiments.study.results import (
+    StudyResult,
+    iter_trial_sums,
+    write_points,
+    write_trials,
+)
+from dechirp.experiments.study.study import SweptSetting
+from dechirp.results.parquet import read_parquet, write_parquet
+from dechirp.theory import confidence_intervals
 from study_made import (
     DISTANCE,
     OFFSET,
@@ -113,7 +118,7 @@ def test_a_row_has_settings_and_of_each_score_its_value_interval_and_theory():
     assert row[RCS.path] == "0 dBsm"
     assert (row["trials"], row["failures"]) == (200, 2)
     hits = int(np.nansum(kept[2][:, 0]))
-    low, high = intervals.binomial(hits, 198, confidence=0.95)
+    low, high = confidence_intervals.binomial_interval(hits, 198, confidence=0.95)
     said = row["detection_probability"]
     assert (said["value"], said["low"], said["high"]) == (hits / 198, low, high)
     assert said["low"] < said["theory"] < said["high"]
@@ -144,7 +149,7 @@ def test_hundred_thousand_points_become_one_dataset():
     """Of sums that are alike, so that the machinery is what is tried."""
     n = 317
     axes = [
-        Listed(
+        SweptSetting(
             path=f"scene.targets.car.position.{k}",
             texts=tuple(f"{x} m" for x in range(n)),
             numbers=tuple(map(float, range(n))),
@@ -171,7 +176,7 @@ def test_hundred_thousand_points_become_one_dataset():
 def test_points_read_back_from_parquet_equal_the_rows(tmp_path):
     found, _ = result(RCS, WINDOW, targets=("car", "truck"), failed=[(3, 1, "ValueError: no")])
 
-    write_points(found, tmp_path / "points.parquet", about={"seed": "7"})
+    write_points(found, tmp_path / "points.parquet", metadata={"seed": "7"})
 
     table = read_parquet(tmp_path / "points.parquet")
     rows = found.rows
@@ -193,7 +198,7 @@ def test_estimates_can_be_made_again_from_the_trials_in_parquet(tmp_path):
     made = layout(targets=("car", "truck"))
 
     given = ((point, np.arange(len(of)), of) for point, of in enumerate(kept))
-    write_trials(made, given, tmp_path / "trials.parquet", about={})
+    write_trials(made, given, tmp_path / "trials.parquet", metadata={})
 
     table = read_parquet(tmp_path / "trials.parquet")
     assert table["failed"].sum() == 1
@@ -214,18 +219,18 @@ def test_trials_between_which_some_are_missing_keep_their_numbers():
     class Record:
         """Blocks of ten trials: of point 0 the second is not there yet."""
 
-        def done(self):
+        def finished_blocks(self):
             return np.array([[0, 0], [0, 2], [3, 0]])
 
-        def all_sums(self):
+        def iter_point_sums(self):
             yield 0, np.zeros((20, 2))
             yield 3, np.ones((10, 2))
 
-        def trials(self, point):
+        def trial_numbers(self, point):
             assert point == 0
             return np.r_[0:10, 20:30]
 
-    found = [(point, trials.tolist()) for point, trials, _ in numbered(Record())]
+    found = [(point, trials.tolist()) for point, trials, _ in iter_trial_sums(Record())]
 
     assert found == [(0, [*range(10), *range(20, 30)]), (3, list(range(10)))]
 
@@ -269,7 +274,7 @@ def test_a_table_keeps_names_numbers_and_words_as_they_are(tmp_path):
         "yes": np.array([True, False]),
     }
 
-    write_parquet(tmp_path / "[x]*.parquet", columns, [rows], about={"it's": "a 'word'"})
+    write_parquet(tmp_path / "[x]*.parquet", columns, [rows], metadata={"it's": "a 'word'"})
 
     table = read_parquet(tmp_path / "[x]*.parquet")
     assert list(table) == ["car", "Car_2", 'a "b" c', "yes"]
@@ -285,5 +290,5 @@ def test_sums_of_one_score_do_not_touch_another():
     made = layout(targets=("car", "truck"))
 
     assert made.n_columns == of.shape[1] == 2 * 2 + 2 * 1 + 2
-    assert np.array_equal(made.sums_of(of, "range_rmse", "truck")[:, 0], of[:, 5])
+    assert np.array_equal(made.score_sums(of, "range_rmse", "truck")[:, 0], of[:, 5])
     assert len(SCORES) == len(made.scores)

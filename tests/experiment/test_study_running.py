@@ -18,10 +18,15 @@ import pytest
 
 import tiny_study
 from dechirp.core.errors import DechirpError, InvalidSetting
-from dechirp.experiment.study.block import Block
-from dechirp.experiment.study.executors import Workers, chosen, given, local
-from dechirp.experiment.study.queue import is_asked
-from dechirp.experiment.study.record import Record
+from dechirp.experiments.study.block import Block
+from dechirp.experiments.study.block_queue import is_checkpoint
+from dechirp.experiments.study.executors import (
+    Workers,
+    local_workers,
+    workers_from_executor,
+    workers_from_options,
+)
+from dechirp.experiments.study.ledger_reader import LedgerReader
 from nightly import NIGHTLY
 from tiny_study import Tiny, fingerprint, run
 
@@ -58,7 +63,7 @@ class OutOfOrder(Executor):
 def undisturbed(request, tmp_path_factory) -> tuple[bool, str]:
     """Whether points stop when they have enough, and what one thread keeps."""
     out = tmp_path_factory.mktemp("undisturbed")
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         run(out, workers, until=request.param)
     return request.param, fingerprint(out)
 
@@ -74,29 +79,29 @@ def test_the_order_in_which_blocks_finish_does_not_matter(tmp_path, undisturbed,
 def test_the_number_of_processes_does_not_matter(tmp_path, undisturbed):
     until, kept = undisturbed
     for n_workers in (1, 2, 3) if NIGHTLY else (1 + until,):
-        with local(n_workers) as workers:
+        with local_workers(n_workers) as workers:
             run(tmp_path / str(n_workers), workers, until=until)
         assert fingerprint(tmp_path / str(n_workers)) == kept
 
 
 def test_a_point_keeps_the_first_blocks_that_are_enough_and_no_more(tmp_path):
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         said = run(tmp_path, workers, until=True)
-    with Record.read(tmp_path) as record:
-        lengths = [len(record.sums(point)) for point in range(4)]
+    with LedgerReader.open_existing(tmp_path) as record:
+        lengths = [len(record.point_sums(point)) for point in range(4)]
         for point in (0, 1, 2):
-            sums, n = record.sums(point), lengths[point]
+            sums, n = record.point_sums(point), lengths[point]
             assert tiny_study.enough(sums)
-            asked = [5 * b for b in range(1, n // 5) if is_asked(b)]
+            asked = [5 * b for b in range(1, n // 5) if is_checkpoint(b)]
             assert not any(tiny_study.enough(sums[:m]) for m in asked)
-    assert said[-1].trials_done == said[-1].n_trials == sum(lengths)
-    assert said[-1].points_done == 4
+    assert said[-1].n_trials_done == said[-1].n_trials == sum(lengths)
+    assert said[-1].n_points_done == 4
     # A mean to 0.2 takes 25 (1 + point)^2 trials.
     assert lengths == sorted(lengths)
 
 
 def test_questions_come_in_steps_of_three_percent_at_most():
-    asked = [n for n in range(1, 20001) if is_asked(n)]
+    asked = [n for n in range(1, 20001) if is_checkpoint(n)]
     assert asked[:64] == list(range(1, 65))
     assert max(b / a for a, b in pairwise(asked[63:])) <= 1 + 1 / 32
     assert len(asked) < 450
@@ -104,11 +109,11 @@ def test_questions_come_in_steps_of_three_percent_at_most():
 
 def test_a_study_that_is_done_gives_no_work_when_it_is_called_again(tmp_path, undisturbed):
     until, kept = undisturbed
-    with ThreadPoolExecutor(2) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(2) as pool, workers_from_executor(pool) as workers:
         run(tmp_path, workers, until=until)
         (said,) = run(tmp_path, workers, until=until, work=_must_not_be_called)
     assert fingerprint(tmp_path) == kept
-    assert said.points_done == said.n_points
+    assert said.n_points_done == said.n_points
     assert said.seconds_left == 0
 
 
@@ -126,38 +131,38 @@ def test_few_blocks_wait_at_a_time(tmp_path):
             most = max(most, self._work_queue.qsize())
             return super().submit(fn, *args, **kwargs)
 
-    with Counting(2) as pool, given(pool) as workers:
+    with Counting(2) as pool, workers_from_executor(pool) as workers:
         run(tmp_path, workers)
     assert most <= 6
 
 
 def test_more_failures_than_the_share_stop_it_and_what_was_done_is_kept(tmp_path):
     fails = Tiny(fails=tuple(range(403)))
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         with pytest.raises(DechirpError, match="of point 1 said ValueError: 0") as stopped:
             run(tmp_path, workers, fails, stop_after_failures=0.01)
-        assert "stop_after_failures is 0.01" in str(stopped.value)
-        with Record.read(tmp_path) as record:
+        assert "stop_after_failures: 0.01" in str(stopped.value)
+        with LedgerReader.open_existing(tmp_path) as record:
             # 403 trials of point 0 went well: 5 failures are more than 1 % of 408.
-            assert 5 <= record.n_failures() < 60
-            assert len(record.sums(0)) == 403
+            assert 5 <= record.count_failures() < 60
+            assert len(record.point_sums(0)) == 403
         with pytest.raises(DechirpError):  # again, before anything is done
             run(tmp_path, workers, fails, stop_after_failures=0.01, work=_must_not_be_called)
         run(tmp_path, workers, fails, stop_after_failures=0.6)
 
 
 def test_an_error_outside_trials_ends_the_study_with_its_message(tmp_path):
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         with pytest.raises(InvalidSetting, match="no such target"):
             run(tmp_path, workers, work=_wrong_at_point_2)
         run(tmp_path, workers)
-    with Record.read(tmp_path) as record:
-        assert len(record.done()) == 4 * 81
+    with LedgerReader.open_existing(tmp_path) as record:
+        assert len(record.finished_blocks()) == 4 * 81
 
 
 def _wrong_at_point_2(tiny: Tiny, point: int, number: int) -> Block:
     if point == 2:
-        raise InvalidSetting("scene", got="a", need="no such target", fix="Mend it.")
+        raise InvalidSetting("scene", value="a", expected="no such target", fix="Mend it.")
     return tiny_study.work(tiny, point, number)
 
 
@@ -168,7 +173,7 @@ def test_a_worker_that_is_killed_is_replaced_and_the_result_is_the_same(tmp_path
     victims = [40, 300]
 
     def kill_one(said) -> None:
-        if victims and said.trials_done > victims[0]:
+        if victims and said.n_trials_done > victims[0]:
             victims.pop(0)
             workers_of_this = [
                 child
@@ -177,19 +182,19 @@ def test_a_worker_that_is_killed_is_replaced_and_the_result_is_the_same(tmp_path
             ]
             workers_of_this[0].kill()
 
-    with local(2) as workers:
+    with local_workers(2) as workers:
         run(tmp_path, workers, Tiny(pause_s=0.002), until=until, progress=kill_one)
     assert not victims
     assert fingerprint(tmp_path) == kept
 
 
 def test_a_block_that_kills_its_worker_every_time_is_given_up_in_words(tmp_path):
-    with local(1) as workers, pytest.raises(DechirpError, match="killed while they worked"):
+    with local_workers(1) as workers, pytest.raises(DechirpError, match="killed while they worked"):
         run(tmp_path, workers, work=_deadly)
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         run(tmp_path, workers)
-    with Record.read(tmp_path) as record:
-        assert len(record.done()) == 4 * 81
+    with LedgerReader.open_existing(tmp_path) as record:
+        assert len(record.finished_blocks()) == 4 * 81
 
 
 def _deadly(tiny: Tiny, point: int, number: int) -> Block:
@@ -229,8 +234,8 @@ def test_a_parent_killed_at_random_moments_loses_nothing(tmp_path, undisturbed):
         process.kill()
         process.communicate()
         if (tmp_path / "study.sqlite").exists() and (tmp_path / "study.sqlite").stat().st_size:
-            with Record.read(tmp_path) as record:
-                left.append(len(record.done()))
+            with LedgerReader.open_existing(tmp_path) as record:
+                left.append(len(record.finished_blocks()))
         else:
             left.append(0)
         assert left == sorted(left) or until  # blocks past the end are dropped
@@ -255,8 +260,8 @@ def _wait_for_blocks(out: Path, n: int, *, within_s: float = 60.0) -> None:
     """Return once a study that runs has kept so many blocks."""
     deadline = time.monotonic() + within_s
     while time.monotonic() < deadline:
-        with suppress(DechirpError), Record.read(out) as record:
-            if len(record.done()) >= n:
+        with suppress(DechirpError), LedgerReader.open_existing(out) as record:
+            if len(record.finished_blocks()) >= n:
                 return
         time.sleep(0.02)
     raise AssertionError
@@ -292,15 +297,15 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path, n_workers):
     said, errors = process.communicate(timeout=30)
     assert process.returncode == 130
     assert not errors
-    with Record.read(tmp_path) as record:
-        n_kept = sum(len(sums) for _, sums in record.all_sums())
+    with LedgerReader.open_existing(tmp_path) as record:
+        n_kept = sum(len(sums) for _, sums in record.iter_point_sums())
     assert f"Interrupted; {n_kept} of 1612 trials are kept in {tmp_path}" in said
     assert "The same call goes on" in said
 
 
 STOPPED = """
 import multiprocessing, pathlib, sys, time
-from dechirp.experiment.study.executors import local
+from dechirp.experiments.study.executors import local_workers
 
 def work(begun):
     lock = multiprocessing.Lock()  # as libraries have one: its name is the system's
@@ -308,7 +313,7 @@ def work(begun):
     time.sleep(600)
 
 begun = [pathlib.Path(sys.argv[1]) / str(n) for n in range(2)]
-with local(2) as workers:
+with local_workers(2) as workers:
     for one in [*begun, *begun]:  # two wait
         workers.executor.submit(work, str(one))
     while not all(one.exists() for one in begun):
@@ -335,9 +340,9 @@ def test_workers_that_are_stopped_leave_nothing_behind(tmp_path):
 )
 def test_workers_that_cannot_be_had_are_refused(told, says):
     with pytest.raises(InvalidSetting, match=says):
-        chosen(**told)
+        workers_from_options(**told)
 
 
 def test_what_is_no_executor_is_refused():
     with pytest.raises(InvalidSetting, match="executor"):
-        given("two")
+        workers_from_executor("two")

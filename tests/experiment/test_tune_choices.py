@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from dechirp.experiment.study.study import Listed
-from dechirp.experiment.tune.choices import importances, next_choice
-from dechirp.experiment.tune.gain import paired_gain
-from dechirp.theory.intervals import binomial
+from dechirp.experiments.study.study import SweptSetting
+from dechirp.experiments.tune.gain import paired_gain
+from dechirp.experiments.tune.sampler import next_choice, setting_importances
+from dechirp.theory.confidence_intervals import binomial_interval
 
 CERTAIN = 1 - 1e-6
 
 
-def listed(path: str, n: int, *, words: bool = False) -> Listed:
+def listed(path: str, n: int, *, words: bool = False) -> SweptSetting:
     texts = tuple(f"{path}{k}" for k in range(n))
-    return Listed(path=path, texts=texts, numbers=None if words else tuple(range(n)), unit="")
+    return SweptSetting(path=path, texts=texts, numbers=None if words else tuple(range(n)), unit="")
 
 
 SPACE = (listed("a", 20), listed("b", 3, words=True), listed("c", 20))
@@ -60,11 +60,13 @@ def test_a_choice_follows_from_the_past_and_the_seed_alone():
 
 
 def test_the_setting_that_matters_most_is_told():
-    shares = importances(SPACE[::2], [((a, c), -abs(a - 10.0)) for a in range(20) for c in (3, 9)])
+    shares = setting_importances(
+        SPACE[::2], [((a, c), -abs(a - 10.0)) for a in range(20) for c in (3, 9)]
+    )
 
     assert shares["a"] > 0.95
     assert sum(shares.values()) == pytest.approx(1)
-    assert importances(SPACE[::2], [((a, 0), 1.0) for a in range(20)]) == {}
+    assert setting_importances(SPACE[::2], [((a, 0), 1.0) for a in range(20)]) == {}
 
 
 def hits(p10: float, p01: float, both: float, n: int, rng) -> tuple[np.ndarray, np.ndarray]:
@@ -86,9 +88,9 @@ def test_the_interval_of_a_gain_in_hits_covers_the_truth_as_often_as_stated(p10,
         found = paired_gain(*hits(p10, p01, 0.3, 200, rng), share, confidence=0.9)
         covered += found.low <= p10 - p01 <= found.high
         surely += found.certainty > 0.9
-    assert binomial(covered, 1000, confidence=CERTAIN)[1] > 0.9
+    assert binomial_interval(covered, 1000, confidence=CERTAIN)[1] > 0.9
     if p10 == p01:  # where there is no gain, one is claimed no more often than stated
-        assert binomial(surely, 1000, confidence=CERTAIN)[0] < 0.1
+        assert binomial_interval(surely, 1000, confidence=CERTAIN)[0] < 0.1
 
 
 def test_the_certainty_of_a_gain_in_hits_is_that_of_the_sign_test():
@@ -128,7 +130,7 @@ def test_chance_that_both_meet_cancels_in_the_gain_of_an_error():
         found = paired_gain(before, after, rms, confidence=0.95)
         covered += found.low <= 1 - np.hypot(0.8, 0.1) <= found.high
         widths.append(found.high - found.low)
-    low, high = binomial(covered, 400, confidence=CERTAIN)
+    low, high = binomial_interval(covered, 400, confidence=CERTAIN)
     assert low < 0.95 < high
     # Of two independent root mean squares the difference would be 1.28 / sqrt(2 n) uncertain.
     assert np.median(widths) < 0.5 * 2 * 1.96 * 1.28 / np.sqrt(2 * n)

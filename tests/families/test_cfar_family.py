@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.cfar.base import Noise, NoiseEstimator, Ring
-from dechirp.process.spectrum import Transform
+from dechirp.processing.cfar.base import MapNoise, NoiseEstimator, TrainingWindow
+from dechirp.processing.spectrum import Transform
 
 # Training and guard cells, (range, velocity), and the map about them, (velocity, range).
 WINDOWS = {
@@ -22,7 +22,7 @@ WINDOWS = {
 
 def ring_of(training, guard):
     cells = [dc.Cells(range=r, velocity=v) for r, v in (training, guard)]
-    return Ring(n_training=cells[0], n_guard=cells[1])
+    return TrainingWindow(n_training=cells[0], n_guard=cells[1])
 
 
 def map_of(shape, rng):
@@ -49,7 +49,7 @@ def training_cells(power, v, j, ring):
 
 def fits(estimator, ring):
     try:
-        estimator.check(ring)
+        estimator.check_window(ring)
     except dc.InvalidSetting:
         return False
     return True
@@ -80,7 +80,7 @@ def test_thresholds_are_the_factor_times_the_statistic_of_each_ring(
     np.testing.assert_allclose(found, expected, rtol=5e-6)
 
     at = np.argwhere(rng.uniform(size=shape) < 0.3)
-    some = estimator.threshold_at(power, at, ring, factors)
+    some = estimator.threshold_at_cells(power, at, ring, factors)
     np.testing.assert_allclose(some, found[at[:, 0], at[:, 1]], rtol=5e-6)
 
 
@@ -90,12 +90,12 @@ def test_a_cell_exceeds_when_its_power_is_over_its_threshold(estimator, training
     for factor in (0.7, 1.5, 6.0):
         power = map_of(shape, rng)
         factors = (factor * rng.uniform(0.9, 1.1, shape[1])).astype(np.float32)
-        mask = estimator.exceeds(power, ring, factors)
+        mask = estimator.exceeds_threshold(power, ring, factors)
 
         assert mask.dtype == bool and mask.any() and not mask.all()
         assert (mask == (power > estimator.threshold(power, ring, factors))).all()
         # 2^k times stronger in every cell, the same cells are over threshold: to the last bit.
-        assert (estimator.exceeds(power * 1024, ring, factors) == mask).all()
+        assert (estimator.exceeds_threshold(power * 1024, ring, factors) == mask).all()
 
 
 @pytest.mark.parametrize(("estimator", "training", "guard", "shape"), CASES)
@@ -107,25 +107,25 @@ def test_a_constant_map_has_its_own_level_and_no_detections(
     power = np.full(shape, level, np.float32)
     ones = np.ones(shape[1], np.float32)
     np.testing.assert_allclose(estimator.threshold(power, ring, ones), level, rtol=5e-6)
-    assert not estimator.exceeds(power, ring, 1.01 * ones).any()
+    assert not estimator.exceeds_threshold(power, ring, 1.01 * ones).any()
 
 
 @pytest.mark.parametrize("kind", NoiseEstimator.members())
 def test_where_the_training_cells_are_is_the_same_for_maps_and_for_laws(kind):
     estimator = NoiseEstimator.members()[kind]()
     white = Transform(window="rectangular", n_points=64, n_bins=64)
-    noise = Noise(over_range=white, over_velocity=white)
+    noise = MapNoise(range_transform=white, doppler_transform=white)
     for training, guard, _ in WINDOWS.values():
         ring = ring_of(training, guard)
         if not fits(estimator, ring):
             continue
         for place in {0, ring.half_range // 2, ring.half_range}:
-            box = ring.box(noise, place)
+            box = ring.noise_box(noise, place)
             assert (box.offsets == ring.offsets(place)).all()
-            sets = estimator.low(box.offsets)
+            sets = estimator.low_subsets(box.offsets)
             assert sets.shape[1] == box.n_training and sets.any(axis=1).all()
             # In cells that are all alike a law is about one factor and no other.
             alarms_more, alarms_less = (
-                estimator.factor(pfa, box, n_channels=1).value for pfa in (1e-2, 1e-3)
+                estimator.threshold_factor(pfa, box, n_channels=1).value for pfa in (1e-2, 1e-3)
             )
             assert 0 < alarms_more < alarms_less

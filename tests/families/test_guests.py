@@ -10,7 +10,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 import dechirp as dc
-from dechirp.config.tree import read_tree
+from dechirp.config.yaml_tree import parse_yaml
 
 SRC = Path(dc.__file__).parent.parent
 GUESTS = SRC.parent / "examples" / "guests"
@@ -57,10 +57,11 @@ def test_guests_are_listed_with_their_settings(installed, tmp_path):
     assert done.stderr == ""
     assert families["cfar"]["log-mean"] == {
         "help": "Geometric mean of the training cells.",
+        "experimental": False,
         "settings": {},
     }
     spur = families["impairment"]["spur"]["settings"]
-    assert spur["frequency"]["required"] and "GHz" in spur["frequency"]["need"]
+    assert spur["frequency"]["required"] and "GHz" in spur["frequency"]["expected"]
     assert spur["power"]["help"].startswith("Referred to the antenna")
     assert "json-header" in families["format"]
 
@@ -70,7 +71,7 @@ def test_guests_are_in_the_schema_for_editors(installed, tmp_path):
     assert done.stderr == ""
     schema = json.loads(done.stdout)
     checker = Draft202012Validator(schema)
-    spur = read_tree((GUESTS / "spur.yaml").read_text(encoding="utf-8"), "").plain
+    spur = parse_yaml((GUESTS / "spur.yaml").read_text(encoding="utf-8"), "").plain_data
     assert list(checker.iter_errors(spur)) == []
     spur["impairments"][1]["frequency"] = "4 m"
     assert [error.message for error in checker.iter_errors(spur)] != []
@@ -81,7 +82,7 @@ def broken(tmp_path):
     """Packages that cannot be loaded, or are no members."""
     (tmp_path / "needs_more.py").write_text("import a_package_that_is_not_there\n")
     (tmp_path / "half_done.py").write_text(
-        "from dechirp.process.cfar.base import NoiseEstimator\n\n\n"
+        "from dechirp.processing.cfar.base import NoiseEstimator\n\n\n"
         "class HalfDone(NoiseEstimator):\n"
         "    pass\n"
     )
@@ -105,8 +106,8 @@ def test_a_guest_that_is_broken_is_told_by_name_and_takes_nothing_from_the_other
     assert "needs-more" not in listed.stdout and "half-done" not in listed.stdout
     said = {
         "needs-more": "raises ModuleNotFoundError: No module named 'a_package_that_is_not_there'",
-        "half-done": "half_done:HalfDone does not give statistic",
-        "a-decoder": "json:JSONDecoder is no NoiseEstimator",
+        "half-done": "half_done:HalfDone does not define statistic",
+        "a-decoder": "json:JSONDecoder is not a NoiseEstimator",
     }
     for kind, why in said.items():
         assert any(kind in line and why in line for line in listed.stderr.splitlines())
@@ -128,5 +129,5 @@ def test_a_guest_that_is_broken_is_told_by_name_and_takes_nothing_from_the_other
     assert tried.returncode == 0, tried.stderr
     *errors, of_format = tried.stdout.splitlines()
     for (kind, why), error in zip(said.items(), errors, strict=True):
-        assert f"kind is {kind}, which cannot be loaded" in error and why in error
+        assert f"kind: {kind}, which cannot be loaded" in error and why in error
     assert "format 'needs-more', which cannot be loaded" in of_format

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.echoes.impairments.base import Impairment
-from dechirp.evaluate.score.base import Score
-from dechirp.formats.base import Fit, Format
-from dechirp.process.angle.aperture import Aperture
-from dechirp.process.angle.base import DirectionEstimator
-from dechirp.process.cfar.base import NoiseEstimator
-from dechirp.process.mitigation.base import Mitigation
+from dechirp.evaluation.score.base import Score
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.cfar.base import NoiseEstimator
+from dechirp.processing.mitigation.base import Mitigation
 from dechirp.radar.modulations.base import Modulation
 from dechirp.radar.multiplexing.base import Multiplexing
 from dechirp.radar.patterns.base import Pattern
+from dechirp.recordings.readers.base import Format, MatchQuality
 from dechirp.scene.bodies.base import Body
 from dechirp.scene.bodies.points import Scatterer
-from dechirp.scene.rcs import cross_sections_m2
+from dechirp.scene.rcs import scatterer_cross_sections_m2
+from dechirp.simulation.impairments.base import Impairment
 from noise import noise_cube
 
 FAMILIES = [
@@ -50,7 +50,7 @@ GIVEN = {
     "speed_m_per_s": 0.0,
     "path": str(Path(__file__).parent / "box.obj"),
     "interferers": [
-        dc.Interferer(
+        dc.impairments.Interferer(
             start_frequency_hz=77e9,
             slope_hz_per_s=5e12,
             ramp_duration_s=30e-6,
@@ -80,16 +80,16 @@ GIVEN = {
 # Members whose defaults do nothing, or whose settings others have with other meanings.
 SETTINGS = {
     "coloured-noise": {"beat_hz": (0.0, 4e6), "level": (1.0, 10.0)},
-    "coupling": {"rx_level": 0.01},
+    "mutual-coupling": {"rx_level": 0.01},
     "iq-imbalance": {"gain": 1.02},
-    "mismatch": {"gain_std": 1.05},
+    "channel-mismatch": {"gain_std": 1.05},
     "phase-noise": {"offset_hz": (1e5, 1e6), "level_per_hz": (1e-8, 1e-9)},
     "pll": {"natural_frequency_hz": 3e5},
     "polynomial-nonlinearity": {"error_hz": (0.0, 0.0, 1e5)},
     "position-errors": {"std_m": 1e-4},
     "radome": {"film_m": 1e-4},
     "sinusoidal-nonlinearity": {"deviation_hz": 1e5, "rate_hz": 1e6},
-    "wall": {"start_m": (-5, -4), "end_m": (50, -4)},
+    "wall-multipath": {"start_m": (-5, -4), "end_m": (50, -4)},
 }
 
 
@@ -105,16 +105,17 @@ def test_a_member_is_called_after_its_file(family):
     members = family.members()
     assert members
     for kind, member in members.items():
-        assert kind == member.__module__.rpartition(".")[2].replace("_", "-")
+        file_name = member.__module__.rpartition(".")[2].replace("_", "-")
+        assert kind == (member.kind_name or file_name)
         assert isinstance(example(member), family)
 
 
 def test_another_package_adds_a_member_by_an_entry_point(tmp_path):
     (tmp_path / "always_three.py").write_text(
         "import numpy as np\n"
-        "from dechirp.core.values import value\n"
-        "from dechirp.process.cfar.base import NoiseEstimator\n\n\n"
-        "@value\n"
+        "from dechirp.core.values import frozen_dataclass\n"
+        "from dechirp.processing.cfar.base import NoiseEstimator\n\n\n"
+        "@frozen_dataclass\n"
         "class AlwaysThree(NoiseEstimator):\n"
         "    def statistic(self, cells, offsets):\n"
         "        return np.full(cells.shape[:-1], 3.0)\n"
@@ -128,8 +129,9 @@ def test_another_package_adds_a_member_by_an_entry_point(tmp_path):
     # In a process of its own, which takes the guest with it.
     path = os.pathsep.join([str(tmp_path), str(Path(dc.__file__).parent.parent)])
     code = (
-        "from dechirp.config import files; from dechirp.process.cfar.base import Cfar;"
-        "print(files.parse('estimator: {kind: always-three}\\noffset: 3 dB', Cfar).estimator)"
+        "from dechirp.config.loading import parse_settings; from dechirp.processing.cfar.base"
+        " import Cfar;"
+        "print(parse_settings('estimator: {kind: always-three}\\noffset: 3 dB', Cfar).estimator)"
     )
     found = subprocess.run(
         [sys.executable, "-c", code],
@@ -175,7 +177,7 @@ def snapshots_of(azimuth, seen, rng):
     shape = (len(azimuth), 1, seen.n_elements)
     phase = np.exp(2j * np.pi * rng.uniform(size=(len(azimuth), 1)))
     noise = rng.normal(size=shape) + 1j * rng.normal(size=shape)
-    return (10 * phase * seen.steering(azimuth))[:, None] + noise / np.sqrt(2)
+    return (10 * phase * seen.steering_vectors(azimuth))[:, None] + noise / np.sqrt(2)
 
 
 @pytest.mark.parametrize("n_elements", [4, 8])
@@ -185,7 +187,7 @@ def test_each_direction_estimator_finds_one_source_with_the_errors_it_states(kin
     rng = np.random.default_rng(63)
     azimuth = rng.uniform(-0.8, 0.8, n)
     snapshots = snapshots_of(azimuth, seen, rng).astype(np.complex64)
-    found = estimator.directions(snapshots, seen, np.ones(n))
+    found = estimator.find_directions(snapshots, seen, np.ones(n))
 
     error = (found.azimuth_rad[:, 0] - azimuth) / found.azimuth_std_rad[:, 0]
     # Of 2,000 squared normal errors the mean has a standard error of 0.032.
@@ -201,13 +203,13 @@ def test_each_direction_estimator_takes_a_snapshot_for_what_it_is(kind):
     estimator, seen = example(DirectionEstimator.members()[kind]), on_line(6)
     rng = np.random.default_rng(64)
     snapshots = snapshots_of(rng.uniform(-0.8, 0.8, 8), seen, rng)
-    found = estimator.directions(snapshots, seen, np.ones(8))
+    found = estimator.find_directions(snapshots, seen, np.ones(8))
 
-    one = estimator.directions(snapshots[3:4], seen, np.ones(1))
-    scaled = estimator.directions(snapshots * 1e-6j, seen, np.full(8, 1e-12))
+    one = estimator.find_directions(snapshots[3:4], seen, np.ones(1))
+    scaled = estimator.find_directions(snapshots * 1e-6j, seen, np.full(8, 1e-12))
     lost = snapshots.copy()
     lost[[1, 5]] = np.array([np.nan, 0])[:, None, None]
-    holed = estimator.directions(lost, seen, np.ones(8))
+    holed = estimator.find_directions(lost, seen, np.ones(8))
     # A hundredth of a standard error.
     close = 0.01 * np.nanmin(found.azimuth_std_rad)
     assert one.azimuth_rad[0, 0] == pytest.approx(found.azimuth_rad[3, 0], abs=close)
@@ -216,7 +218,7 @@ def test_each_direction_estimator_takes_a_snapshot_for_what_it_is(kind):
     assert scaled.power == pytest.approx(1e-12 * found.power, rel=1e-3, abs=0)
     assert all(np.isnan(part[[1, 5]]).all() for part in holed)
     assert holed.azimuth_rad[[0, 7]] == pytest.approx(found.azimuth_rad[[0, 7]], abs=close)
-    assert len(estimator.directions(snapshots[:0], seen, np.ones(0)).power) == 0
+    assert len(estimator.find_directions(snapshots[:0], seen, np.ones(0)).power) == 0
 
 
 @pytest.mark.parametrize("kind", DirectionEstimator.members())
@@ -229,9 +231,9 @@ def test_each_direction_estimator_gives_two_sources_strongest_first_or_refuses_t
         return
     at, rng = np.array([-0.4, 0.5]), np.random.default_rng(65)
     amplitudes = np.array([10, 30]) * np.exp(2j * np.pi * rng.uniform(size=(50, 1, 2)))
-    snapshots = amplitudes @ seen.steering(at)
+    snapshots = amplitudes @ seen.steering_vectors(at)
     noise = rng.normal(size=snapshots.shape) + 1j * rng.normal(size=snapshots.shape)
-    found = estimator.directions(snapshots + noise / np.sqrt(2), seen, np.ones(50))
+    found = estimator.find_directions(snapshots + noise / np.sqrt(2), seen, np.ones(50))
     assert np.all(found.power[:, 0] > found.power[:, 1])
     # Those that smooth the array see beams wider, and sidelobes of the stronger source.
     assert np.all(abs(np.sin(found.azimuth_rad) - np.sin(at[::-1])) < 0.1 / 6)
@@ -241,16 +243,16 @@ def test_each_direction_estimator_gives_two_sources_strongest_first_or_refuses_t
 def test_each_direction_estimator_refuses_what_it_cannot_answer(kind):
     member, seen = DirectionEstimator.members()[kind], on_line(3)
     with pytest.raises(dc.InvalidSetting, match="n_sources"):
-        member(n_sources=3).directions(np.ones((1, 1, 3)), seen, np.ones(1))
+        member(n_sources=3).find_directions(np.ones((1, 1, 3)), seen, np.ones(1))
     for wrong in (0, 1.5, "many"):
         with pytest.raises(dc.InvalidSetting, match="n_sources"):
             member(n_sources=wrong)
     estimator = example(member)
     with pytest.raises(dc.InvalidSetting, match="snapshots"):
-        estimator.directions(np.ones((1, 1, 4)), seen, np.ones(1))
+        estimator.find_directions(np.ones((1, 1, 4)), seen, np.ones(1))
     for noise in (np.ones(2), np.array([np.nan]), np.array([-1.0])):
         with pytest.raises(dc.InvalidSetting, match="noise_power"):
-            estimator.directions(np.ones((1, 1, 3)), seen, noise)
+            estimator.find_directions(np.ones((1, 1, 3)), seen, noise)
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -321,7 +323,7 @@ def test_under_each_modulation_a_target_is_found_where_it_is(radar, kind, veloci
     assert found.sizes["detection"] == 1
     for name in ("range", "velocity"):
         assert abs(found[name].item() - truth[name].item()) < 5 * found[f"{name}_std"].item()
-    assert found.fold_confidence.item() > 0.99
+    assert found.ambiguity_confidence.item() > 0.99
     # As for multiplexing; at 20 m/s it walks through a third of a range cell.
     assert 10 * np.log10(found.snr.item() / truth.snr.item()) == pytest.approx(0, abs=2)
 
@@ -349,7 +351,7 @@ def test_the_scatterers_of_each_body_reflect_as_targets_of_their_own(radar, kind
     )
     wavelength_m = radar.frame.chirp.wavelength_m
     scene = dc.Scene(targets=[whole])
-    rcs_m2 = cross_sections_m2(scene, radar.frame.mid_frame_s, wavelength_m)
+    rcs_m2 = scatterer_cross_sections_m2(scene, radar.frame.mid_frame_s, wavelength_m)
     # It faces the radar: its x and y axes point the other way.
     offsets_m = body.offsets_m(np.zeros(1))[0] * [-1, -1, 1]
     seen = rcs_m2 > 1e-12  # the least that a target may have
@@ -376,6 +378,6 @@ def test_each_format_refuses_a_file_of_something_else(tmp_path, kind):
     member = example(Format.members()[kind])
     picture = tmp_path / "picture.png"
     picture.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 8)
-    assert member.recognise(picture) == Fit.NO
+    assert member.recognise(picture) == MatchQuality.NO
     with pytest.raises(dc.RecordingError):
         dc.open(picture, format=kind, axes=("chirp", "sample"))

@@ -12,7 +12,7 @@ import pytest
 
 import dechirp
 import tiny_study
-from dechirp.experiment.study.executors import given
+from dechirp.experiments.study.executors import workers_from_executor
 from faults.conftest import there
 
 SOURCES = sorted(Path(dechirp.__file__).parent.rglob("*.py"))
@@ -40,7 +40,7 @@ def test_results_and_durations_of_a_run_do_not_depend_on_it(folder, call, jumpin
 
 
 def test_a_study_keeps_its_blocks_by_number_and_its_pace_by_a_steady_clock(tmp_path, jumping):
-    with ThreadPoolExecutor(1) as pool, given(pool) as workers:
+    with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
         said = tiny_study.run(tmp_path / "jumping", workers)
         tiny_study.run(tmp_path / "again", workers)
 

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from dechirp.core.errors import DechirpError
-from dechirp.experiment.study.record import Record
+from dechirp.experiments.study.ledger_reader import LedgerReader
 from faults.conftest import writing
 from faults.signalled import struck
 from nightly import nightly
@@ -25,8 +25,8 @@ def test_sigterm_leaves_what_was_there(command, folder, call, monkeypatch):
 
 def n_blocks(out) -> int:
     try:
-        with Record.read(out) as record:
-            return len(record.done())
+        with LedgerReader.open_existing(out) as record:
+            return len(record.finished_blocks())
     except DechirpError:
         return 0
 

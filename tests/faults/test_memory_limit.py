@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from dechirp.cli import short_memory
+from dechirp.cli import memory_errors
 from dechirp.core import memory
 from dechirp.core.errors import NotEnoughMemory
 from faults.conftest import SCENARIO, shell
@@ -19,10 +19,8 @@ def test_too_little_for_the_libraries_is_told_before_they_are_loaded(folder):
     ended = shell('ulimit -v 400000; "$@"', "run", "small.yaml", "--out", "out", **ONE_THREAD)
 
     assert (ended.returncode, ended.stdout) == (2, "")
-    assert ended.stderr.startswith(
-        "the limit of memory is 0.381 GiB, but must be at least 0.812 GiB"
-    )
-    assert "Raise the limit" in ended.stderr
+    assert ended.stderr.startswith("memory limit: 0.381 GiB; expected at least 0.812 GiB")
+    assert "raise the limit" in ended.stderr
     assert not (folder / "out").exists()
 
 
@@ -45,9 +43,9 @@ def test_what_is_free_ends_at_the_limit(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda _: (taken + 2**28, resource.RLIM_INFINITY))
 
     # What the process takes meanwhile counts, too.
-    assert memory.free_bytes() <= 2**28 + 2**26
-    with pytest.raises(NotEnoughMemory, match=r"the map is 0\.5 GiB of memory"):
-        memory.must_fit("the map", needed_bytes=2**29, fix="Take fewer chirps.")
+    assert memory.available_memory_bytes() <= 2**28 + 2**26
+    with pytest.raises(NotEnoughMemory, match=r"the map: 0\.5 GiB of memory"):
+        memory.check_memory("the map", needed_bytes=2**29, fix="take fewer chirps")
 
 
 @pytest.mark.parametrize(
@@ -62,17 +60,17 @@ def test_memory_that_a_library_runs_out_of_is_told_in_one_line(error, folder, ca
     def raises(*_told, **_named):
         raise error
 
-    monkeypatch.setattr("dechirp.cli.run.run", raises)
+    monkeypatch.setattr("dechirp.experiments.run.run", raises)
     status, out, said = call("run", "small.yaml")
 
     assert (status, out) == (2, "")
-    assert said.startswith(f"memory is used up ({error})")
+    assert said.startswith(f"memory: used up ({error})")
     assert "fewer frames, chirps" in said
 
 
 def test_other_errors_are_not_called_so():
-    assert short_memory.short_of_memory(OSError(5, "Input/output error")) is None
-    assert short_memory.short_of_memory(ValueError("1 GiB")) is None
+    assert memory_errors.memory_error(OSError(5, "Input/output error")) is None
+    assert memory_errors.memory_error(ValueError("1 GiB")) is None
 
 
 @nightly

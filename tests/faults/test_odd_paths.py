@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import dechirp as dc
-from dechirp.store.data_set import read_data_set
-from dechirp.store.parquet import read_parquet
+from dechirp.results.data_set import read_data_set
+from dechirp.results.parquet import read_parquet
 from faults.conftest import words
 from nightly import nightly
 

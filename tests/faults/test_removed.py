@@ -9,7 +9,7 @@ import pytest
 import dechirp as dc
 import tiny_study
 from dechirp.core.errors import DechirpError, RecordingError
-from dechirp.experiment.study.executors import given
+from dechirp.experiments.study.executors import workers_from_executor
 from faults.conftest import there
 
 
@@ -18,13 +18,13 @@ def test_the_place_for_results_is_made_again(folder, call, monkeypatch):
     first = there(folder / "a")
     from dechirp.report import page
 
-    render = page.render
+    render = page.render_report
 
     def removes(*told, **named):
         shutil.rmtree("a")
         return render(*told, **named)
 
-    monkeypatch.setattr(page, "render", removes)
+    monkeypatch.setattr(page, "render_report", removes)
     assert call("run", "small.yaml", "--out", "a/out", "--quiet")[0] == 0
     assert set(there(folder / "a")) == set(first)
 
@@ -39,7 +39,7 @@ def test_the_folder_one_is_in(given_words, folder, call, tmp_path, monkeypatch):
     status, _, said = call(*(word.format(folder) for word in given_words))
 
     assert status == 2
-    assert "No such file or directory" in said or "not there any more" in said
+    assert "No such file or directory" in said or "working folder: removed" in said
     assert len(said.splitlines()) == 1
     monkeypatch.chdir(tmp_path)
 
@@ -50,7 +50,7 @@ def test_a_recording_while_its_frames_are_read(folder, call):
     next(frames)
     (folder / "three.npz").unlink()
 
-    with pytest.raises(RecordingError, match="no longer what it was"):
+    with pytest.raises(RecordingError, match="has changed since it was opened"):
         list(frames)
 
 
@@ -63,7 +63,7 @@ def test_the_folder_of_a_study_that_runs(tmp_path):
 
     with (
         ThreadPoolExecutor(1) as pool,
-        given(pool) as workers,
+        workers_from_executor(pool) as workers,
         pytest.raises(DechirpError, match="removed or replaced while the study ran"),
     ):
         tiny_study.run(out, workers, progress=removes)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dechirp.cli.main import app
+from dechirp.cli.main import build_app
 
 TESTS = Path(__file__).parents[1]
 PAGE = TESTS.parent / "docs" / "faults.md"
@@ -48,7 +48,7 @@ def test_a_row_names_its_commands_and_a_test_that_is_there(row):
 
     assert fault
     assert happens.endswith(".")
-    assert set(commands.split(", ")) <= {*app(), *NO_COMMANDS}
+    assert set(commands.split(", ")) <= {*build_app(), *NO_COMMANDS}
     assert _named(tests)
     for file, name in _named(tests):
         assert name in _tests_in(TESTS / file), f"{file} has no {name}"

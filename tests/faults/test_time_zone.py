@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from dechirp.report.dates import dated
+from dechirp.report.template import format_date
 from faults.test_decimal_comma import results
 
 pytestmark = pytest.mark.skipif(not hasattr(time, "tzset"), reason="no time zone to be set here")
@@ -28,7 +28,7 @@ def zone(monkeypatch):
 )
 def test_a_date_is_shown_in_utc(iso, zone):
     zone("Asia/Kathmandu")
-    assert dated(iso) == "31 December 2026, 23:30 UTC"
+    assert format_date(iso) == "31 December 2026, 23:30 UTC"
 
 
 def test_results_are_the_same_to_the_byte(folder, call, zone):

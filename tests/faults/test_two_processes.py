@@ -2,16 +2,16 @@
 
 import json
 
-from dechirp.store.whole import whole_file, whole_folder
+from dechirp.core.atomic_files import atomic_file, atomic_folder
 from faults.conftest import shell
 from nightly import nightly
 
 
 def test_of_two_folders_the_last_is_whole(tmp_path):
     out = tmp_path / "out"
-    with whole_folder(out) as first:
+    with atomic_folder(out) as first:
         (first / "mine").write_text("first")
-        with whole_folder(out) as second:
+        with atomic_folder(out) as second:
             (second / "mine").write_text("second")
         (first / "also").write_text("first")
 
@@ -24,9 +24,9 @@ def test_of_two_folders_the_last_is_whole(tmp_path):
 
 def test_of_two_files_the_last_is_whole(tmp_path):
     out = tmp_path / "out.json"
-    with whole_file(out) as first:
+    with atomic_file(out) as first:
         first.write_text("first, and longer")
-        with whole_file(out) as second:
+        with atomic_file(out) as second:
             second.write_text("second")
 
     assert out.read_text() == "first, and longer"

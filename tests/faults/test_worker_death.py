@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dechirp.certificate.trials import Job, run_jobs
 from dechirp.core.errors import DechirpError
-from dechirp.experiment.study.executors import local
-from dechirp.experiment.verify.trials import Job, run_all
+from dechirp.experiments.study.executors import local_workers
 
 
 def drawn(rng: np.random.Generator, n_trials: int, *, dies: str | None = None) -> np.ndarray:
@@ -32,24 +32,24 @@ class Dead(Executor):
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 def test_a_certificate_goes_on_with_other_workers(tmp_path):
-    job = Job(work=drawn, n_trials=60, n_each=10, told={"dies": str(tmp_path / "died")})
-    with local(1) as workers:
-        found = run_all(
+    job = Job(work=drawn, n_trials=60, block_size=10, arguments={"dies": str(tmp_path / "died")})
+    with local_workers(1) as workers:
+        found = run_jobs(
             {"one": job},
             seed=5,
             executor=workers.executor,
-            lost=workers.lost,
-            renew=workers.renew,
+            worker_errors=workers.death_errors,
+            restart_workers=workers.renew,
         )
 
     assert (tmp_path / "died").exists()
-    with local(1) as workers:
-        again = run_all({"one": job}, seed=5, executor=workers.executor)
+    with local_workers(1) as workers:
+        again = run_jobs({"one": job}, seed=5, executor=workers.executor)
     np.testing.assert_array_equal(found["one"], again["one"])
 
 
 @pytest.mark.parametrize("renew", [None, lambda: None])
 def test_a_certificate_whose_workers_all_die_says_so(renew):
-    job = Job(work=drawn, n_trials=60, n_each=10, told={})
-    with pytest.raises(DechirpError, match="killed while they worked"):
-        run_all({"one": job}, seed=5, executor=Dead(), renew=renew)
+    job = Job(work=drawn, n_trials=60, block_size=10, arguments={})
+    with pytest.raises(DechirpError, match="a worker process died during a block"):
+        run_jobs({"one": job}, seed=5, executor=Dead(), restart_workers=renew)

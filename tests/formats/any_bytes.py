@@ -6,14 +6,16 @@ import numpy as np
 from hypothesis import strategies as st
 
 from dechirp.core.errors import RecordingError
-from dechirp.formats.base import Contents
-from dechirp.formats.recording import open as open_recording
+from dechirp.recordings.readers.base import Contents
+from dechirp.recordings.recording import open as open_recording
 
 
 def decoded(contents: Contents) -> np.ndarray:
     """All frames of one receiver that a format found, (frame, chirp, 1, sample)."""
     frame = contents.radar.frame
-    frames = np.empty((contents.n_frames, frame.n_sent, 1, frame.chirp.n_samples), np.complex64)
+    frames = np.empty(
+        (contents.n_frames, frame.n_chirps_total, 1, frame.chirp.n_samples), np.complex64
+    )
     for index, out in enumerate(frames):
         contents.decode(index, out)
     return frames
@@ -29,13 +31,13 @@ def gives_a_cube_or_says_why(path: Path, **told: object) -> None:
             return
         radar = recording.radar
         for cube in recording.frames():
-            shape = (1, radar.frame.n_sent, radar.array.n_rx, radar.frame.chirp.n_samples)
+            shape = (1, radar.frame.n_chirps_total, radar.array.n_rx, radar.frame.chirp.n_samples)
             assert cube.shape == shape
             assert np.isfinite(cube.values).all()
     except RecordingError as error:
         for mistake in error.mistakes:
-            assert mistake.got
-            assert mistake.need
+            assert mistake.value
+            assert mistake.expected
             assert mistake.fix
 
 

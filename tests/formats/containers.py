@@ -10,9 +10,9 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError
-from dechirp.echoes.codes import codes
-from dechirp.formats.recording import Recording
 from dechirp.radar.calibration import Calibration
+from dechirp.recordings.recording import Recording
+from dechirp.simulation.adc_codes import extract_adc_codes
 from radars import of_street
 
 SCENE = dc.Scene(
@@ -30,20 +30,26 @@ def small(sampling="complex", **changes) -> dc.Radar:
 
 
 def simulated(radar: dc.Radar, *, bits=None, n_frames=3) -> xr.DataArray:
-    noise_w = dc.ThermalNoise().noise_power_w(SCENE, radar)
-    converter = [] if bits is None else [dc.Quantisation(bits=bits, full_scale_w=1000 * noise_w)]
-    made = dc.simulate(SCENE, radar, impairments=[dc.ThermalNoise(), *converter], n_frames=n_frames)
+    noise_w = dc.impairments.ThermalNoise().noise_power_w(SCENE, radar)
+    converter = (
+        []
+        if bits is None
+        else [dc.impairments.Quantisation(bits=bits, full_scale_w=1000 * noise_w)]
+    )
+    made = dc.simulate(
+        SCENE, radar, impairments=[dc.impairments.ThermalNoise(), *converter], n_frames=n_frames
+    )
     return made if bits is None else made.copy(data=made.values + 0)  # a code has no -0
 
 
 def of_complex_samples() -> Recording:
     radar = small()
-    return dc.recording_of(simulated(radar), radar)
+    return dc.recording_from_cube(simulated(radar), radar)
 
 
 def of_real_samples() -> Recording:
     radar = small("real")
-    return dc.recording_of(simulated(radar), radar)
+    return dc.recording_from_cube(simulated(radar), radar)
 
 
 def of_transmitters_in_turns() -> Recording:
@@ -56,26 +62,26 @@ def of_transmitters_in_turns() -> Recording:
         residual=0.01,
     )
     of = small(interval_s=(35e-6, 38e-6))
-    frame = replace(of.frame, multiplexing=dc.Tdm(order=(1, 0)))
+    frame = replace(of.frame, multiplexing=dc.multiplexing.Tdm(order=(1, 0)))
     array = dc.Array(tx_m=[(0, 0, 0), (0, 8e-3, 0)], rx_m=of.array.rx_m)
     radar = replace(of, frame=frame, array=array, calibration=calibration)
-    return dc.recording_of(simulated(radar), radar)
+    return dc.recording_from_cube(simulated(radar), radar)
 
 
 def of_complex_codes() -> Recording:
     radar = small()
-    return dc.recording_of(simulated(radar, bits=12), radar)
+    return dc.recording_from_cube(simulated(radar, bits=12), radar)
 
 
 def of_real_codes() -> Recording:
     radar = small("real")
-    return dc.recording_of(simulated(radar, bits=16), radar)
+    return dc.recording_from_cube(simulated(radar, bits=16), radar)
 
 
 def of_one_number_a_frame() -> Recording:
     """Axes of 1 at the end, which MATLAB leaves out."""
     radar = replace(small(n_chirps=1), array=dc.Array())
-    return dc.recording_of(simulated(radar, n_frames=1), radar)
+    return dc.recording_from_cube(simulated(radar, n_frames=1), radar)
 
 
 def of_lost_chirps() -> Recording:
@@ -84,7 +90,7 @@ def of_lost_chirps() -> Recording:
     gap[0, 5] = gap[1, 0:2] = gap[2, 5] = True
     cube = simulated(radar).assign_coords(gap=(("frame", "chirp"), gap))
     cube.values[gap] = 0
-    return dc.recording_of(cube, radar)
+    return dc.recording_from_cube(cube, radar)
 
 
 def of_tables() -> Recording:
@@ -113,7 +119,7 @@ def of_tables() -> Recording:
         "none": found.isel(detection=slice(0, 0)),
         "empty": xr.Dataset(attrs={"of": 1}),
     }
-    return dc.recording_of(cube, radar, tables=tables)
+    return dc.recording_from_cube(cube, radar, tables=tables)
 
 
 CASES = {
@@ -145,7 +151,7 @@ def must_be_equal(opened: Recording, recording: Recording) -> None:
     for frame, whole in zip(opened.frames(), before.values, strict=True):
         assert np.array_equal(frame.values[0], whole)
     if "scale" in after.attrs:
-        assert np.array_equal(codes(after).values, codes(before).values)
+        assert np.array_equal(extract_adc_codes(after).values, extract_adc_codes(before).values)
     assert set(opened.tables) == set(recording.tables)
     for name, table in recording.tables.items():
         xr.testing.assert_identical(opened.tables[name], table)
@@ -186,7 +192,7 @@ def must_leave_what_was_there(out: Path) -> None:
 def real(folder: Path) -> Recording:
     """A recording of a TI radar in the collection of real ones."""
     whole = dc.open(folder / "awr1642_vibrating_pipe" / "vibration_2.bin")
-    return whole.part(0, min(whole.n_frames, 5))
+    return whole.select_frames(0, min(whole.n_frames, 5))
 
 
 def must_keep_a_real_recording(recording: Recording, out: Path) -> None:

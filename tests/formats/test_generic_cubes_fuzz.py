@@ -28,8 +28,8 @@ from test_generic_cubes import (
 )
 
 from dechirp.core.errors import RecordingError
-from dechirp.formats.base import Told
-from dechirp.formats.settings.base import Settings
+from dechirp.recordings.readers.base import RecordingHints
+from dechirp.recordings.settings.base import RecordingSettings
 
 RADAR = radar(n_chirps=2, n_rx=2, n_samples=4)
 SHAPE = (2, 2, 2, 4)
@@ -61,8 +61,8 @@ MADE = {
     as_compressed_hdf5: "hdf5",
     as_zarr: "zarr-array",
     as_zarr_2: "zarr-array",
-    as_results: "store",
-    as_text: "text",
+    as_results: "zarr",
+    as_text: "text-columns",
     as_bare: "bare-cube",
 }
 
@@ -89,23 +89,23 @@ def outcome(made, files: dict[str, bytes]) -> str:
             file.write_bytes(content)
         path = Path(folder) / Path(next(iter(files))).parts[0]
         kind = MADE[made]
-        pairs = ("iq",) if kind in ("text", "bare-cube") else ()
-        told = Told(
-            settings=Settings(radar=RADAR),
+        pairs = ("iq",) if kind in ("text-columns", "bare-cube") else ()
+        told = RecordingHints(
+            settings=RecordingSettings(radar=RADAR),
             axes=(*AXES, *pairs),
             encoding="int16" if pairs else "full-scale",
         )
         try:
             FORMATS[kind].recognise(path)
-            contents = FORMATS[kind].read(path, Told() if kind == "store" else told)
+            contents = FORMATS[kind].read(path, RecordingHints() if kind == "zarr" else told)
             frame, n_rx = contents.radar.frame, contents.radar.array.n_rx
-            assert kind == "store" or contents.radar == RADAR
-            out = np.empty((frame.n_sent, n_rx, frame.chirp.n_samples), np.complex64)
+            assert kind == "zarr" or contents.radar == RADAR
+            out = np.empty((frame.n_chirps_total, n_rx, frame.chirp.n_samples), np.complex64)
             for index in {0, contents.n_frames - 1}:
                 contents.decode(index, out)
         except RecordingError as error:
             (only,) = error.mistakes
-            assert only.got and only.need and only.fix
+            assert only.value and only.expected and only.fix
             return "refused"
         return "cube"
 

@@ -15,15 +15,15 @@ import pytest
 import dechirp as dc
 from dechirp.core import memory
 from dechirp.core.errors import NotEnoughMemory, RecordingError
-from dechirp.experiment.run import run
-from dechirp.experiment.scenario import Scenario, Source
-from dechirp.formats.recording import open as open_recording
-from dechirp.formats.settings.read import read_radar
+from dechirp.experiments.run import run
+from dechirp.experiments.scenario import RecordingSource, Scenario
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
-from dechirp.radar.devices.known import device
+from dechirp.radar.devices.lookup import device
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.settings.read import read_radar
 
 
 def radar(*, n_chirps=4, n_rx=2, n_samples=8, sampling="complex") -> Radar:
@@ -132,7 +132,7 @@ def test_frames_that_are_not_there_are_refused(tmp_path, frames):
 
     wrong = mistake(file, radar=radar(), frames=frames)
 
-    assert f"of 5 frames, asked for those from {frames[0]} to before {frames[1]}" in wrong.got
+    assert f"of 5 frames, with frames {frames[0]}:{frames[1]} requested" in wrong.value
 
 
 def test_a_result_holds_the_cube_of_its_recording_once_or_says_that_it_cannot(
@@ -140,7 +140,7 @@ def test_a_result_holds_the_cube_of_its_recording_once_or_says_that_it_cannot(
 ):
     sent = integers(3, 32, 2, 64)
     (tmp_path / "capture.bin").write_bytes(dca1000_bytes(sent))
-    source = Source(path=str(tmp_path / "capture.bin"), iq="iq", frames=(1, 3))
+    source = RecordingSource(path=str(tmp_path / "capture.bin"), iq="iq", frames=(1, 3))
     small = radar(n_chirps=32, n_samples=64)
     result = run(Scenario(radar=small, recording=source))
 
@@ -196,7 +196,7 @@ def test_a_last_frame_cut_short_is_left_out_with_a_warning(tmp_path):
 
     assert np.array_equal(recording.cube.values * 32768, sent[:2])
     (warning,) = [finding for finding in recording.findings if finding.level == "warning"]
-    assert "cut short: 2 whole frames and 248 bytes" in warning.got
+    assert "cut short: 2 complete frames and 248 bytes" in warning.value
 
 
 @pytest.mark.parametrize("size", [248, 256 + 4])
@@ -206,8 +206,8 @@ def test_a_capture_that_holds_no_frame_or_half_a_sample_is_refused(tmp_path, siz
 
     wrong = mistake(file, radar=radar(), iq="iq")
 
-    assert wrong.got == f"of {size} bytes"
-    assert "at least 256 bytes" in wrong.need
+    assert wrong.value == f"{size} bytes"
+    assert "at least 256 bytes" in wrong.expected
 
 
 # --- mmWave Studio log ----------------------------------------------------------------
@@ -267,7 +267,9 @@ def test_the_log_beside_a_capture_tells_its_layout(tmp_path, swap):
 
     expected = sent.imag + 1j * sent.real if swap else sent
     assert np.array_equal(recording.cube.values * 32768, expected)
-    assert recording.radar.array == device("AR1642").part(0b1, 0b101)  # as the log names it
+    assert recording.radar.array == device("AR1642").select_antennas(
+        0b1, 0b101
+    )  # as the log names it
     assert recording.radar.hardware is None
 
 
@@ -279,7 +281,7 @@ def test_frames_of_one_chirp_become_the_chirps_of_one_frame(tmp_path):
 
     assert (recording.n_frames, recording.radar.frame.n_chirps) == (1, 12)
     assert recording.radar.frame.interval_s == pytest.approx(1e-3)
-    assert "12 frames of one chirp" in " ".join(finding.got for finding in recording.findings)
+    assert "12 frames of one chirp" in " ".join(finding.value for finding in recording.findings)
 
 
 def test_frames_of_one_chirp_cut_short_are_a_frame_of_the_chirps_there_are(tmp_path):
@@ -292,7 +294,7 @@ def test_frames_of_one_chirp_cut_short_are_a_frame_of_the_chirps_there_are(tmp_p
     assert (recording.n_frames, recording.radar.frame.n_chirps) == (1, 11)
     assert np.array_equal(recording.cube.values[0] * 32768, sent[:11, 0])
     (warning,) = [finding for finding in recording.findings if finding.level == "warning"]
-    assert "cut short: 11 whole chirps and 56 bytes" in warning.got
+    assert "cut short: 11 complete chirps and 56 bytes" in warning.value
 
 
 @pytest.mark.parametrize("size", [120, 132])
@@ -300,7 +302,7 @@ def test_frames_of_one_chirp_need_two_whole_chirps_and_samples(tmp_path, size):
     (tmp_path / "a.bin").write_bytes(bytes(size))
     (tmp_path / "a.txt").write_text(log(frames=12, loops=1, period=200_000))
 
-    assert mistake(tmp_path / "a.bin").got == f"of {size} bytes"
+    assert mistake(tmp_path / "a.bin").value == f"{size} bytes"
 
 
 def test_a_capture_longer_than_the_radar_sent_does_not_fit_its_log(tmp_path):
@@ -309,8 +311,8 @@ def test_a_capture_longer_than_the_radar_sent_does_not_fit_its_log(tmp_path):
 
     wrong = mistake(tmp_path / "a.bin")
 
-    assert wrong.got == "of 1024 bytes"
-    assert "768 bytes" in wrong.need
+    assert wrong.value == "1024 bytes"
+    assert "768 bytes" in wrong.expected
 
 
 def test_a_capture_that_stopped_early_is_read_with_a_warning(tmp_path):
@@ -326,7 +328,7 @@ def test_a_capture_that_stopped_early_is_read_with_a_warning(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "named"),
     [
-        ("API:ChannelConfig", "API:Other", "without ChannelConfig"),
+        ("API:ChannelConfig", "API:Other", "no ChannelConfig"),
         ("15,2,1,0,1,0", "15,2,1,0,2,0", "chInterleave 2"),
         ("15,2,1,0,1,0", "15,2,3,0,1,0", "format 3"),
         ("0,8,2500,", "0,x,2500,", "ProfileConfig"),
@@ -352,7 +354,7 @@ def test_chirps_that_differ_are_not_taken_for_equal_ones(tmp_path):
     second = "API:ChirpConfig,1,1,0,0,0,5,0,1,0,\nx: API:FrameConfig"
     file.write_text(log(last=1).replace("API:FrameConfig", second, 1))
 
-    with pytest.raises(RecordingError, match="chirps 0 to 1 that differ"):
+    with pytest.raises(RecordingError, match="chirps 0 to 1 of the frame, which differ"):
         read_radar(file)
 
 
@@ -384,7 +386,7 @@ def test_settings_that_could_be_either_of_two_are_not_guessed(tmp_path):
 
     wrong = mistake(tmp_path / "capture.bin")
 
-    assert "monday.txt, tuesday.txt" in wrong.got
+    assert "monday.txt, tuesday.txt" in wrong.value
     assert "--radar" in wrong.fix
 
 
@@ -392,7 +394,7 @@ def test_the_description_of_a_collection_is_not_settings(tmp_path):
     (tmp_path / "capture.bin").write_bytes(dca1000_bytes(integers(3, 4, 2, 8)))
     (tmp_path / "meta.json").write_text(json.dumps(config()))
 
-    assert "without settings" in mistake(tmp_path / "capture.bin").got
+    assert "no settings" in mistake(tmp_path / "capture.bin").value
 
 
 def test_a_yaml_file_beside_a_recording_gives_its_radar(tmp_path):
@@ -520,15 +522,15 @@ def test_an_infineon_recording_is_found_by_its_parent_and_by_its_samples(tmp_pat
         ('{"device_config": {', "not JSON"),
         ("", "not JSON"),
         ("[" * 100_000, "nested too deeply"),
-        ("[1, 2]", "without device_config.fmcw_single_shape"),
-        ('{"device_config": {"fmcw_scene": {}}}', "without device_config.fmcw_single_shape"),
+        ("[1, 2]", "no device_config.fmcw_single_shape"),
+        ('{"device_config": {"fmcw_scene": {}}}', "no device_config.fmcw_single_shape"),
         (json.dumps(config(sample_rate_Hz=None, rx_antennas=None)), "sample_rate_Hz, rx_antennas"),
         (json.dumps(config(num_samples_per_chirp="8")), 'num_samples_per_chirp = "8"'),
         (json.dumps(config(num_chirps_per_frame=4.5)), "num_chirps_per_frame = 4.5"),
         (json.dumps(config(rx_antennas=3)), "rx_antennas = 3"),
         (json.dumps(config(end_frequency_Hz=10**400)), "end_frequency_Hz = 1000"),
         (json.dumps(config(end_frequency_Hz=59e9)), "Chirp.slope_hz_per_s"),
-        (json.dumps(config(sample_rate_Hz=0)), "settings that cannot work"),
+        (json.dumps(config(sample_rate_Hz=0)), "impossible settings"),
         (json.dumps(config(mimo_mode="bpm")), 'mimo_mode "bpm"'),
     ],
 )
@@ -537,7 +539,7 @@ def test_a_config_that_is_not_right_is_named_with_what_is_wrong(tmp_path, text, 
 
     wrong = mistake(folder)
 
-    assert named in wrong.got
+    assert named in wrong.value
     assert wrong.file == str(folder / "config.json")
 
 
@@ -561,7 +563,7 @@ def test_a_missing_config_is_asked_for(tmp_path):
     ],
 )
 def test_samples_that_do_not_fit_the_config_are_refused(tmp_path, recorded, named):
-    assert named in mistake(infineon_folder(tmp_path, recorded)).got
+    assert named in mistake(infineon_folder(tmp_path, recorded)).value
 
 
 def test_samples_of_infineon_that_lie_elsewhere_are_refused(tmp_path):
@@ -569,7 +571,7 @@ def test_samples_of_infineon_that_lie_elsewhere_are_refused(tmp_path):
     (folder / "radar.npy").rename(tmp_path / "other.npy")
     (folder / "radar.npy").symlink_to(tmp_path / "other.npy")
 
-    assert "radar.npy is a link" in mistake(folder).got
+    assert "radar.npy is a link" in mistake(folder).value
 
 
 def test_two_recordings_in_a_folder_are_not_taken_for_one(tmp_path):
@@ -577,7 +579,7 @@ def test_two_recordings_in_a_folder_are_not_taken_for_one(tmp_path):
     folder.rename(tmp_path / "RadarIfxAvian_01")
     infineon_folder(tmp_path, codes(2, 3, 4, 8))
 
-    assert "RadarIfxAvian_00, RadarIfxAvian_01" in mistake(tmp_path).got
+    assert "RadarIfxAvian_00, RadarIfxAvian_01" in mistake(tmp_path).value
 
 
 # --- NumPy arrays ---------------------------------------------------------------------
@@ -636,7 +638,7 @@ def test_numbers_that_can_be_read_in_two_ways_ask_for_their_encoding(tmp_path, d
 
     wrong = mistake(file, radar=radar(), axes="chirp,rx,sample,iq")
 
-    assert "int16, uint16-wrapped, offset-binary, full-scale" in wrong.need
+    assert "int16, uint16-wrapped, offset-binary, full-scale" in wrong.expected
 
 
 def test_numbers_that_an_encoding_cannot_hold_are_refused(tmp_path):
@@ -644,7 +646,7 @@ def test_numbers_that_an_encoding_cannot_hold_are_refused(tmp_path):
 
     wrong = mistake(file, radar=radar(), axes="chirp,rx,sample", encoding="int16")
 
-    assert "40000" in wrong.got
+    assert "40000" in wrong.value
 
 
 def test_an_unknown_encoding_lists_the_good_ones(tmp_path):
@@ -652,13 +654,13 @@ def test_an_unknown_encoding_lists_the_good_ones(tmp_path):
 
     wrong = mistake(file, radar=radar(), axes="chirp,rx,sample", encoding="int12")
 
-    assert "int16, uint16-wrapped, offset-binary, full-scale" in wrong.need
+    assert "int16, uint16-wrapped, offset-binary, full-scale" in wrong.expected
 
 
 def test_an_array_without_axes_shows_its_shape_and_an_example(tmp_path):
     wrong = mistake(saved(tmp_path, integers(4, 2, 8)), radar=radar())
 
-    assert "4 x 2 x 8" in wrong.got
+    assert "4 x 2 x 8" in wrong.value
     assert "--axes chirp,rx,sample" in wrong.fix
 
 
@@ -668,7 +670,7 @@ def test_an_array_without_axes_shows_its_shape_and_an_example(tmp_path):
 def test_axes_that_cannot_be_those_of_the_array_are_refused(tmp_path, axes):
     wrong = mistake(saved(tmp_path, integers(4, 2, 8)), radar=radar(), axes=axes)
 
-    assert axes in wrong.got
+    assert axes in wrong.value
 
 
 def test_sizes_that_are_not_the_radars_are_named_by_axis(tmp_path):
@@ -676,14 +678,14 @@ def test_sizes_that_are_not_the_radars_are_named_by_axis(tmp_path):
 
     wrong = mistake(file, radar=radar(), axes="chirp,rx,sample", encoding="int16")
 
-    assert wrong.got == "of 8 along chirp and 4 along sample"
+    assert wrong.value == "8 along chirp and 4 along sample"
 
 
 def test_receivers_that_are_not_the_radars_are_refused_unless_it_has_none(tmp_path):
     file = saved(tmp_path, integers(4, 3, 8))
     told = {"axes": "chirp,rx,sample", "encoding": "int16"}
 
-    assert "3 receivers" in mistake(file, radar=radar(n_rx=2), **told).got
+    assert "3 receivers" in mistake(file, radar=radar(n_rx=2), **told).value
     recording = open_recording(file, radar=Radar(frame=radar().frame), **told)
     assert recording.radar.array.n_rx == 3
     assert [finding.level for finding in recording.findings] == ["note"]
@@ -694,8 +696,8 @@ def test_real_and_complex_samples_are_not_confused(tmp_path):
     told = {"axes": "chirp,rx,sample", "encoding": "full-scale"}
     numbers = np.linspace(-1, 1, 64).reshape(4, 2, 8)
 
-    assert "real numbers" in mistake(saved(tmp_path, numbers), radar=cmplx, **told).got
-    assert "imaginary" in mistake(saved(tmp_path, numbers + 1e-3j), radar=real, **told).got
+    assert "real numbers" in mistake(saved(tmp_path, numbers), radar=cmplx, **told).value
+    assert "imaginary" in mistake(saved(tmp_path, numbers + 1e-3j), radar=real, **told).value
     # Some tools save real samples as complex numbers.
     recording = open_recording(saved(tmp_path, numbers + 0j), radar=real, **told)
     assert np.array_equal(recording.cube.values[0], numbers.astype(np.float32))
@@ -737,12 +739,12 @@ ABSURD = "{{'descr': '<c8', 'fortran_order': False, 'shape': {} }}\n"
         ("capture.bin", b"one,two\n", "text"),
         ("capture.bin", b"\x89PNG\r\n\x1a\n" + bytes(64), "a PNG picture"),
         ("capture.jpg", b"\xff\xd8\xff\xe0" + bytes(64), "a JPEG picture"),
-        ("cube.npy", bytes(range(64)), "bytes without a mark"),
+        ("cube.npy", bytes(range(64)), "bytes without the signature"),
         ("capture.pcapng", b"\n\r\r\n" + bytes(64), "a network capture (pcapng)"),
         ("cube.nc", b"CDF\1" + bytes(64), "a netCDF file of version 3"),
-        ("cube.npy", b"\x93NUMPY\x01", "header is damaged"),
-        ("cube.npy", header("{'descr': "), "header is damaged"),
-        ("cube.npy", header("(" * 9000), "header is damaged"),
+        ("cube.npy", b"\x93NUMPY\x01", "a damaged header"),
+        ("cube.npy", header("{'descr': "), "a damaged header"),
+        ("cube.npy", header("(" * 9000), "a damaged header"),
         ("cube.npy", header(ABSURD.format((10**9, 10**9, 10**9))), "a file of"),
         ("cube.npy", header(ABSURD.format((-4, -2, 8))) + bytes(512), "a file of"),
         ("cube.npy", header(ABSURD.format((0, 2, 8))), "a file of"),
@@ -758,7 +760,7 @@ def test_a_file_that_is_not_what_its_name_says_is_refused(tmp_path, name, conten
 
     wrong = mistake(file, radar=radar(), axes=axes)
 
-    assert named in wrong.got
+    assert named in wrong.value
     assert wrong.file == str(file)
 
 
@@ -779,34 +781,34 @@ def test_pickled_objects_are_never_opened(tmp_path):
     file = saved(tmp_path, objects)
     assert b"spring" in file.read_bytes()  # the trap is set
 
-    assert "Python objects" in mistake(file, radar=radar(), axes="chirp,rx,sample").got
+    assert "Python objects" in mistake(file, radar=radar(), axes="chirp,rx,sample").value
 
     (tmp_path / "bare.npy").write_bytes(pickle.dumps(Trap()))
-    assert "npy" in mistake(tmp_path / "bare.npy", radar=radar(), axes="chirp,rx,sample").need
+    assert "npy" in mistake(tmp_path / "bare.npy", radar=radar(), axes="chirp,rx,sample").expected
 
 
 def test_a_path_that_is_not_there_says_so(tmp_path):
-    assert "no such file" in mistake(tmp_path / "capture.bin").got
+    assert "no such file" in mistake(tmp_path / "capture.bin").value
 
 
 def test_a_name_that_no_disk_takes_is_no_recording(tmp_path):
-    assert "too long" in mistake(tmp_path / ("x" * 300)).got
+    assert "too long" in mistake(tmp_path / ("x" * 300)).value
 
 
 def test_a_folder_without_a_recording_says_what_it_holds(tmp_path):
     (tmp_path / "holiday.jpg").write_bytes(b"\xff\xd8")
 
-    assert "holiday.jpg" in mistake(tmp_path).got
+    assert "holiday.jpg" in mistake(tmp_path).value
 
 
 def test_a_wrong_format_or_option_is_refused(tmp_path):
     file = tmp_path / "capture.bin"
     file.write_bytes(dca1000_bytes(integers(3, 4, 2, 8)))
 
-    assert "dca1000, hdf5, infineon" in mistake(file, radar=radar(), format="wav").need
-    assert "format npy" in mistake(file, radar=radar(), format="npy").need
-    assert "axes" in mistake(file, radar=radar(), axes="chirp,sample").got
-    assert "iq, qi" in mistake(file, radar=radar(), iq="swapped").need
+    assert "dca1000, hdf5, infineon" in mistake(file, radar=radar(), format="wav").expected
+    assert "format npy" in mistake(file, radar=radar(), format="npy").expected
+    assert "axes" in mistake(file, radar=radar(), axes="chirp,sample").value
+    assert "iq, qi" in mistake(file, radar=radar(), iq="swapped").expected
 
 
 def test_the_content_decides_over_the_name(tmp_path):

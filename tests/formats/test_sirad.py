@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 import dechirp
 from dechirp.core.errors import RecordingError
-from dechirp.formats.base import Fit, Told
-from dechirp.formats.settings.base import Settings
-from dechirp.formats.sirad import Sirad
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from dechirp.recordings.readers.base import MatchQuality, RecordingHints
+from dechirp.recordings.readers.sirad import Sirad
+from dechirp.recordings.settings.base import RecordingSettings
 from formats.any_bytes import decoded
 
 LIGHT = 299_792_458.0
@@ -53,7 +53,7 @@ def document(samples, *, order="iq", **changes):
 def read(tmp_path, text, told=None):
     file = tmp_path / "walk.json"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
-    contents = Sirad().read(file, told or Told())
+    contents = Sirad().read(file, told or RecordingHints())
     return contents, decoded(contents)
 
 
@@ -71,7 +71,7 @@ def test_a_target_is_at_its_range_whichever_part_of_a_sample_comes_first(tmp_pat
     assert peak_m(contents, frames[0]) == pytest.approx(0.7, abs=2e-3)
     assert contents.iq == order
     (guessed,) = [finding for finding in contents.findings if finding.setting == "iq"]
-    assert f"taken as {order}" in guessed.got
+    assert f"taken as {order}" in guessed.value
 
 
 @pytest.mark.parametrize("order", ["iq", "qi"])
@@ -88,7 +88,7 @@ def test_a_receding_target_has_positive_velocity(tmp_path, order):
 
 
 def test_the_order_that_is_told_is_kept_even_if_echoes_lie_on_the_wrong_side(tmp_path):
-    contents, frames = read(tmp_path, document(echo()), Told(iq="qi"))
+    contents, frames = read(tmp_path, document(echo()), RecordingHints(iq="qi"))
 
     sent = np.round(echo().real) + 1j * np.round(echo().imag)
     assert np.allclose(frames[0, :, 0] * 2048, sent.imag + 1j * sent.real)
@@ -104,7 +104,7 @@ def test_frames_of_one_ramp_are_the_chirps_of_one_frame(tmp_path):
     assert frame.interval_s == pytest.approx(0.01577)
     assert frame.chirp.sampled_bandwidth_hz == pytest.approx(6e9 * 32 / 69.5)
     assert frame.chirp.mid_window_frequency_hz == pytest.approx(122e9)
-    said = {finding.setting: finding.got for finding in contents.findings}
+    said = {finding.setting: finding.value for finding in contents.findings}
     assert "119 GHz" in said["radar.frame.chirp.start_frequency"]
     assert "40 frames of one chirp" in said["radar.frame.n_chirps"]
     assert "12 bits" in said["encoding"]
@@ -121,7 +121,7 @@ def told_radar(n_chirps, n_samples=32, sampling="complex"):
         sampling=sampling,
     )
     frame = Frame(chirp=chirp, n_chirps=n_chirps, interval_s=0.01577)
-    return Told(settings=Settings(radar=Radar(frame=frame)))
+    return RecordingHints(settings=RecordingSettings(radar=Radar(frame=frame)))
 
 
 def test_a_radar_that_is_told_divides_the_chirps_into_frames(tmp_path):
@@ -130,14 +130,14 @@ def test_a_radar_that_is_told_divides_the_chirps_into_frames(tmp_path):
     contents, frames = read(tmp_path, document(echo(n_chirps=40)), told_radar(16))
 
     assert np.array_equal(frames.reshape(32, 32), whole[0, :32, 0])
-    assert "8 chirps that are left out" in " ".join(f.got for f in contents.findings)
+    assert "8 chirps that are left out" in " ".join(f.value for f in contents.findings)
 
 
 @pytest.mark.parametrize(
     ("told", "named"),
     [
-        (told_radar(41), "of 40 chirps"),
-        (told_radar(8, n_samples=16), "of 32 samples a chirp"),
+        (told_radar(41), "40 chirps"),
+        (told_radar(8, n_samples=16), "32 samples a chirp"),
         (told_radar(8, sampling="real"), "real samples"),
     ],
 )
@@ -151,7 +151,7 @@ def test_a_long_recording_is_read_in_blocks_of_text(tmp_path):
     text = json.dumps({**HEAD, "data": codes.tolist()}, indent=2)
     assert len(text) > 2 * 2**20  # more than two blocks, cut at any place
 
-    _, frames = read(tmp_path, text, Told(iq="iq"))
+    _, frames = read(tmp_path, text, RecordingHints(iq="iq"))
 
     assert np.array_equal(frames.view(np.float32).reshape(3500, 64) * 2048, codes)
 
@@ -222,15 +222,15 @@ def test_a_long_recording_is_not_kept_in_memory(tmp_path):
 def test_a_file_is_known_by_its_first_kilobyte(tmp_path):
     file = tmp_path / "anything.bin"
     for text, fit in (
-        (document(echo()), Fit.OWN),
-        (json.dumps({"data": [[1, 2]], **HEAD}), Fit.NO),
-        (json.dumps({"data": [[1, 2]]}), Fit.NO),
-        ("[" + document(echo()) + "]", Fit.NO),
-        ("", Fit.NO),
+        (document(echo()), MatchQuality.SELF_DESCRIBING),
+        (json.dumps({"data": [[1, 2]], **HEAD}), MatchQuality.NO),
+        (json.dumps({"data": [[1, 2]]}), MatchQuality.NO),
+        ("[" + document(echo()) + "]", MatchQuality.NO),
+        ("", MatchQuality.NO),
     ):
         file.write_text(text)
         assert Sirad().recognise(file) == fit
-    assert Sirad().recognise(tmp_path) == Fit.NO
+    assert Sirad().recognise(tmp_path) == MatchQuality.NO
 
 
 GOOD = document(echo(n_chirps=3))
@@ -245,13 +245,19 @@ GOOD = document(echo(n_chirps=3))
         (GOOD.replace('"data": [[', '"data": [[NaN, '), "'N' among numbers"),
         (GOOD.replace('"data": [[', '"data": [[1.5, '), "'.' among numbers"),
         (GOOD.replace('"data": [[', '"data": [[7, '), "a row of 65 numbers"),
-        (GOOD.replace('"data": [[', '"data": [7, ['), "a number in no row"),
+        (GOOD.replace('"data": [[', '"data": [7, ['), "a number outside of a row"),
         (GOOD.replace('"data": [[', '"data": [[[], '), "a row of 65 numbers"),
-        (json.dumps({**HEAD, "Samps": 1, "data": [[[1], [2]]] * 3}), "no list of numbers"),
-        (json.dumps({**HEAD, "Samps": 1, "data": [[[1], [2]]] * 2 + [[1, 2]]}), "16 bits"),
-        (GOOD.replace("], [", "], , [", 1), "no list of numbers"),
-        (GOOD.replace("], [", "9" * 30 + "], [", 1), "no number of 16 bits"),
-        (GOOD.replace('"data": [[', '"data": [[' + "9" * 5000), "no list of numbers"),
+        (
+            json.dumps({**HEAD, "Samps": 1, "data": [[[1], [2]]] * 3}),
+            "text other than a list of numbers",
+        ),
+        (json.dumps({**HEAD, "Samps": 1, "data": [[[1], [2]]] * 2 + [[1, 2]]}), "16-bit"),
+        (GOOD.replace("], [", "], , [", 1), "text other than a list of numbers"),
+        (GOOD.replace("], [", "9" * 30 + "], [", 1), "a value other than a 16-bit integer"),
+        (
+            GOOD.replace('"data": [[', '"data": [[' + "9" * 5000),
+            "text other than a list of numbers",
+        ),
         (json.dumps({**HEAD, "data": []}), "do not end in"),
         (GOOD.replace('"Ramps": 1', '"Ramps": 4'), "Ramps 4"),
         (GOOD.replace('"Samps": 32', '"Samps": 32.5'), "Samps '32.5'"),
@@ -259,16 +265,16 @@ GOOD = document(echo(n_chirps=3))
         (GOOD.replace('"0.01577"', '"soon"'), "PRI 'soon'"),
         (GOOD.replace('"0.01577"', "true"), "PRI 'True'"),
         (GOOD.replace("6000", "NaN"), "Bandwidth 'nan'"),
-        (GOOD.replace("2.571", "1e-9"), "settings that cannot work"),
-        (GOOD.replace('"Gain": 8', '"Gain": 8,'), "not the settings"),
-        ('{"data": [[1, 2]]}', "not the settings"),
+        (GOOD.replace("2.571", "1e-9"), "impossible settings"),
+        (GOOD.replace('"Gain": 8', '"Gain": 8,'), "no settings of a recording"),
+        ('{"data": [[1, 2]]}', "no settings of a recording"),
     ],
 )
 def test_a_damaged_recording_is_refused_with_what_is_wrong(tmp_path, text, named):
     with pytest.raises(RecordingError) as error:
         read(tmp_path, text)
 
-    assert named in error.value.mistakes[0].got
+    assert named in error.value.mistakes[0].value
 
 
 def test_the_place_of_the_damage_is_told(tmp_path):

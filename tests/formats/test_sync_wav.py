@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dechirp.core.errors import RecordingError
-from dechirp.formats.base import Fit, Told
-from dechirp.formats.settings.base import Settings
-from dechirp.formats.sync_wav import SyncWav
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from dechirp.recordings.readers.base import MatchQuality, RecordingHints
+from dechirp.recordings.readers.sync_wav import SyncWav
+from dechirp.recordings.settings.base import RecordingSettings
 
 LIGHT = 299_792_458.0
 RATE = 8000
@@ -36,7 +36,7 @@ def told(n_chirps=10, *, n_samples=90, interval_s=PERIOD / RATE, **more):
     array = Array(rx_m=tuple((0.0, 0.01 * n, 0.0) for n in range(more.pop("n_rx", 1))))
     period_s = more.pop("period_s", None)
     frame = Frame(chirp=chirp, n_chirps=n_chirps, interval_s=interval_s, period_s=period_s)
-    return Told(settings=Settings(radar=Radar(frame=frame, array=array)), **more)
+    return RecordingHints(settings=RecordingSettings(radar=Radar(frame=frame, array=array)), **more)
 
 
 def heard(n_ramps=20.0, *, up_m=15.0, down_m=30.0, amplitude=0.5, begin=0.6):
@@ -68,7 +68,9 @@ def save(file, sound, n_bytes=2, rate=RATE):
 def decoded(file, what=None):
     contents = SyncWav().read(file, what or told())
     frame = contents.radar.frame
-    frames = np.empty((contents.n_frames, frame.n_sent, 1, frame.chirp.n_samples), np.float32)
+    frames = np.empty(
+        (contents.n_frames, frame.n_chirps_total, 1, frame.chirp.n_samples), np.float32
+    )
     for index, out in enumerate(frames):
         contents.decode(index, out)
     return contents, frames
@@ -92,7 +94,7 @@ def test_up_ramps_are_read_of_a_card_that_inverts_and_down_ramps_as_if_it_did_no
     # A bin is 1.5 m wide.
     assert peak_m(up, of_up) == pytest.approx(15.0, abs=0.3)
     assert peak_m(down, of_down) == pytest.approx(30.0, abs=0.3)
-    assert "inverted" in " ".join(f.got for f in up.findings if f.setting == "encoding")
+    assert "inverted" in " ".join(f.value for f in up.findings if f.setting == "encoding")
     assert warnings(up) == warnings(down) == []
 
 
@@ -197,8 +199,8 @@ def test_missing_sync_leaves_marked_gaps_and_the_rest_in_its_place(tmp_path):
     assert not frames[lost].any()
     assert np.array_equal(frames[~lost], whole[~lost])
     (warning,) = [finding for finding in contents.findings if finding.level == "warning"]
-    assert "3 ramps missing" in warning.got
-    assert "the longest interval, 0.1003 s, begins 0.2856 s after the start" in warning.got
+    assert "3 ramps missing" in warning.value
+    assert "the longest interval, 0.1003 s, begins 0.2856 s after the start" in warning.value
 
 
 def test_a_ramp_cut_by_a_dropout_of_the_sync_is_a_gap(tmp_path):
@@ -210,7 +212,7 @@ def test_a_ramp_cut_by_a_dropout_of_the_sync_is_a_gap(tmp_path):
 
     assert np.flatnonzero(contents.gaps.reshape(20)).tolist() == [5]
     assert not frames[0, 5].any()
-    assert "high for too short 2 times" in " ".join(f.got for f in contents.findings)
+    assert "pulses too short 2 times" in " ".join(f.value for f in contents.findings)
 
 
 def test_blocks_of_a_long_recording_fit_together(tmp_path):
@@ -237,7 +239,7 @@ def test_the_interval_of_the_sync_is_held_against_the_settings(tmp_path, interva
 
     said = [f for f in contents.findings if f.setting == "radar.frame.interval"]
     assert len(said) == warned
-    assert all("but 0.0250" in finding.got for finding in said)
+    assert all("but 0.0250" in finding.value for finding in said)
 
 
 def test_chirps_that_fill_no_frame_and_a_period_with_pauses_are_pointed_out(tmp_path):
@@ -247,7 +249,7 @@ def test_chirps_that_fill_no_frame_and_a_period_with_pauses_are_pointed_out(tmp_
 
     assert frames.shape[0] == 2
     assert contents.radar.frame.period_s is None
-    assert "6 chirps that are left out" in " ".join(f.got for f in contents.findings)
+    assert "6 chirps that are left out" in " ".join(f.value for f in contents.findings)
     assert warnings(contents) == ["radar.frame.period"]
 
 
@@ -259,10 +261,10 @@ STILL[1] = 0.3
     ("sound", "what", "named"),
     [
         (-heard(), told(rate_hz=16000.0), "sampled at 8000 Hz"),
-        (-heard()[:1], told(), "of 1 channels"),
+        (-heard()[:1], told(), "1 channels"),
         (-heard(), told(adc_start_s=2e-3, ramp_s=14e-3), "is high 20 times, for 100"),
         (STILL, told(), "stays at -0.3"),
-        (-heard(), told(21), "of 20 chirps"),
+        (-heard(), told(21), "20 chirps"),
         (-heard(), told(sampling="complex"), "complex samples"),
         (-heard(), told(n_rx=2), "of 2 receivers"),
     ],
@@ -271,13 +273,13 @@ def test_a_recording_that_is_not_that_of_the_radar_is_refused(tmp_path, sound, w
     with pytest.raises(RecordingError) as error:
         decoded(save(tmp_path / "car.wav", sound), what)
 
-    assert named in error.value.mistakes[0].got
+    assert named in error.value.mistakes[0].value
 
 
 @pytest.mark.parametrize(
     ("content", "named"),
     [
-        (b"RIFF", "does not begin as one"),
+        (b"RIFF", "without its signature"),
         (riff(), "without samples"),
         (riff(*[(b"junk", b"")] * 2000, (b"data", DATA)), "without samples"),
         (riff((b"data", DATA), (b"fmt ", FORM)), "before their format"),
@@ -294,7 +296,7 @@ def test_a_damaged_header_is_refused(tmp_path, content, named):
     with pytest.raises(RecordingError) as error:
         decoded(tmp_path / "car.wav")
 
-    assert named in error.value.mistakes[0].got
+    assert named in error.value.mistakes[0].value
 
 
 def test_samples_that_are_not_finite_are_refused(tmp_path):
@@ -304,15 +306,15 @@ def test_samples_that_are_not_finite_are_refused(tmp_path):
     content = riff((b"fmt ", form), (b"data", sound.T.tobytes()))
     (tmp_path / "car.wav").write_bytes(content)
 
-    with pytest.raises(RecordingError, match="not finite in chirp 5 of frame 0"):
+    with pytest.raises(RecordingError, match="non-finite samples in chirp 5 of frame 0"):
         decoded(tmp_path / "car.wav")
 
 
 def test_a_file_is_known_by_its_first_bytes(tmp_path):
-    assert SyncWav().recognise(save(tmp_path / "car", heard())) == Fit.CONTAINER
+    assert SyncWav().recognise(save(tmp_path / "car", heard())) == MatchQuality.CONTAINER
     (tmp_path / "film.avi").write_bytes(b"RIFF\0\0\0\0AVI ")
-    assert SyncWav().recognise(tmp_path / "film.avi") == Fit.NO
-    assert SyncWav().recognise(tmp_path) == Fit.NO
+    assert SyncWav().recognise(tmp_path / "film.avi") == MatchQuality.NO
+    assert SyncWav().recognise(tmp_path) == MatchQuality.NO
 
 
 @settings(max_examples=150)

@@ -16,25 +16,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dechirp.cli.main import main
-from dechirp.config.texts import dump
+from dechirp.config.dumping import dump
 from dechirp.core.errors import RecordingError
-from dechirp.echoes.codes import is_coded
-from dechirp.experiment.run import run
-from dechirp.experiment.scenario import Scenario, Source
-from dechirp.formats.dca1000 import _headers
-from dechirp.formats.recording import Recording
-from dechirp.formats.recording import open as open_recording
-from dechirp.formats.samples.layouts import Code, TwoLanes
-from dechirp.formats.settings.read import find_settings
-from dechirp.formats.streams.bytes_in import files_in
-from dechirp.formats.streams.packets import in_places, in_runs
-from dechirp.formats.streams.walk import walk
+from dechirp.experiments.run import run
+from dechirp.experiments.scenario import RecordingSource, Scenario
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
-from dechirp.radar.devices.known import device as known_device
+from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
+from dechirp.recordings.readers.dca1000 import _scan_packet_headers
+from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.samples.layouts import SampleCode, TwoLanes
+from dechirp.recordings.settings.read import find_settings
+from dechirp.recordings.streams.byte_sources import open_files
+from dechirp.recordings.streams.packets import assemble_packets, to_run_step
+from dechirp.recordings.streams.scan import scan_file
+from dechirp.simulation.adc_codes import has_adc_codes
 from formats.any_bytes import damaged, gives_a_cube_or_says_why
 
 RADAR = Radar(
@@ -264,8 +264,8 @@ def test_lost_packets_are_marked_in_the_cube_and_all_else_is_exact(tmp_path, con
     np.testing.assert_array_equal(recording.cube.values, samples_of(expected))
     one_frame = next(iter(recording.frames()))
     np.testing.assert_array_equal(one_frame.gap.values[0], of_chirps.any(axis=-1)[0])
-    (warning,) = [f for f in recording.findings if "lost" in f.got]
-    assert "4368 bytes lost in 2 places" in warning.got
+    (warning,) = [f for f in recording.findings if "lost" in f.value]
+    assert "4368 bytes lost in 2 ranges" in warning.value
     assert warning.level == "warning"
 
 
@@ -286,7 +286,7 @@ def test_packets_are_sorted_by_their_counters_not_by_arrival(tmp_path):
             np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
             said = str(recording.findings)
             assert "out of order" in said
-            assert "came twice" in said
+            assert "duplicate packets" in said
 
 
 @pytest.mark.parametrize("first", [(1, 0), (0, 0, 1)], ids=["exchanged", "twice"])
@@ -333,14 +333,14 @@ def test_a_part_of_a_split_capture_by_itself_is_pointed_out(tmp_path):
 
     part = open_recording(tmp_path / "adc_data_1.bin", radar=RADAR, device="xwr1642", iq="iq")
 
-    assert "Open adc_data_0.bin" in str(part.findings)
+    assert "open adc_data_0.bin" in str(part.findings)
 
 
 def test_two_boards_in_one_capture_are_not_mixed(tmp_path):
     both = zip(*(packets_of(two_lanes(codes(seed))) for seed in (1, 2)), strict=True)
     content = pcap([samples_in(packet) for pair in both for packet in pair])
 
-    with pytest.raises(RecordingError, match="17 of 17 looked at hold other samples"):
+    with pytest.raises(RecordingError, match="17 of 17 compared differ"):
         opened(tmp_path / "x.pcap", content, device="xwr1642")
 
 
@@ -355,7 +355,7 @@ def test_one_packet_whose_counter_is_wrong_costs_no_other(tmp_path):
 
     is_lost = recording.cube.gap.values
     np.testing.assert_array_equal(recording.cube.values[~is_lost], samples_of(numbers)[~is_lost])
-    assert "1 of 1 looked at hold other samples" in str(recording.findings)
+    assert "1 of 1 compared differ" in str(recording.findings)
 
 
 def test_a_capture_that_joins_late_begins_with_the_frame_that_it_joined(tmp_path):
@@ -385,7 +385,7 @@ def test_a_capture_that_joins_late_is_judged_by_a_whole_frame(tmp_path):
     np.testing.assert_array_equal(recording.cube.values[1:], samples_of(numbers[3:]))
     lost = late[0][1] - 2 * numbers[0].nbytes
     (warning,) = [finding for finding in recording.findings if finding.level == "warning"]
-    assert f"{lost} bytes lost in 1 places" in warning.got
+    assert f"{lost} bytes lost in 1 ranges" in warning.value
 
 
 def test_a_second_capture_in_one_file_is_left_out(tmp_path):
@@ -407,7 +407,7 @@ def test_counters_that_jump_are_refused_before_memory_is_taken(tmp_path):
 
 
 def test_a_capture_of_commands_alone_has_no_samples(tmp_path):
-    with pytest.raises(RecordingError, match="without a packet of samples"):
+    with pytest.raises(RecordingError, match="no packets of samples"):
         opened(tmp_path / "x.pcap", pcap([udp(b"\x5a\xa5\x09\x00\x00\x00\xaa\xee", port=4096)]))
 
 
@@ -425,10 +425,10 @@ def test_what_a_snap_length_cut_off_is_lost_and_pointed_out(tmp_path, container)
     is_lost = (place % 1456 >= 1348) & (place < 1456 * (len(packets) - 1))
     of_chirps = is_lost.reshape(N_FRAMES, RADAR.frame.n_chirps, -1).any(axis=-1)
     np.testing.assert_array_equal(recording.cube.gap.values, of_chirps)
-    (said,) = [finding for finding in recording.findings if "snap" in finding.got]
+    (said,) = [finding for finding in recording.findings if "snap" in finding.value]
     assert said.level == "warning"
-    assert f"{len(packets) - 1} packets" in said.got
-    assert "snap length of 1400 bytes" in said.got
+    assert f"{len(packets) - 1} packets" in said.value
+    assert "snap length of 1400 bytes" in said.value
 
 
 @pytest.mark.parametrize("container", [pcap, pcapng])
@@ -441,8 +441,8 @@ def test_a_capture_without_a_whole_packet_is_refused_for_its_snap_length(tmp_pat
         opened(tmp_path / "x.cap", content, device="xwr1642")
 
     (mistake,) = error.value.mistakes
-    assert f"{len(packets)} packets captured with a snap length of {snap} bytes" in mistake.got
-    assert "Capture whole packets" in mistake.fix
+    assert f"{len(packets)} packets captured with a snap length of {snap} bytes" in mistake.value
+    assert "capture whole packets" in mistake.fix
 
 
 def test_one_short_packet_that_is_whole_does_not_hide_a_snap_length(tmp_path):
@@ -455,7 +455,7 @@ def test_one_short_packet_that_is_whole_does_not_hide_a_snap_length(tmp_path):
 
 
 def test_a_capture_of_nothing_but_its_header_has_no_samples(tmp_path):
-    with pytest.raises(RecordingError, match="without a packet of samples"):
+    with pytest.raises(RecordingError, match="no packets of samples"):
         opened(tmp_path / "x.pcap", pcap([]))
 
 
@@ -483,7 +483,7 @@ def test_offset_binary_is_known_by_its_codes(tmp_path):
 def test_more_receivers_than_have_room_in_a_sample_are_refused(tmp_path, told):
     eight = replace(RADAR, array=Array(rx_m=tuple((0.0, 0.002 * n, 0.0) for n in range(8))))
 
-    with pytest.raises(RecordingError, match="8 receivers.*must be of 4 receivers at most"):
+    with pytest.raises(RecordingError, match="8 receivers.*expected at most 4 receivers"):
         opened(tmp_path / "x.bin", pairs(codes()), radar=eight, **told)
 
 
@@ -501,7 +501,7 @@ def test_twelve_bits_in_a_word_are_full_scale_whether_their_sign_was_extended_or
     for words in (numbers, numbers & 0x0FFF):
         out = np.empty((1, 1, 2), np.complex64)
         groups = np.array([[words[0, 0, 0], words[0, 1, 0], words[0, 0, 1], words[0, 1, 1]]])
-        TwoLanes().decode(groups.astype(np.int16), out, Code(bits=12))
+        TwoLanes().decode(groups.astype(np.int16), out, SampleCode(bits=12))
         np.testing.assert_array_equal(out[0, 0], samples_of(numbers * 16)[0])
 
 
@@ -519,12 +519,12 @@ def cascade(folder: Path, numbers: np.ndarray, radar: Radar, *, n_told: int | No
 def cascade_radar() -> Radar:
     board = known_device("cascade")
     frame = replace(RADAR.frame, n_chirps=2, multiplexing=Tdm(order=tuple(range(12))))
-    return Radar(frame=frame, array=board.part(0xFFF, 0xFFFF))
+    return Radar(frame=frame, array=board.select_antennas(0xFFF, 0xFFFF))
 
 
 def test_four_chips_of_a_cascade_are_one_cube(tmp_path, cascade_radar):
     frame = cascade_radar.frame
-    shape = (N_FRAMES, frame.n_sent, 16, frame.chirp.n_samples, 2)
+    shape = (N_FRAMES, frame.n_chirps_total, 16, frame.chirp.n_samples, 2)
     numbers = np.random.default_rng(3).integers(-999, 999, shape).astype(np.int16)
     cascade(tmp_path, numbers, cascade_radar)
 
@@ -534,12 +534,12 @@ def test_four_chips_of_a_cascade_are_one_cube(tmp_path, cascade_radar):
         assert recording.format == "ti-cascade"
         np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
         assert recording.cube.transmitter.values[:13].tolist() == [*range(12), 0]
-        assert is_coded(recording.cube)
+        assert has_adc_codes(recording.cube)
 
 
 def test_a_cascade_says_which_file_told_how_its_samples_lie(tmp_path, cascade_radar):
     frame = cascade_radar.frame
-    numbers = np.zeros((1, frame.n_sent, 16, frame.chirp.n_samples, 2), np.int16)
+    numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
     cascade(tmp_path, numbers, cascade_radar)
     told = tmp_path / "capture.yaml"
     told.write_text(dump(cascade_radar))
@@ -551,7 +551,7 @@ def test_a_cascade_says_which_file_told_how_its_samples_lie(tmp_path, cascade_ra
 
 def test_the_parts_of_a_sample_have_one_order_in_all_chips_of_a_cascade(tmp_path, cascade_radar):
     frame = cascade_radar.frame
-    shape = (1, frame.n_sent, 16, frame.chirp.n_samples)
+    shape = (1, frame.n_chirps_total, 16, frame.chirp.n_samples)
     tone = np.exp(2j * np.pi * 0.2 * np.arange(frame.chirp.n_samples))
     beat = np.broadcast_to(tone, shape).copy()
     beat[:, :, 8:12] = beat[:, :, 8:12].conj()  # what noise alone may look like
@@ -568,7 +568,7 @@ def test_a_chip_of_a_cascade_may_not_lie_elsewhere(tmp_path, cascade_radar):
     folder, elsewhere = tmp_path / "capture", tmp_path / "elsewhere.bin"
     folder.mkdir()
     frame = cascade_radar.frame
-    numbers = np.zeros((1, frame.n_sent, 16, frame.chirp.n_samples, 2), np.int16)
+    numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
     cascade(folder, numbers, cascade_radar)
     (folder / "slave1_0000_data.bin").rename(elsewhere)
     (folder / "slave1_0000_data.bin").symlink_to(elsewhere)
@@ -579,7 +579,7 @@ def test_a_chip_of_a_cascade_may_not_lie_elsewhere(tmp_path, cascade_radar):
 
 def test_a_cascade_without_one_of_its_chips_is_refused(tmp_path, cascade_radar):
     frame = cascade_radar.frame
-    numbers = np.zeros((1, frame.n_sent, 16, frame.chirp.n_samples, 2), np.int16)
+    numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
     cascade(tmp_path, numbers, cascade_radar)
     (tmp_path / "slave1_0000_data.bin").unlink()
 
@@ -661,7 +661,7 @@ def test_any_bytes_give_a_cube_or_say_why(tmp_path_factory, head, rest):
 def test_any_damage_to_a_cascade_gives_a_cube_or_says_why(tmp_path_factory, cascade_radar, data):
     folder = tmp_path_factory.mktemp("cascade")
     frame = cascade_radar.frame
-    numbers = np.zeros((1, frame.n_sent, 16, frame.chirp.n_samples, 2), np.int16)
+    numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
     cascade(folder, numbers, cascade_radar)
     file = folder / data.draw(st.sampled_from(sorted(entry.name for entry in folder.iterdir())))
     file.write_bytes(data.draw(damaged(file.read_bytes())))
@@ -715,8 +715,8 @@ def test_points_cannot_be_run(tmp_path):
     stream = bytes.fromhex("0201040306050807") + struct.pack("<8I", 1, 40, 0xA1843, 7, 0, 0, 0, 0)
     (tmp_path / "points.dat").write_bytes(stream * 2)
 
-    with pytest.raises(RecordingError, match="holds detections and no samples"):
-        run(Scenario(recording=Source(path=str(tmp_path / "points.dat"))))
+    with pytest.raises(RecordingError, match="contains detections without samples"):
+        run(Scenario(recording=RecordingSource(path=str(tmp_path / "points.dat"))))
 
 
 @pytest.mark.parametrize("lost", [[], [5], [5, 6, 20]])
@@ -726,8 +726,8 @@ def test_what_is_kept_of_an_orderly_capture_grows_with_its_losses_alone(tmp_path
     file = tmp_path / "adc_data_Raw_0.bin"
     file.write_bytes(with_headers(kept))
 
-    runs, _ = walk(file, in_runs(_headers), 0)
-    packets, findings = in_places(file, files_in(file), runs)
+    runs, _ = scan_file(file, to_run_step(_scan_packet_headers), 0)
+    packets, findings = assemble_packets(file, open_files(file), runs)
 
     # A run before each place of loss, one to the end, and the last packet, which is shorter.
     n_places = sum(number - 1 not in lost for number in lost)

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dechirp.core.errors import RecordingError
-from dechirp.formats.base import Fit, Told
-from dechirp.formats.settings.base import Settings
-from dechirp.formats.ti_uart import TiUart
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from dechirp.recordings.readers.base import MatchQuality, RecordingHints
+from dechirp.recordings.readers.ti_uart import TiUart
+from dechirp.recordings.settings.base import RecordingSettings
 
 MAGIC = b"\x02\x01\x04\x03\x06\x05\x08\x07"
 SDK_4, SDK_2, SDK_1_0 = 0x04070001, 0x02010004, 0x01000005
@@ -50,11 +50,11 @@ def scene(number):
 
 def read(tmp_path, content, told=None):
     (tmp_path / "stream.dat").write_bytes(content)
-    return TiUart().read(tmp_path / "stream.dat", told or Told())
+    return TiUart().read(tmp_path / "stream.dat", told or RecordingHints())
 
 
 def lost(contents):
-    return [finding.got for finding in contents.findings if finding.level == "warning"]
+    return [finding.value for finding in contents.findings if finding.level == "warning"]
 
 
 def told(n_chirps=16, period_s=0.1):
@@ -67,7 +67,7 @@ def told(n_chirps=16, period_s=0.1):
         sampling="complex",
     )
     frame = Frame(chirp=chirp, n_chirps=n_chirps, interval_s=70e-6, period_s=period_s)
-    return Told(settings=Settings(radar=Radar(frame=frame)))
+    return RecordingHints(settings=RecordingSettings(radar=Radar(frame=frame)))
 
 
 def test_a_point_in_front_to_the_left_and_above_is_there(tmp_path):
@@ -110,7 +110,7 @@ def test_other_items_are_counted_by_kind(tmp_path):
 
     contents = read(tmp_path, scene(1) + packet(2, 0, profile, STATISTICS, item(301, b"abc")))
 
-    (note,) = [finding.got for finding in contents.findings]
+    (note,) = [finding.value for finding in contents.findings]
     assert "range profile (2) in 1, statistics (6) in 2, unknown (301) in 1" in note
 
 
@@ -259,23 +259,23 @@ def test_the_first_sdk_counts_doppler_bins_from_zero(tmp_path):
     ],
 )
 def test_a_file_without_a_whole_packet_is_refused(tmp_path, content):
-    with pytest.raises(RecordingError, match="without a whole packet"):
+    with pytest.raises(RecordingError, match="no complete packet"):
         read(tmp_path, content)
 
 
 def test_a_file_is_known_by_a_magic_word_near_its_start(tmp_path):
     file = tmp_path / "anything.bin"
     for content, fit in (
-        (scene(1), Fit.OWN),
-        (b"\x55" * 3000 + scene(1), Fit.OWN),
-        (MAGIC + scene(1), Fit.OWN),
-        (MAGIC + b"\xff" * 100, Fit.NO),
-        (MAGIC, Fit.NO),
-        (b"", Fit.NO),
+        (scene(1), MatchQuality.SELF_DESCRIBING),
+        (b"\x55" * 3000 + scene(1), MatchQuality.SELF_DESCRIBING),
+        (MAGIC + scene(1), MatchQuality.SELF_DESCRIBING),
+        (MAGIC + b"\xff" * 100, MatchQuality.NO),
+        (MAGIC, MatchQuality.NO),
+        (b"", MatchQuality.NO),
     ):
         file.write_bytes(content)
         assert TiUart().recognise(file) == fit
-    assert TiUart().recognise(tmp_path) == Fit.NO
+    assert TiUart().recognise(tmp_path) == MatchQuality.NO
 
 
 STREAM = b"".join(scene(number) for number in range(5)) + packet(

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dechirp.core.errors import RecordingError
-from dechirp.formats.base import Fit, Told
-from dechirp.formats.settings.base import Settings
-from dechirp.formats.urad import Urad
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from dechirp.recordings.readers.base import MatchQuality, RecordingHints
+from dechirp.recordings.readers.urad import Urad
+from dechirp.recordings.settings.base import RecordingSettings
 from formats.any_bytes import decoded
 
 LIGHT = 299_792_458.0
@@ -30,7 +30,7 @@ def told(n_chirps=8, *, n_samples=N, sampling="complex", n_rx=1, interval_s=INTE
     )
     array = Array(rx_m=tuple((0.0, 0.01 * n, 0.0) for n in range(n_rx)))
     frame = Frame(chirp=chirp, n_chirps=n_chirps, interval_s=interval_s)
-    return Told(settings=Settings(radar=Radar(frame=frame, array=array)), **more)
+    return RecordingHints(settings=RecordingSettings(radar=Radar(frame=frame, array=array)), **more)
 
 
 def beat(range_m, velocity_m_per_s, *, n_chirps, down=False):
@@ -97,7 +97,7 @@ def test_both_ramps_of_a_triangle_tell_range_and_velocity_with_opposite_coupling
     mean_m = 12.0 + v * 31 / 2 * INTERVAL
     assert seen["up"] == pytest.approx((mean_m + coupling_m, v), abs=0.03)
     assert seen["down"] == pytest.approx((mean_m - coupling_m, v), abs=0.03)
-    assert "opposite sign" in " ".join(finding.need for finding in contents.findings)
+    assert "opposite sign" in " ".join(finding.expected for finding in contents.findings)
 
 
 def test_codes_of_12_bits_span_full_scale_with_their_offset(tmp_path):
@@ -141,7 +141,7 @@ def test_a_last_line_cut_short_and_chirps_that_fill_no_frame_are_left_out(tmp_pa
     contents, frames = read(tmp_path, text[:-300])
 
     assert frames.shape[0] == 2
-    said = " ".join(finding.got for finding in contents.findings)
+    said = " ".join(finding.value for finding in contents.findings)
     assert "in line 20, the last" in said
     assert "3 chirps that are left out" in said
 
@@ -163,37 +163,37 @@ GOOD = lines(beat(12.0, 0.0, n_chirps=8), times=True)
         ("1 2 3\n" * 8, told(), "3 numbers in line 1"),
         ("1 2 3 4\n" * 8 + "1 2 3 4 5 6\n", told(), "6 numbers after lines of 4 in line 9"),
         ("1" * 70_000, told(), "more than 65536 bytes in line 1"),
-        (GOOD, told(n_samples=90), "of 200 numbers a line"),
-        (GOOD, told(encoding="down"), "of 200 numbers a line"),
+        (GOOD, told(n_samples=90), "200 numbers a line"),
+        (GOOD, told(encoding="down"), "200 numbers a line"),
         (GOOD, told(sampling="real"), "real samples"),
         (GOOD, told(n_rx=2), "of 2 receivers"),
-        (GOOD, told(9), "of 8 chirps"),
+        (GOOD, told(9), "8 chirps"),
     ],
 )
 def test_a_recording_that_cannot_be_right_is_refused(tmp_path, text, what, named):
     with pytest.raises(RecordingError) as error:
         read(tmp_path, text, what)
 
-    assert named in error.value.mistakes[0].got
+    assert named in error.value.mistakes[0].value
 
 
 def test_a_file_is_known_by_its_lines(tmp_path):
     file = tmp_path / "anything"
     for text, fit in (
-        (GOOD, Fit.LIKELY),
-        (GOOD[:-300], Fit.LIKELY),
-        (GOOD * 20, Fit.LIKELY),  # longer than what is looked at
-        ("1 2 3 4\n" * 8, Fit.POSSIBLE),
-        ("1 2 3\n" * 8, Fit.NO),
-        (GOOD.replace(" ", " 4096 ", 1), Fit.NO),
-        (GOOD.replace(" ", " 0.5 ", 1), Fit.NO),
-        ("frame: 1\n", Fit.NO),
-        ("\x00\x01" * 300, Fit.NO),
-        ("", Fit.NO),
+        (GOOD, MatchQuality.LIKELY),
+        (GOOD[:-300], MatchQuality.LIKELY),
+        (GOOD * 20, MatchQuality.LIKELY),  # longer than what is looked at
+        ("1 2 3 4\n" * 8, MatchQuality.POSSIBLE),
+        ("1 2 3\n" * 8, MatchQuality.NO),
+        (GOOD.replace(" ", " 4096 ", 1), MatchQuality.NO),
+        (GOOD.replace(" ", " 0.5 ", 1), MatchQuality.NO),
+        ("frame: 1\n", MatchQuality.NO),
+        ("\x00\x01" * 300, MatchQuality.NO),
+        ("", MatchQuality.NO),
     ):
         file.write_text(text)
         assert Urad().recognise(file) == fit
-    assert Urad().recognise(tmp_path) == Fit.NO
+    assert Urad().recognise(tmp_path) == MatchQuality.NO
 
 
 @settings(max_examples=150)

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dechirp.core.errors import InvalidFile, RecordingError
-from dechirp.formats.settings.read import find_settings, read_radar, read_settings
-from dechirp.radar.devices.known import device
+from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
+from dechirp.recordings.settings.read import find_settings, read_radar, read_settings
 
 
 def from_text(tmp_path, text, name="settings.cfg", of=None):
@@ -52,8 +52,8 @@ def test_a_cfg_gives_what_the_chip_sends_and_how_it_keeps_it(tmp_path):
     assert (chirp.n_samples, chirp.sampling) == (256, "complex")
     assert frame.interval_s == pytest.approx(70e-6)  # idle, then the ramp
     assert frame.period_s == pytest.approx(50e-3)
-    assert (frame.n_chirps, frame.n_sent, frame.multiplexing) == (32, 64, Tdm(order=(0, 1)))
-    assert (made.iq, made.interleaved, made.bits) == ("qi", False, 16)
+    assert (frame.n_chirps, frame.n_chirps_total, frame.multiplexing) == (32, 64, Tdm(order=(0, 1)))
+    assert (made.iq, made.is_interleaved, made.bits) == ("qi", False, 16)
     assert (made.n_frames, made.receivers, made.device) == (None, (0, 1, 2, 3), "xwr1843")
 
 
@@ -62,7 +62,7 @@ def test_positions_are_those_of_the_antennas_that_the_masks_switch_on(tmp_path):
 
     made = from_text(tmp_path, CFG.replace("channelCfg 15 5 0", "channelCfg 6 5 0"))
 
-    assert made.radar.array == board.part(0b101, 0b0110)
+    assert made.radar.array == board.select_antennas(0b101, 0b0110)
     assert made.receivers == (1, 2)
     assert made.findings == ()
 
@@ -89,7 +89,7 @@ def test_transmitters_keep_their_order_of_turns(tmp_path):
     made = from_text(tmp_path, swapped.replace("0 0 0 0 0 x", "0 0 0 0 0 1"))
 
     assert made.radar.frame.multiplexing == Tdm(order=(1, 0))
-    assert made.radar.array == device("xwr1843").part(0b101, 0b1111)
+    assert made.radar.array == device("xwr1843").select_antennas(0b101, 0b1111)
 
 
 def test_rounds_in_a_loop_are_chirps_of_each_transmitter(tmp_path):
@@ -118,9 +118,9 @@ def test_two_transmitters_that_send_together_with_signs_are_read(tmp_path):
     made = from_text(tmp_path, BPM)
 
     frame = made.radar.frame
-    assert (frame.n_chirps, frame.n_sent, frame.multiplexing) == (32, 64, Bpm(order=(0, 1)))
-    assert frame.sent_weights()[:4].tolist() == [[1, 1], [1, -1], [1, 1], [1, -1]]
-    assert made.radar.array == device("xwr1843").part(0b101, 0b1111)
+    assert (frame.n_chirps, frame.n_chirps_total, frame.multiplexing) == (32, 64, Bpm(order=(0, 1)))
+    assert frame.chirp_weights()[:4].tolist() == [[1, 1], [1, -1], [1, 1], [1, -1]]
+    assert made.radar.array == device("xwr1843").select_antennas(0b101, 0b1111)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_two_transmitters_that_send_together_with_signs_are_read(tmp_path):
 )
 def test_signs_on_other_chirps_than_the_two_of_a_pair_are_refused(tmp_path, old, new):
     assert old in BPM
-    with pytest.raises(InvalidFile, match="bpmCfg is given enabled 1.*the same two transmitters"):
+    with pytest.raises(InvalidFile, match="bpmCfg: enabled 1.*the same two transmitters"):
         from_text(tmp_path, BPM.replace(old, new))
 
 
@@ -158,7 +158,7 @@ def test_a_device_that_is_given_comes_before_the_one_in_the_file(tmp_path):
     )
 
     assert made.device == "xwr1642"
-    assert made.radar.array == device("xwr1642").part(0b11, 0b1111)
+    assert made.radar.array == device("xwr1642").select_antennas(0b11, 0b1111)
 
 
 def test_the_first_demos_have_no_sub_frames(tmp_path):
@@ -167,7 +167,7 @@ def test_the_first_demos_have_no_sub_frames(tmp_path):
 
     made = from_text(tmp_path, text)
 
-    assert (made.iq, made.interleaved, made.device) == ("iq", True, "xwr1443")
+    assert (made.iq, made.is_interleaved, made.device) == ("iq", True, "xwr1443")
 
 
 def test_real_samples_have_no_order_of_their_parts(tmp_path):
@@ -198,7 +198,7 @@ def test_a_flush_forgets_what_was_before(tmp_path):
 def test_frames_of_one_chirp_are_the_chirps_of_one_frame(tmp_path):
     made = from_text(tmp_path, CFG.replace("frameCfg 0 1 32 0 50", "frameCfg 0 0 1 200 1"))
 
-    assert made.merged
+    assert made.has_merged_frames
     assert (made.radar.frame.n_chirps, made.n_frames) == (200, 1)
     assert made.radar.frame.interval_s == pytest.approx(1e-3)
 
@@ -218,12 +218,12 @@ def test_a_frame_of_one_sub_frame_is_a_frame(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "line", "named"),
     [
-        ("channelCfg 15 5 0", "channelCfg 15 5", 5, "given 2 numbers"),
+        ("channelCfg 15 5 0", "channelCfg 15 5", 5, "2 numbers"),
         ("channelCfg 15 5 0", "channelCfg 0 5 0", 5, "rx_mask 0"),
         ("channelCfg 15 5 0", "channelCfg 15 5 1", 5, "cascading 1"),
         ("adcCfg 2 1", "adcCfg 2 3", 6, "format 3"),
         ("adcCfg 2 1", "adcCfg 2 0", 7, "format 0 in adcCfg"),
-        ("adcbufCfg -1 0 1 1 1", "adcbufCfg -1 0 1", 7, "given 3 numbers"),
+        ("adcbufCfg -1 0 1 1 1", "adcbufCfg -1 0 1", 7, "3 numbers"),
         ("profileCfg 0 77", "profileCfg 0 x", 8, "start_ghz 'x'"),
         ("profileCfg 0 77", "profileCfg 0 nan", 8, "start_ghz 'nan'"),
         ("profileCfg 0 77", "profileCfg 0 1e999", 8, "start_ghz '1e999'"),
@@ -232,8 +232,8 @@ def test_a_frame_of_one_sub_frame_is_a_frame(tmp_path):
         ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 0", 10, "tx_mask 0"),
         ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 2 0 4", 10, "idle_variation 2"),
         ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 1 0 0 0 0 4", 10, "profile 1"),
-        ("frameCfg 0 1", "frameCfg 0 2", 11, "leaves out 2"),
-        ("frameCfg 0 1", "frameCfg 1 0", 11, "of chirps 1 to 0"),
+        ("frameCfg 0 1", "frameCfg 0 2", 11, "without chirpCfg for 2"),
+        ("frameCfg 0 1", "frameCfg 1 0", 11, "chirps 1 to 0"),
         ("frameCfg 0 1", f"frameCfg 0 {10**30}", 11, "last '1000"),
         ("lvdsStreamCfg -1 0 1 0", "lvdsStreamCfg -1 1 1 0", 13, "header 1"),
         ("lowPower 0 0", "bpmCfg -1 1 0 1", 12, "enabled 1"),
@@ -247,7 +247,7 @@ def test_a_wrong_command_is_named_with_its_line(tmp_path, old, new, line, named)
 
     wrong = [mistake for mistake in error.value.mistakes if mistake.line == line]
     assert wrong, str(error.value)
-    assert named in wrong[0].got
+    assert named in wrong[0].value
     assert wrong[0].setting in (CFG.splitlines()[line - 1].split()[0], new.split()[0])
 
 
@@ -365,7 +365,7 @@ def test_what_studio_told_the_radar_is_what_the_cfg_of_the_same_radar_says(tmp_p
     made = from_text(tmp_path, studio(), "a.mmwave.json", of="xwr1843")
 
     assert made.radar == expected.radar
-    assert (made.iq, made.interleaved, made.bits) == ("qi", False, 16)
+    assert (made.iq, made.is_interleaved, made.bits) == ("qi", False, 16)
     assert (made.n_frames, made.receivers) == (8, (0, 1, 2, 3))
 
 
@@ -412,7 +412,7 @@ def test_chips_of_a_cascade_send_in_turn_with_all_their_antennas(tmp_path):
     made = from_text(tmp_path, studio(*chips), "a.mmwave.json")
 
     assert made.device == "cascade"
-    assert made.radar.array == device("cascade").part(1 << 2 | 1 << 3, 2**16 - 1)
+    assert made.radar.array == device("cascade").select_antennas(1 << 2 | 1 << 3, 2**16 - 1)
     assert made.radar.frame.multiplexing == Tdm(order=(1, 0))
     assert made.receivers == tuple(range(16))
 
@@ -422,7 +422,7 @@ def test_chips_of_a_cascade_send_in_turn_with_all_their_antennas(tmp_path):
     [
         ("[" * 100_000, "nested too deeply"),
         ("{", "not JSON"),
-        ('{"mmWaveDevices": []}', "without a list mmWaveDevices"),
+        ('{"mmWaveDevices": []}', "no list mmWaveDevices"),
         ('{"mmWaveDevices": [3]}', "mmWaveDevices[0].rfConfig.rlChanCfg_t missing"),
         (studio(chip(rlProfiles=[profile(numAdcSamples="many")])), 'numAdcSamples = "many"'),
         (studio(chip(rlProfiles=[profile(numAdcSamples=1e999)])), "numAdcSamples = Infinity"),
@@ -432,12 +432,12 @@ def test_chips_of_a_cascade_send_in_turn_with_all_their_antennas(tmp_path):
         (studio(chip(rlAdcOutCfg_t={"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 3}})), "OutFmt = 3"),
         (studio(chip(rlBpmChirps=[{"rlBpmChirpCfg_t": {}}])), "rlBpmChirps"),
         (studio(chip(["0x3"])), "transmitters 1+2 at once"),
-        (studio(chip(["0x0"])), "chirp 0 with none"),
-        (studio(chip(["-1"])), "chirp 0 with none"),
+        (studio(chip(["0x0"])), "chirp 0 without transmitter"),
+        (studio(chip(["-1"])), "chirp 0 without transmitter"),
         (studio(chip(rlChirps=[chirp(0, "1")])), "differ or are not set"),
         (studio(chip(rlChirps=[chirp(0, "1"), chirp(1, "2", idleTimeVar_usec=1)])), "differ"),
         (studio(chip(rlProfiles=[profile(freqSlopeConst_MHz_usec=-30)])), "slope_hz_per_s"),
-        (studio(chip(["0x1"]), chip(["0x9"])), "chirp 0 with none"),
+        (studio(chip(["0x1"]), chip(["0x9"])), "chirp 0 without transmitter"),
     ],
 )
 def test_settings_of_studio_that_are_not_right_are_named_with_what_is_wrong(
@@ -490,9 +490,9 @@ def test_a_log_of_transmitters_that_take_turns_has_their_multiplexing(tmp_path):
     made = from_text(tmp_path, log(), "LogFile.txt")
 
     assert made.radar.frame.multiplexing == Tdm(order=(0, 1))
-    assert (made.radar.frame.n_chirps, made.radar.frame.n_sent) == (32, 64)
-    assert made.radar.array == device("AWR1243").part(0b101, 0b1111)
-    assert (made.device, made.interleaved, made.receivers) == ("xwr1443", True, (0, 1, 2, 3))
+    assert (made.radar.frame.n_chirps, made.radar.frame.n_chirps_total) == (32, 64)
+    assert made.radar.array == device("AWR1243").select_antennas(0b101, 0b1111)
+    assert (made.device, made.is_interleaved, made.receivers) == ("xwr1443", True, (0, 1, 2, 3))
 
 
 def test_the_transmitters_of_a_chirp_in_a_log_are_a_mask(tmp_path):
@@ -500,14 +500,14 @@ def test_the_transmitters_of_a_chirp_in_a_log_are_a_mask(tmp_path):
     made = from_text(tmp_path, log().replace("0,0,0,0,0,4,0,", "0,0,0,0,0,2,0,"), "LogFile.txt")
 
     assert made.radar.frame.multiplexing == Tdm(order=(0, 1))
-    assert made.radar.array == device("AWR1243").part(0b011, 0b1111)
+    assert made.radar.array == device("AWR1243").select_antennas(0b011, 0b1111)
 
 
 def test_a_log_says_how_the_samples_were_kept(tmp_path):
     real = from_text(tmp_path, log("other chip", bits=0, form=0, interleave=1), "LogFile.txt")
 
     assert (real.radar.frame.chirp.sampling, real.iq) == ("real", None)
-    assert (real.bits, real.interleaved, real.device) == (12, False, None)
+    assert (real.bits, real.is_interleaved, real.device) == (12, False, None)
     assert [finding.setting for finding in real.findings] == ["radar.array"]
 
 
@@ -515,7 +515,7 @@ def test_a_log_says_how_the_samples_were_kept(tmp_path):
     ("old", "new", "named"),
     [
         ("0,0,0,0,0,1,0,", "0,0,0,0,0,3,0,", "transmitters 1+2 at once"),
-        ("0,0,0,0,0,1,0,", "0,0,0,0,0,0,0,", "chirp 0 with none"),
+        ("0,0,0,0,0,1,0,", "0,0,0,0,0,0,0,", "chirp 0 without transmitter"),
         ("ChannelConfig,7,15,", "ChannelConfig,7,0,", "rx_mask"),
         ("DataFmtConfig,15,2,1", "DataFmtConfig,15,2,3", "format 3"),
         ("DataFmtConfig,15,2,1", "DataFmtConfig,15,3,1", "bits 3"),
@@ -557,7 +557,7 @@ def test_two_transmitters_of_infineon_take_turns(tmp_path, mode):
 
     frame = made.radar.frame
     assert frame.multiplexing == Tdm(order=(0, 1))
-    assert (frame.n_chirps, frame.n_sent) == (16, 32)
+    assert (frame.n_chirps, frame.n_chirps_total) == (16, 32)
     assert len(made.radar.array.tx_m) == 2
     assert [finding.setting for finding in made.findings] == ["radar.array"]
 
@@ -565,7 +565,7 @@ def test_two_transmitters_of_infineon_take_turns(tmp_path, mode):
 def test_antennas_of_infineon_are_known_once_the_device_is(tmp_path):
     made = from_text(tmp_path, infineon(), "config.json", of="BGT60TR13C")
 
-    assert made.radar.array == device("bgt60tr13c").part(0b1, 0b101)
+    assert made.radar.array == device("bgt60tr13c").select_antennas(0b1, 0b101)
     assert (made.device, made.bits, made.receivers) == ("bgt60tr13c", 12, (0, 2))
     assert made.findings == ()
 
@@ -639,7 +639,7 @@ def test_links_that_leave_the_folder_are_left_alone(tmp_path):
     (inside / "capture.cfg").symlink_to(outside / "radar.cfg")
     (inside / "round.cfg").symlink_to(inside / "round.cfg")
 
-    with pytest.raises(RecordingError, match="without settings of its own"):
+    with pytest.raises(RecordingError, match="no settings in the recording"):
         find_settings(inside / "capture.bin")
 
     (inside / "radar.cfg").write_text(CFG)
@@ -681,7 +681,7 @@ def read_or_refuse(folder, name, text):
     except (RecordingError, InvalidFile) as error:
         assert str(error)
     else:
-        assert made.radar.frame.n_sent > 0
+        assert made.radar.frame.n_chirps_total > 0
         assert len(made.receivers or made.radar.array.rx_m) == made.radar.array.n_rx
 
 

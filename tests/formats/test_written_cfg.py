@@ -8,15 +8,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from dechirp.core.errors import DechirpError, InvalidSetting
-from dechirp.formats.settings.read import read_settings
-from dechirp.formats.settings.write_ti_cfg import ti_cfg_text
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
-from dechirp.radar.devices.known import device
+from dechirp.radar.devices.lookup import device
 from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
+from dechirp.recordings.settings.read import read_settings
+from dechirp.recordings.settings.write_ti_cfg import format_ti_cfg
 
 KINDS = ["xwr1443", "xwr1642", "xwr1843", "xwr6843"]
 STARTS_HZ = dict.fromkeys(KINDS, 77.1e9) | {"xwr6843": 60.3e9}
@@ -41,7 +41,7 @@ def radar(kind, *, order=(0, 1), tx_mask=0b11, rx_mask=0b1111, n_chirps=32, **ch
         period_s=50e-3,
         multiplexing=Tdm(order=order) if len(order) > 1 else None,
     )
-    return Radar(frame=frame, array=device(kind).part(tx_mask, rx_mask))
+    return Radar(frame=frame, array=device(kind).select_antennas(tx_mask, rx_mask))
 
 
 def numbers_of(text, command):
@@ -69,11 +69,11 @@ SDKS = [(kind, 3) for kind in KINDS] + [("xwr1443", 1), ("xwr1443", 2), ("xwr164
 def test_a_radar_in_decimals_comes_back_as_it_was(read_back, kind, sdk):
     made = radar(kind)
 
-    settings = read_back(ti_cfg_text(made, device=kind, n_frames=7, sdk=sdk))
+    settings = read_back(format_ti_cfg(made, device=kind, n_frames=7, sdk=sdk))
 
     assert settings.radar == made
     assert (settings.n_frames, settings.device) == (7, kind)
-    assert settings.interleaved == (kind == "xwr1443")
+    assert settings.is_interleaved == (kind == "xwr1443")
     assert settings.findings == ()
 
 
@@ -84,7 +84,7 @@ def test_a_radar_in_decimals_comes_back_as_it_was(read_back, kind, sdk):
 def test_masks_are_those_of_the_antennas_in_the_array(read_back, order, tx_mask, rx_mask):
     made = radar("xwr1843", order=order, tx_mask=tx_mask, rx_mask=rx_mask)
 
-    text = ti_cfg_text(made, device="AWR1843")
+    text = format_ti_cfg(made, device="AWR1843")
 
     assert numbers_of(text, "channelCfg") == [rx_mask, tx_mask, 0]
     assert read_back(text).radar == made
@@ -95,7 +95,7 @@ def test_an_array_elsewhere_is_that_of_the_device_if_its_shape_is(read_back):
     moved = tuple((x + 0.1, y - 0.2, z + 1.0) for x, y, z in made.array.rx_m)
     elsewhere = replace(made, array=replace(made.array, rx_m=moved))
 
-    assert ti_cfg_text(elsewhere, device="xwr1843") == ti_cfg_text(made, device="xwr1843")
+    assert format_ti_cfg(elsewhere, device="xwr1843") == format_ti_cfg(made, device="xwr1843")
 
 
 @given(data=st.data(), kind=st.sampled_from(KINDS))
@@ -119,10 +119,10 @@ def test_every_value_comes_back_within_a_step_of_the_chip(read_back, data, kind)
         period_s=between(20e-3, 200e-3),
     )
     made = replace(made, frame=frame)
-    assume(not device(kind).broken_rules(made))
+    assume(not device(kind).find_broken_rules(made))
 
-    back = read_back(ti_cfg_text(made, device=kind)).radar
-    again = read_back(ti_cfg_text(back, device=kind)).radar
+    back = read_back(format_ti_cfg(made, device=kind)).radar
+    again = read_back(format_ti_cfg(back, device=kind)).radar
 
     chirp, chirp_back = made.frame.chirp, back.frame.chirp
     for got, sent, step in [
@@ -151,16 +151,16 @@ def test_what_the_chip_can_count_it_counts(start, slope):
         slope_hz_per_s=slope * limits.slope_step_hz_per_s,
         ramp_duration_s=57.4e-6,
     )
-    assume(not device("xwr1642").broken_rules(made))
+    assume(not device("xwr1642").find_broken_rules(made))
 
-    numbers = numbers_of(ti_cfg_text(made, device="xwr1642"), "profileCfg")
+    numbers = numbers_of(format_ti_cfg(made, device="xwr1642"), "profileCfg")
 
     assert math.floor(numbers[1] * 2**26 / 3.6) == start
     assert math.floor(numbers[7] * 2**26 / (3.6e3 * 900)) == slope
 
 
 def test_the_demo_of_sdk_3_is_told_all_that_its_visualizer_tells_it():
-    text = ti_cfg_text(radar("xwr1843"), device="xwr1843")
+    text = format_ti_cfg(radar("xwr1843"), device="xwr1843")
 
     commands = [line.split()[0] for line in text.splitlines() if not line.startswith("%")]
     expected = """
@@ -176,7 +176,7 @@ def test_the_demo_of_sdk_3_is_told_all_that_its_visualizer_tells_it():
 
 def test_demos_that_run_on_the_dsp_are_also_told_that_no_code_is_sent():
     # mss_main.c of xwr16xx and xwr68xx refuses to start without bpmCfg; xwr18xx knows none.
-    told = {kind: "bpmCfg -1 0 0 1" in ti_cfg_text(radar(kind), device=kind) for kind in KINDS}
+    told = {kind: "bpmCfg -1 0 0 1" in format_ti_cfg(radar(kind), device=kind) for kind in KINDS}
 
     assert told == {"xwr1443": False, "xwr1642": True, "xwr1843": False, "xwr6843": True}
 
@@ -193,7 +193,7 @@ def test_demos_that_run_on_the_dsp_are_also_told_that_no_code_is_sent():
 )
 def test_samples_come_as_the_demo_of_the_chip_takes_them(kind, sdk, layout, low_power):
     # As the visualizer writes them: I first for the DSP of the first demos alone.
-    text = ti_cfg_text(radar(kind), device=kind, sdk=sdk)
+    text = format_ti_cfg(radar(kind), device=kind, sdk=sdk)
 
     assert numbers_of(text, "adcbufCfg") == layout
     assert numbers_of(text, "lowPower") == [0, low_power]
@@ -202,7 +202,7 @@ def test_samples_come_as_the_demo_of_the_chip_takes_them(kind, sdk, layout, low_
 @pytest.mark.parametrize(("kind", "last_bin"), [("xwr1443", 229), ("xwr1642", 255)])
 def test_peaks_are_grouped_over_the_bins_of_the_transform(kind, last_bin):
     # 240 samples are transformed to 256 bins; 229 is in every file for 14xx chips.
-    text = ti_cfg_text(radar(kind, n_samples=240), device=kind, sdk=2)
+    text = format_ti_cfg(radar(kind, n_samples=240), device=kind, sdk=2)
 
     assert numbers_of(text, "peakGrouping")[-1] == last_bin
 
@@ -217,7 +217,7 @@ def test_slices_of_the_monitors_fit_into_a_chirp(n_samples, rate_hz):
         slope_hz_per_s=8e12,
     )
 
-    text = ti_cfg_text(made, device="xwr1843")
+    text = format_ti_cfg(made, device="xwr1843")
 
     _, _, ticks, n_long, _ = numbers_of(text, "CQRxSatMonitor")
     _, n_even, samples = numbers_of(text, "CQSigImgMonitor")
@@ -231,7 +231,7 @@ def test_every_broken_rule_of_the_device_is_told():
     made = radar("xwr1443", slope_hz_per_s=110e12, n_chirps=33, ramp_duration_s=58e-6)
 
     with pytest.raises(DechirpError) as error:
-        ti_cfg_text(made, device="xwr1443")
+        format_ti_cfg(made, device="xwr1443")
 
     told = {mistake.setting for mistake in error.value.mistakes}
     assert {"radar.frame.chirp.slope", "radar.frame.n_chirps"} <= told
@@ -253,7 +253,7 @@ def test_every_broken_rule_of_the_device_is_told():
 )  # fmt: skip
 def test_what_the_demo_cannot_be_told_is_refused(made, of, setting):
     with pytest.raises(InvalidSetting) as error:
-        ti_cfg_text(made, device=of)
+        format_ti_cfg(made, device=of)
 
     assert error.value.mistakes[0].setting.endswith(setting)
 
@@ -263,11 +263,11 @@ def test_receivers_come_in_the_order_of_their_samples():
     turned = replace(made, array=replace(made.array, rx_m=made.array.rx_m[::-1]))
 
     with pytest.raises(InvalidSetting, match="receivers 4, 3, 2, 1"):
-        ti_cfg_text(turned, device="xwr1843")
+        format_ti_cfg(turned, device="xwr1843")
 
 
 def test_an_sdk_without_a_demo_for_the_chip_is_refused():
-    with pytest.raises(InvalidSetting, match="sdk is 2, but must be 3"):
-        ti_cfg_text(radar("xwr6843"), device="xwr6843", sdk=2)
+    with pytest.raises(InvalidSetting, match="sdk: 2; expected 3"):
+        format_ti_cfg(radar("xwr6843"), device="xwr6843", sdk=2)
     with pytest.raises(InvalidSetting, match="n_frames"):
-        ti_cfg_text(radar("xwr6843"), device="xwr6843", n_frames=-1)
+        format_ti_cfg(radar("xwr6843"), device="xwr6843", n_frames=-1)

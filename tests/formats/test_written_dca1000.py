@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError, RecordingError
-from dechirp.exchange.convert import write
-from dechirp.exchange.in_memory import recording_of
-from dechirp.experiment.run import run
-from dechirp.experiment.scenario import Scenario, Source
-from dechirp.formats.samples.layouts import Code, FourLanes, Pairs, TwoLanes
-from dechirp.formats.settings.read import read_settings
-from dechirp.radar.cube import labelled_cube
-from dechirp.radar.devices.known import device
+from dechirp.experiments.run import run
+from dechirp.experiments.scenario import RecordingSource, Scenario
+from dechirp.radar.cube import label_cube
+from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
+from dechirp.recordings.convert import write
+from dechirp.recordings.in_memory import recording_from_cube
+from dechirp.recordings.samples.layouts import FourLanes, Pairs, SampleCode, TwoLanes
+from dechirp.recordings.settings.read import read_settings
 from formats.any_bytes import damaged, gives_a_cube_or_says_why
 
 ENDINGS = (".bin", ".cfg", ".mmwave.json", ".setup.json", ".dechirp.json")
@@ -52,7 +52,7 @@ def radar(kind="xwr1843", *, n_chirps=32, tx_mask=0b111, rx_mask=0b1111, **chang
             period_s=20e-3,
             multiplexing=Tdm(order=order) if len(order) > 1 else None,
         ),
-        array=device(kind).part(tx_mask, rx_mask),
+        array=device(kind).select_antennas(tx_mask, rx_mask),
         hardware=dc.Hardware(transmit_power_w=0.016, antenna_gain=10.0, noise_factor=16.0),
     )
 
@@ -73,7 +73,7 @@ def simulated(of: dc.Radar, *, n_frames=2, impairments=None) -> tuple[xr.DataArr
 def any_codes(of: dc.Radar, *, n_frames=2, seed=1, bits=16) -> np.ndarray:
     frame = of.frame
     parts = (2,) if frame.chirp.sampling == "complex" else ()
-    shape = (n_frames, frame.n_sent, of.array.n_rx, frame.chirp.n_samples, *parts)
+    shape = (n_frames, frame.n_chirps_total, of.array.n_rx, frame.chirp.n_samples, *parts)
     half = 2 ** (bits - 1)
     return np.random.default_rng(seed).integers(-half, half, shape).astype(np.int16)
 
@@ -83,20 +83,23 @@ def cube_of(numbers: np.ndarray, of: dc.Radar, scale=2.0**-15, **attributes) -> 
     parts = numbers.astype(np.float32) * np.float32(scale)
     is_complex = of.frame.chirp.sampling == "complex"
     samples = parts.view(np.complex64)[..., 0] if is_complex else parts
-    cube = labelled_cube(samples, of, units="full scale")
+    cube = label_cube(samples, of, units="full scale")
     cube.attrs.update(scale=scale, **attributes)
     return cube
 
 
 def coded(of: dc.Radar, **told) -> dc.Recording:
-    return recording_of(cube_of(any_codes(of, **told), of), of)
+    return recording_from_cube(cube_of(any_codes(of, **told), of), of)
 
 
 @pytest.fixture(scope="module")
 def mimo() -> tuple[dc.Radar, xr.DataArray, dict]:
     """Three transmitters, four receivers, and a converter of 14 bits."""
     of = radar()
-    impairments = (dc.ThermalNoise(), dc.Quantisation(bits=14, full_scale_w=1e-8))
+    impairments = (
+        dc.impairments.ThermalNoise(),
+        dc.impairments.Quantisation(bits=14, full_scale_w=1e-8),
+    )
     return (of, *simulated(of, impairments=impairments))
 
 
@@ -129,7 +132,7 @@ def test_words_of_codes_are_decoded_to_the_codes_in_every_layout(
         n_samples += n_samples % 2 if is_complex else 0
     else:
         n_rx = len(layout.receivers)
-    code = Code(bits=bits, offset_binary=offset_binary, iq=iq)
+    code = SampleCode(bits=bits, offset_binary=offset_binary, iq=iq)
     half = 2 ** (bits - 1)
     shape = (n_chirps, n_rx, n_samples, *((2,) if is_complex else ()))
     numbers = np.random.default_rng(seed).integers(-half, half, shape).astype(np.int16)
@@ -146,7 +149,7 @@ def test_words_of_codes_are_decoded_to_the_codes_in_every_layout(
 def test_a_simulated_capture_comes_back_bit_by_bit_with_its_tables(tmp_path, mimo):
     of, cube, tables = mimo
 
-    written = write(recording_of(cube, of, tables=tables), tmp_path / "x.bin")
+    written = write(recording_from_cube(cube, of, tables=tables), tmp_path / "x.bin")
 
     assert [path.name for path in written] == [f"x{ending}" for ending in ENDINGS]
     back = dc.open(tmp_path / "x.bin")
@@ -173,11 +176,13 @@ def test_codes_of_a_capture_are_written_as_the_bytes_they_were(tmp_path):
 @pytest.mark.parametrize("is_alone", [False, True], ids=["with ours", "with those of TI alone"])
 def test_a_run_finds_the_car_in_what_was_written(tmp_path, mimo, is_alone):
     of, cube, tables = mimo
-    write(recording_of(cube, of, tables=tables), tmp_path / "x.bin")
+    write(recording_from_cube(cube, of, tables=tables), tmp_path / "x.bin")
     if is_alone:
         (tmp_path / "x.dechirp.json").unlink()
 
-    found = run(Scenario(name="x", recording=Source(path=str(tmp_path / "x.bin")))).detections
+    found = run(
+        Scenario(name="x", recording=RecordingSource(path=str(tmp_path / "x.bin")))
+    ).detections
 
     truth = tables["truth"].isel(target=0, frame=0)
     strongest = found.where(found.frame == 0, drop=True)
@@ -191,12 +196,14 @@ def test_a_run_finds_the_car_in_what_was_written(tmp_path, mimo, is_alone):
 def test_a_run_finds_the_car_in_real_samples(tmp_path, is_alone):
     of = radar(tx_mask=0b1, sampling="real", n_samples=256, sample_rate_hz=8e6)
     cube, tables = simulated(of)
-    written = write(recording_of(cube, of, tables=tables), tmp_path / "x.bin")
+    written = write(recording_from_cube(cube, of, tables=tables), tmp_path / "x.bin")
     assert "x.cfg" not in [path.name for path in written]  # the demo takes no real samples
     if is_alone:
         (tmp_path / "x.dechirp.json").unlink()
 
-    found = run(Scenario(name="x", recording=Source(path=str(tmp_path / "x.bin")))).detections
+    found = run(
+        Scenario(name="x", recording=RecordingSource(path=str(tmp_path / "x.bin")))
+    ).detections
 
     truth = tables["truth"].isel(target=0, frame=0)
     strongest = found.isel(detection=np.argmax(found.snr.values))
@@ -234,7 +241,7 @@ def test_two_files_that_differ_are_still_named_and_none_is_taken(tmp_path):
     text = (tmp_path / "x.cfg").read_text()
     (tmp_path / "x.cfg").write_text(text.replace("profileCfg 0 77 ", "profileCfg 0 77.5 "))
 
-    with pytest.raises(RecordingError, match=r"beside x\.cfg, x\.setup\.json"):
+    with pytest.raises(RecordingError, match=r"in the folder x\.cfg, x\.setup\.json"):
         dc.open(tmp_path / "x.bin")
 
 
@@ -242,12 +249,12 @@ def test_openradar_reads_the_cube_of_two_lanes(tmp_path):
     adc = pytest.importorskip("mmwave.dataloader.adc")
     of = radar()
     numbers = any_codes(of)
-    write(recording_of(cube_of(numbers, of), of), tmp_path / "x.bin")
+    write(recording_from_cube(cube_of(numbers, of), of), tmp_path / "x.bin")
 
     words = np.fromfile(tmp_path / "x.bin", np.int16).reshape(len(numbers), -1)
 
     for frame, expected in zip(words, numbers, strict=True):
-        read = adc.DCA1000.organize(frame, of.frame.n_sent, 4, of.frame.chirp.n_samples)
+        read = adc.DCA1000.organize(frame, of.frame.n_chirps_total, 4, of.frame.chirp.n_samples)
         np.testing.assert_array_equal(read, expected[..., 0] + 1j * expected[..., 1])
 
 
@@ -255,7 +262,7 @@ def test_the_script_of_ti_reads_the_cube_of_two_lanes(tmp_path):
     # SWRA581, for xWR16xx: fileSize / 2 complex numbers, each pair of four words.
     of = radar(rx_mask=0b0111)
     numbers = any_codes(of)
-    write(recording_of(cube_of(numbers, of), of), tmp_path / "x.bin")
+    write(recording_from_cube(cube_of(numbers, of), of), tmp_path / "x.bin")
 
     adc = np.fromfile(tmp_path / "x.bin", "<i2").astype(float)
     lvds = np.zeros(adc.size // 2, complex)
@@ -272,7 +279,7 @@ def test_the_script_of_ti_reads_the_cube_of_four_lanes(tmp_path):
     # of samples leaves only the chip that has no groups of two.
     of = radar("xwr1443", n_samples=127)
     numbers = any_codes(of)
-    write(recording_of(cube_of(numbers, of), of), tmp_path / "x.bin")
+    write(recording_from_cube(cube_of(numbers, of), of), tmp_path / "x.bin")
 
     adc = np.fromfile(tmp_path / "x.bin", "<i2").reshape(-1, 8).astype(float)
     of_lanes = (adc[:, :4] + 1j * adc[:, 4:]).T
@@ -297,10 +304,10 @@ def test_other_samples_are_rounded_by_half_a_step_of_the_smallest_that_fits(
     samples = rng.uniform(-1, 1, (2, 1, 1, 8, 2)).astype(np.float32)
     samples.flat[rng.integers(samples.size)] = largest
     samples *= np.float32(2.0**exponent)
-    cube = labelled_cube(samples.view(np.complex64)[..., 0], of, units="sqrt(W)")
+    cube = label_cube(samples.view(np.complex64)[..., 0], of, units="sqrt(W)")
     file = tmp_path_factory.mktemp("rounded") / "x.bin"
 
-    write(recording_of(cube, of), file)
+    write(recording_from_cube(cube, of), file)
 
     back = dc.open(file).cube
     step, words = back.attrs["scale"], np.fromfile(file, "<i2").astype(int)
@@ -308,7 +315,7 @@ def test_other_samples_are_rounded_by_half_a_step_of_the_smallest_that_fits(
     assert np.log2(step) % 1 == 0
     assert 2**14 - 1 <= np.abs(words).max() < 2**15
     (told,) = [one for one in dc.open(file).findings if one.setting == "scale"]
-    assert f"rounded to steps of {step:.6g} sqrt(W)" in told.got
+    assert f"rounded to steps of {step:.6g} sqrt(W)" in told.value
 
 
 def test_codes_beyond_16_bits_are_rounded_and_never_wrapped(tmp_path):
@@ -316,7 +323,7 @@ def test_codes_beyond_16_bits_are_rounded_and_never_wrapped(tmp_path):
     cube = cube_of(any_codes(of), of)
     too_fine = cube.assign_attrs(scale=2.0**-17)
 
-    write(recording_of(too_fine, of), tmp_path / "x.bin")
+    write(recording_from_cube(too_fine, of), tmp_path / "x.bin")
 
     np.testing.assert_array_equal(dc.open(tmp_path / "x.bin").cube.values, cube.values)
 
@@ -324,7 +331,7 @@ def test_codes_beyond_16_bits_are_rounded_and_never_wrapped(tmp_path):
 def test_codes_of_12_bits_keep_their_full_scale_without_our_file(tmp_path):
     of = radar()
     cube = cube_of(any_codes(of, bits=12), of, scale=2.0**-11)
-    write(recording_of(cube, of), tmp_path / "x.bin")
+    write(recording_from_cube(cube, of), tmp_path / "x.bin")
     (tmp_path / "x.dechirp.json").unlink()
 
     back = dc.open(tmp_path / "x.bin")
@@ -340,11 +347,11 @@ def test_lost_chirps_stay_marked(tmp_path):
     cube.values[lost] = 0
     cube = cube.assign_coords(gap=(("frame", "chirp"), lost))
 
-    write(recording_of(cube, of), tmp_path / "x.bin")
+    write(recording_from_cube(cube, of), tmp_path / "x.bin")
 
     back = dc.open(tmp_path / "x.bin")
     np.testing.assert_array_equal(back.cube.gap.values, lost)
-    np.testing.assert_array_equal(next(back.part(1, 2).frames()).gap.values[0], lost[1])
+    np.testing.assert_array_equal(next(back.select_frames(1, 2).frames()).gap.values[0], lost[1])
 
 
 def test_the_calibration_of_the_radar_travels_along(tmp_path):
@@ -353,7 +360,7 @@ def test_the_calibration_of_the_radar_travels_along(tmp_path):
     gain = tuple((1.0, 0.01 * n) for n in range(12))
     calibrated = replace(of, calibration=dc.Calibration(elements=elements, gain=gain))
 
-    write(recording_of(cube_of(any_codes(of), of), calibrated), tmp_path / "x.bin")
+    write(recording_from_cube(cube_of(any_codes(of), of), calibrated), tmp_path / "x.bin")
 
     assert dc.open(tmp_path / "x.bin").radar == calibrated
 
@@ -391,7 +398,10 @@ SLOW = dc.Frame(
         (replace(ONE, array=ARRAY_OF_FIVE), "5 antennas.*at most 4.*4 lanes"),
         (replace(ONE, frame=replace(ONE.frame, interval_s=(60e-6, 70e-6))), "a list of 2"),
         (
-            replace(ONE, frame=replace(ONE.frame, modulation=dc.Triangular(), interval_s=90e-6)),
+            replace(
+                ONE,
+                frame=replace(ONE.frame, modulation=dc.modulations.Triangular(), interval_s=90e-6),
+            ),
             "ramps that differ",
         ),
         (
@@ -399,9 +409,9 @@ SLOW = dc.Frame(
                 radar(tx_mask=0b11),
                 frame=replace(ONE.frame, multiplexing=Bpm(order=(0, 1))),
             ),
-            "several transmitters send in a chirp",
+            "several transmitters in a chirp",
         ),
-        (replace(ONE, frame=SLOW), "rates that a chip"),
+        (replace(ONE, frame=SLOW), "rate in steps of 1 kS/s"),
     ],
     ids=["five receivers", "intervals", "ramps", "code", "slow"],
 )
@@ -424,8 +434,8 @@ def test_samples_that_are_not_finite_are_refused(tmp_path):
     cube = cube_of(any_codes(of), of)
     cube.values[1, 2, 3, 4] = np.nan
 
-    with pytest.raises(DechirpError, match="not finite"):
-        write(recording_of(cube, of), tmp_path / "x.bin")
+    with pytest.raises(DechirpError, match="non-finite"):
+        write(recording_from_cube(cube, of), tmp_path / "x.bin")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -450,7 +460,7 @@ def test_an_earlier_capture_of_ours_is_replaced_with_all_that_belongs_to_it(tmp_
     assert set(tmp_path.iterdir()) == set(written)
     back = dc.open(tmp_path / "x.bin")
     assert back.radar == no_board
-    assert "not written: Radar.array.rx_m is at positions" in str(back.findings)
+    assert "not written: Radar.array.rx_m: positions that differ" in str(back.findings)
 
 
 @pytest.mark.parametrize("ending", [".mmwave.json", ".dechirp.json"])
@@ -502,7 +512,7 @@ def kept(tmp_path_factory) -> Path:
         gap=(("frame", "chirp"), [[True], [False]])
     )
     table = xr.Dataset({"label": ("target", ["car", "a van"]), "rcs": ("target", [1.0, np.nan])})
-    write(recording_of(cube, SMALL, tables={"truth": table}), folder / "x.bin")
+    write(recording_from_cube(cube, SMALL, tables={"truth": table}), folder / "x.bin")
     return folder / "x.bin"
 
 
@@ -532,7 +542,9 @@ HOSTILE = {
     "no scale": {"scale": None},
     "version": {"dechirp_exchange": 99},
     "no columns": {"columns": {}},
-    "findings": {"findings": [{"level": "fatal", "setting": "", "got": "", "need": "", "fix": ""}]},
+    "findings": {
+        "findings": [{"level": "fatal", "setting": "", "value": "", "expected": "", "fix": ""}]
+    },
 }
 
 
@@ -560,7 +572,7 @@ def test_a_link_to_another_folder_is_left_alone(kept, tmp_path):
     (tmp_path / "x.bin").write_bytes(kept.read_bytes())
     (tmp_path / "x.dechirp.json").symlink_to(kept.with_suffix(".dechirp.json"))
 
-    with pytest.raises(RecordingError, match="without settings"):
+    with pytest.raises(RecordingError, match="no settings"):
         dc.open(tmp_path / "x.bin")
 
 

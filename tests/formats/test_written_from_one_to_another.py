@@ -35,7 +35,7 @@ def test_every_recording_comes_back_bit_by_bit_from_a_file(tmp_path, name, kind,
 @pytest.mark.parametrize("name", ["x.mat", "x.npz", "x.sigmf-meta"])
 def test_a_part_is_written_as_a_recording_of_its_own(tmp_path, name):
     recording = of_transmitters_in_turns()
-    dc.write(recording.part(1, 3), tmp_path / name)
+    dc.write(recording.select_frames(1, 3), tmp_path / name)
     opened = dc.open(tmp_path / name)
     assert np.array_equal(opened.cube.values, recording.cube.values[1:])
     # Intervals of 35 and 38 us take turns: the first frame that is there has the second.
@@ -55,15 +55,15 @@ def test_the_radar_that_the_user_gives_comes_first(tmp_path, name):
 @pytest.mark.parametrize("told", [{"iq": "iq"}, {"device": "xwr1843"}], ids=["iq", "device"])
 def test_a_file_of_ours_knows_its_own_order_and_device(tmp_path, name, told):
     radar = small()
-    held = dc.recording_of(simulated(radar, bits=16), radar)
+    held = dc.recording_from_cube(simulated(radar, bits=16), radar)
     made = replace(held, contents=replace(held.contents, device="xwr1443", iq="qi"))
     dc.write(made, tmp_path / name)
     ((option, given),) = told.items()
     with pytest.raises(RecordingError) as wrong:
         dc.open(tmp_path / name, **told)
     (mistake,) = wrong.value.mistakes
-    assert mistake.got == f"written by dechirp, with --{option} {given}"
-    assert f"--{option} is for bare samples" in mistake.need
+    assert mistake.value == f"written by dechirp, with --{option} {given}"
+    assert f"--{option} is for raw samples" in mistake.expected
     agreed = dc.open(tmp_path / name, iq="qi", device="xwr1443")
     assert agreed.cube.values.tobytes() == made.cube.values.tobytes()
 
@@ -76,7 +76,7 @@ def test_clouds_of_ours_know_their_own_device(tmp_path, name):
     made = replace(held, contents=replace(held.contents, device="xwr1443"))
     dc.write(made, tmp_path / name)
     assert dc.open(tmp_path / name, device="xwr1443").contents.device == "xwr1443"
-    with pytest.raises(RecordingError, match="--device is for bare samples"):
+    with pytest.raises(RecordingError, match="--device is for raw samples"):
         dc.open(tmp_path / name, device="xwr1843")
 
 
@@ -97,7 +97,7 @@ def test_columns_of_the_other_order_of_bytes_have_the_same_numbers_in_ours(tmp_p
     )
     swapped = native.map(lambda one: one.astype(one.dtype.newbyteorder()))
     radar = small()
-    made = dc.recording_of(simulated(radar, bits=16), radar, tables={"detections": swapped})
+    made = dc.recording_from_cube(simulated(radar, bits=16), radar, tables={"detections": swapped})
     dc.write(made, tmp_path / name)
     opened = dc.open(tmp_path / name).tables["detections"]
     xr.testing.assert_identical(opened, native)
@@ -118,7 +118,7 @@ def test_columns_of_the_other_order_of_bytes_have_the_same_numbers_in_ours(tmp_p
 )
 def test_texts_whose_nul_would_be_lost_are_refused(tmp_path, name, table):
     radar = small()
-    made = dc.recording_of(simulated(radar), radar, tables={"odd": table})
+    made = dc.recording_from_cube(simulated(radar), radar, tables={"odd": table})
     with pytest.raises(DechirpError, match="NUL"):
         dc.write(made, tmp_path / name)
     assert not list(tmp_path.iterdir())
@@ -128,7 +128,7 @@ def test_texts_whose_nul_would_be_lost_are_refused(tmp_path, name, table):
 def test_numbers_that_no_other_program_has_are_refused_by_their_type(tmp_path, name):
     radar = small()
     table = xr.Dataset({"long": ("row", np.zeros(2, np.longdouble))})
-    made = dc.recording_of(simulated(radar), radar, tables={"odd": table})
+    made = dc.recording_from_cube(simulated(radar), radar, tables={"odd": table})
     with pytest.raises(DechirpError, match=r"column long of (float128|longdouble)"):
         dc.write(made, tmp_path / name)
     assert not list(tmp_path.iterdir())
@@ -137,7 +137,7 @@ def test_numbers_that_no_other_program_has_are_refused_by_their_type(tmp_path, n
 @pytest.mark.parametrize("name", [*CONTAINERS, "x.zarr"])
 def test_a_capture_has_the_same_bytes_after_a_stay_in_a_container(tmp_path, name):
     radar = small()
-    held = dc.recording_of(simulated(radar, bits=16), radar)
+    held = dc.recording_from_cube(simulated(radar, bits=16), radar)
     made = replace(held, contents=replace(held.contents, device="xwr1443", iq="qi"))
     dc.write(made, tmp_path / "first.bin")
     dc.write(dc.open(tmp_path / "first.bin"), tmp_path / name)
@@ -149,7 +149,7 @@ def test_a_capture_has_the_same_bytes_after_a_stay_in_a_container(tmp_path, name
 @pytest.mark.parametrize("name", [*CONTAINERS, "x.sigmf-data"])
 def test_other_files_beside_a_capture_of_the_same_name_are_what_they_are(tmp_path, name):
     radar = small()
-    made = dc.recording_of(simulated(radar, bits=16), radar)
+    made = dc.recording_from_cube(simulated(radar, bits=16), radar)
     dc.write(made, tmp_path / "x.bin")
     dc.write(made, tmp_path / name.replace("-data", "-meta"))
     opened = dc.open(tmp_path / name)
@@ -161,11 +161,11 @@ def test_other_files_beside_a_capture_of_the_same_name_are_what_they_are(tmp_pat
 def test_a_table_of_one_frame_alone_comes_back_in_every_part(tmp_path, name):
     radar = small()
     one = xr.Dataset({"frame": ((), 1), "range": ("target", [1.0, 2.0])})
-    made = dc.recording_of(simulated(radar), radar, tables={"one": one})
+    made = dc.recording_from_cube(simulated(radar), radar, tables={"one": one})
     dc.write(made, tmp_path / name)
     opened = dc.open(tmp_path / name)
     xr.testing.assert_identical(opened.tables["one"], one)
-    xr.testing.assert_identical(opened.part(1, 3).tables["one"], one)
+    xr.testing.assert_identical(opened.select_frames(1, 3).tables["one"], one)
 
 
 @pytest.mark.parametrize("name", [*CONTAINERS, "x.zarr", "x.bin"])
@@ -176,7 +176,7 @@ def test_a_table_of_one_frame_alone_comes_back_in_every_part(tmp_path, name):
 )
 def test_names_and_objects_that_are_no_texts_are_refused(tmp_path, name, table):
     radar = small()
-    made = dc.recording_of(simulated(radar), radar, tables={"odd": table})
+    made = dc.recording_from_cube(simulated(radar), radar, tables={"odd": table})
     with pytest.raises(DechirpError, match="texts"):
         dc.write(made, tmp_path / name)
     assert not list(tmp_path.iterdir())
@@ -184,13 +184,13 @@ def test_names_and_objects_that_are_no_texts_are_refused(tmp_path, name, table):
 
 def test_a_place_that_cannot_be_written_is_called_path_in_python(tmp_path):
     radar = small()
-    made = dc.recording_of(simulated(radar), radar)
-    (tmp_path / "x.png").mkdir()
-    for out in (tmp_path / "no" / "x.h5", tmp_path / "x.png"):
-        part = made.part(0, 1)
-        with pytest.raises(DechirpError, match=r"^path is .*(not writable|a folder)"):
+    made = dc.recording_from_cube(simulated(radar), radar)
+    (tmp_path / "x.csv").mkdir()
+    for out in (tmp_path / "no" / "x.h5", tmp_path / "x.csv"):
+        part = made.select_frames(0, 1)
+        with pytest.raises(DechirpError, match=r"^path: .*(not writable|a folder)"):
             dc.write(part, out)
-    assert [file.name for file in tmp_path.iterdir()] == ["x.png"]
+    assert [file.name for file in tmp_path.iterdir()] == ["x.csv"]
 
 
 @pytest.mark.parametrize(
@@ -208,10 +208,10 @@ def test_files_of_two_recordings_never_lie_together(tmp_path, monkeypatch, name,
         seen.append(lying())
         return made
 
-    dc.write(dc.recording_of(simulated(radar, bits=12), radar), tmp_path / name)
+    dc.write(dc.recording_from_cube(simulated(radar, bits=12), radar), tmp_path / name)
     before = lying()
     monkeypatch.setattr(Path, "rename", watched)
-    dc.write(dc.recording_of(simulated(radar, bits=16), radar), tmp_path / name)
+    dc.write(dc.recording_from_cube(simulated(radar, bits=16), radar), tmp_path / name)
     after = lying()
     assert None not in (*before, *after)
     assert len(seen) > 3
@@ -220,7 +220,7 @@ def test_files_of_two_recordings_never_lie_together(tmp_path, monkeypatch, name,
 
 
 @pytest.mark.parametrize(
-    ("change", "got"),
+    ("change", "value"),
     [
         (lambda cube: cube.values, "a ndarray over no named axes"),
         (lambda cube: cube.isel(frame=0), "a DataArray over chirp, rx, sample"),
@@ -229,8 +229,10 @@ def test_files_of_two_recordings_never_lie_together(tmp_path, monkeypatch, name,
         (lambda cube: cube.assign_coords(gap=cube.frame > 0), "a cube whose gap is over frame"),
     ],
 )
-def test_what_is_no_cube_is_no_recording(change, got):
+def test_what_is_no_cube_is_no_recording(change, value):
     recording = of_complex_samples()
 
-    with pytest.raises(InvalidSetting, match=got):
-        dc.recording_of(change(recording.cube.drop_vars("gap", errors="ignore")), recording.radar)
+    with pytest.raises(InvalidSetting, match=value):
+        dc.recording_from_cube(
+            change(recording.cube.drop_vars("gap", errors="ignore")), recording.radar
+        )

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError, RecordingError
-from dechirp.echoes.codes import codes
-from dechirp.echoes.impairments.quantisation import Quantisation
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
 from dechirp.radar.calibration import Calibration
-from dechirp.radar.cube import labelled_cube
+from dechirp.radar.cube import label_cube
+from dechirp.simulation.adc_codes import extract_adc_codes
+from dechirp.simulation.impairments.quantisation import Quantisation
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
 from formats.any_bytes import damaged, gives_a_cube_or_says_why
 
 SCENE = dc.Scene(
@@ -50,7 +50,7 @@ def simulated(radar, n_frames=3, bits=None):
 
 
 def written(path, cube, radar, **tables):
-    dc.write(dc.recording_of(cube, radar, tables=tables), path)
+    dc.write(dc.recording_from_cube(cube, radar, tables=tables), path)
     return dc.open(path)
 
 
@@ -83,7 +83,9 @@ def test_transmitters_in_turns_their_calibration_and_intervals_come_back(tmp_pat
         range_offset_m=0.07,
         residual=0.01,
     )
-    frame = replace(small.frame, multiplexing=dc.Tdm(order=(1, 0)), interval_s=(35e-6, 38e-6))
+    frame = replace(
+        small.frame, multiplexing=dc.multiplexing.Tdm(order=(1, 0)), interval_s=(35e-6, 38e-6)
+    )
     radar = replace(small, frame=frame, array=array, calibration=calibration)
     cube = simulated(radar)
     opened = written(tmp_path / f"cube{ending}", cube, radar)
@@ -100,10 +102,10 @@ def test_what_a_converter_rounded_is_kept_as_its_codes(tmp_path, small, sampling
 
     with h5py.File(tmp_path / f"cube{ending}") as file:
         assert file["cube"].dtype == np.int16
-        np.testing.assert_array_equal(file["cube"][()], codes(cube).values)
+        np.testing.assert_array_equal(file["cube"][()], extract_adc_codes(cube).values)
     must_be_equal(opened, cube + 0.0, radar)  # a code has no negative zero
-    again = codes(opened.cube)
-    np.testing.assert_array_equal(again.values, codes(cube).values)
+    again = extract_adc_codes(opened.cube)
+    np.testing.assert_array_equal(again.values, extract_adc_codes(cube).values)
 
 
 def test_one_sample_that_is_no_code_in_the_last_frame_makes_all_of_them_floats(tmp_path, small):
@@ -147,8 +149,8 @@ def test_truth_and_detections_travel_along(tmp_path, small, ending):
 def test_a_part_is_written_as_a_recording_of_its_own(tmp_path, small, ending):
     radar = replace(small, frame=replace(small.frame, interval_s=(35e-6, 38e-6)))
     cube, truth = simulated(radar, n_frames=4), dc.truth(SCENE, radar, n_frames=4)
-    whole = dc.recording_of(cube, radar, tables={"truth": truth})
-    dc.write(whole.part(1, 3), tmp_path / f"part{ending}")
+    whole = dc.recording_from_cube(cube, radar, tables={"truth": truth})
+    dc.write(whole.select_frames(1, 3), tmp_path / f"part{ending}")
 
     opened = dc.open(tmp_path / f"part{ending}")
     np.testing.assert_array_equal(opened.cube.values, cube.values[1:3])
@@ -192,7 +194,7 @@ def test_a_named_array_is_read_as_of_any_hdf5_file(tmp_path, small):
 def test_a_file_can_be_written_over_the_one_it_is_read_from(tmp_path, small):
     cube = simulated(small)
     opened = written(tmp_path / "cube.h5", cube, small)
-    dc.write(opened.part(1, 3), tmp_path / "cube.h5")
+    dc.write(opened.select_frames(1, 3), tmp_path / "cube.h5")
     np.testing.assert_array_equal(dc.open(tmp_path / "cube.h5").cube.values, cube.values[1:])
 
 
@@ -265,7 +267,7 @@ def test_tables_that_no_netcdf_file_holds_are_refused_in_words(
     tmp_path, small, name, table, said, ending
 ):
     with pytest.raises(DechirpError, match=said):
-        made = dc.recording_of(simulated(small), small, tables={name: table})
+        made = dc.recording_from_cube(simulated(small), small, tables={name: table})
         dc.write(made, tmp_path / f"cube{ending}")
     assert not list(tmp_path.iterdir())
 
@@ -273,15 +275,15 @@ def test_tables_that_no_netcdf_file_holds_are_refused_in_words(
 def test_samples_that_are_not_finite_are_refused_and_nothing_is_left(tmp_path, small):
     cube = simulated(small)
     cube.values[1, 2, 0, 3] = np.nan
-    with pytest.raises(DechirpError, match="frame 1 that are not finite"):
+    with pytest.raises(DechirpError, match="non-finite samples in frame 1"):
         written(tmp_path / "cube.h5", cube, small)
     assert not list(tmp_path.iterdir())
 
 
 def test_detections_alone_are_no_recording_of_samples(tmp_path, small):
-    alone = dc.recording_of(simulated(small), small)
+    alone = dc.recording_from_cube(simulated(small), small)
     alone = replace(alone, contents=replace(alone.contents, decode=None))
-    with pytest.raises(RecordingError, match="holds detections and no samples"):
+    with pytest.raises(RecordingError, match="contains detections without samples"):
         dc.write(alone, tmp_path / "cube.nc")
 
 
@@ -316,7 +318,7 @@ def test_wherever_the_disk_is_full_the_earlier_file_stays_as_it_was(tmp_path, sm
 
 def test_frames_are_read_and_written_one_after_the_other(tmp_path, small):
     cube, steps = simulated(small), []
-    source = dc.recording_of(cube, small)
+    source = dc.recording_from_cube(cube, small)
 
     def decode(number, out):
         steps.append(number)
@@ -330,7 +332,7 @@ def test_frames_are_read_and_written_one_after_the_other(tmp_path, small):
 def test_an_error_while_a_frame_is_read_leaves_the_earlier_file(tmp_path, small):
     written(tmp_path / "cube.h5", simulated(small), small)
     before = (tmp_path / "cube.h5").read_bytes()
-    source = dc.recording_of(simulated(small), small)
+    source = dc.recording_from_cube(simulated(small), small)
 
     def broken(number, out):
         if number == 1:
@@ -382,7 +384,7 @@ def link(name, to):
     [
         (replaced('"dechirp_exchange": 1', '"dechirp_exchange": 7'), "version 7"),
         (replaced("sqrt(W)", "volt"), "volt"),
-        (replaced("n_samples", "n_sampels"), "radar cannot be read"),
+        (replaced("n_samples", "n_sampels"), "unreadable radar"),
         (replaced('"target"', '"tar"'), "truth"),
         (replaced('"scale": null', '"scale": 0.5'), "scale of 0.5"),
         (lambda file: file.pop("cube"), "cube"),
@@ -412,7 +414,7 @@ def test_a_radar_of_many_calibrated_channels_comes_back(tmp_path, small):
     frame = replace(radar.frame, chirp=replace(radar.frame.chirp, n_samples=4), n_chirps=2)
     radar = replace(radar, frame=frame)
     samples = np.ones((1, 2, 900, 4), np.complex64)
-    cube = labelled_cube(samples, radar, units="full scale")
+    cube = label_cube(samples, radar, units="full scale")
     opened = written(tmp_path / "cube.nc", cube, radar)
     with h5py.File(tmp_path / "cube.nc") as file:
         assert len(file.attrs["dechirp"]) > 2**16
@@ -456,7 +458,7 @@ def test_any_damage_gives_a_cube_or_says_why(tmp_path_factory, small, data):
 )
 def test_a_real_recording_comes_back_equal(tmp_path, name, ending):
     recording = dc.open(Path(os.environ["DECHIRP_REAL_DATA"]) / name)
-    recording = recording.part(0, min(recording.n_frames, 20))
+    recording = recording.select_frames(0, min(recording.n_frames, 20))
     dc.write(recording, tmp_path / f"cube{ending}")
     opened = dc.open(tmp_path / f"cube{ending}")
     assert opened.radar == recording.radar

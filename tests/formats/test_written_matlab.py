@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError, RecordingError
-from dechirp.echoes.codes import codes
+from dechirp.simulation.adc_codes import extract_adc_codes
 from formats.any_bytes import damaged, gives_a_cube_or_says_why
 from formats.containers import (
     must_be_equal,
@@ -51,8 +51,8 @@ def test_codes_and_lost_chirps_are_variables_of_their_own(tmp_path):
     dc.write(lost, tmp_path / "lost.mat")
 
     seen = scipy.io.loadmat(tmp_path / "coded.mat")["cube"].transpose()
-    assert np.array_equal(seen.real, codes(coded.cube).values[..., 0])
-    assert np.array_equal(seen.imag, codes(coded.cube).values[..., 1])
+    assert np.array_equal(seen.real, extract_adc_codes(coded.cube).values[..., 0])
+    assert np.array_equal(seen.imag, extract_adc_codes(coded.cube).values[..., 1])
     gap = scipy.io.loadmat(tmp_path / "lost.mat")["gap"]
     assert np.array_equal(gap.transpose(), lost.contents.gaps)
 
@@ -152,7 +152,7 @@ def test_more_than_two_gibibytes_are_refused_before_a_frame_is_read(tmp_path):
 )
 def test_tables_that_no_structure_holds_are_refused_in_words(tmp_path, name, table, said):
     radar = small()
-    recording = dc.recording_of(of_complex_samples().cube, radar, tables={name: table})
+    recording = dc.recording_from_cube(of_complex_samples().cube, radar, tables={name: table})
     with pytest.raises(DechirpError, match=said):
         dc.write(recording, tmp_path / "x.mat")
     assert not list(tmp_path.iterdir())
@@ -175,7 +175,7 @@ def described(old: str, new: str):
     [
         (described('"dechirp_exchange": 1', '"dechirp_exchange": 7'), "version 7"),
         (described("sqrt(W)", "squrt W"), "squrt W"),
-        (described("n_samples", "n_sampels"), "radar cannot be read"),
+        (described("n_samples", "n_sampels"), "unreadable radar"),
         (described('"scale": null', '"scale": 0.50'), "scale of 0.5"),
         (described('"target", "frame"', '"frame", "target"'), "truth"),
         (lambda content: content[:-100], "EOFError"),

@@ -20,15 +20,15 @@ from hypothesis import strategies as st
 import dechirp as dc
 from dechirp.cli.main import main
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
-from dechirp.exchange.in_memory import recording_of
-from dechirp.exchange.point_clouds import messages
-from dechirp.exchange.ros_messages import cloud_message, text_message
-from dechirp.formats.messages import ros
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
-from dechirp.radar.cube import labelled_cube
+from dechirp.radar.cube import label_cube
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
+from dechirp.recordings.in_memory import recording_from_cube
+from dechirp.recordings.messages import ros
+from dechirp.recordings.writers.point_clouds import iter_messages
+from dechirp.recordings.writers.ros_messages import cloud_message, text_message
 from formats.any_bytes import damaged, gives_a_cube_or_says_why
 
 pytest.importorskip("rosbags")
@@ -91,8 +91,8 @@ EGO = xr.Dataset(
 
 def recording(**tables):
     shape = (N_FRAMES, 4, 2, 8)
-    cube = labelled_cube(np.zeros(shape, np.complex64), RADAR, units="full scale")
-    return recording_of(cube, RADAR, tables=tables)
+    cube = label_cube(np.zeros(shape, np.complex64), RADAR, units="full scale")
+    return recording_from_cube(cube, RADAR, tables=tables)
 
 
 WHOLE = recording(detections=DETECTIONS, truth=TRUTH, ego=EGO)
@@ -112,7 +112,7 @@ def clouds_seen_by_rosbags(path, topic):
     with Reader(path) as bag:
         wanted = [one for one in bag.connections if one.topic == topic]
         for connection, time_ns, data in bag.messages(connections=wanted):
-            yield time_ns, ros.types().deserialize_cdr(data, connection.msgtype)
+            yield time_ns, ros.message_types().deserialize_cdr(data, connection.msgtype)
 
 
 def places_of(cloud):
@@ -275,7 +275,7 @@ def write_bag(path, sent):
         for message in sent:
             if message.topic not in topics:
                 topics[message.topic] = bag.add_connection(
-                    message.topic, message.type, typestore=ros.types()
+                    message.topic, message.type, typestore=ros.message_types()
                 )
             bag.write(topics[message.topic], message.time_ns, message.data)
 
@@ -305,21 +305,21 @@ def test_points_of_another_radar_become_detections_and_say_what_was_taken(tmp_pa
     np.testing.assert_allclose(points.snr, [100.0, 100.0])
     np.testing.assert_allclose(points.rcs, [1.5, 1.5])
     np.testing.assert_allclose(points.time, [0.0, 0.05])
-    said = " ".join(finding.got for finding in read.findings)
+    said = " ".join(finding.value for finding in read.findings)
     assert "velocity from Doppler" in said
     assert "/lidar (sensor_msgs/msg/PointCloud2), /notes (std_msgs/msg/String)" in said
     named = dc.open(tmp_path / "drive" / "lidar")
     assert named.n_frames == 1
-    assert "velocity from nothing" in named.findings[0].got
+    assert "velocity from nothing" in named.findings[0].value
     assert named.findings[0].level == "warning"
 
 
 def test_points_of_big_endian_rows_with_padding_are_read(tmp_path):
     message = foreign_cloud([(0.0, 0.0, 0.0, 0.0)], fields=("x", "y", "z", "v"))
-    cloud = ros.decoded(message)
+    cloud = ros.decode_message(message)
     rows = np.zeros((2, 3, 4), ">f4")  # the third of each row is padding
     rows[..., 0] = [[1, 2, 99], [3, 4, 99]]
-    other = ros.made(
+    other = ros.create_message(
         ros.CLOUD,
         header=cloud.header,
         height=2,
@@ -331,33 +331,36 @@ def test_points_of_big_endian_rows_with_padding_are_read(tmp_path):
         data=np.frombuffer(rows.tobytes(), np.uint8),
         is_dense=True,
     )
-    write_mcap(tmp_path / "a.mcap", [message._replace(data=ros.encoded(other))])
+    write_mcap(tmp_path / "a.mcap", [message._replace(data=ros.encode_message(other))])
 
     np.testing.assert_allclose(dc.open(tmp_path / "a.mcap").points.range, [1, 2, 3, 4])
 
 
 @pytest.mark.parametrize(
-    ("sent", "got"),
+    ("sent", "value"),
     [
         ([text_message("/notes", "rain")], r"no points|/notes \(std_msgs/msg/String\)"),
-        ([foreign_cloud([(1.0, 2.0)], fields=("x", "v"))], "points of x, v on /front/points"),
+        (
+            [foreign_cloud([(1.0, 2.0)], fields=("x", "v"))],
+            "points with fields x, v on /front/points",
+        ),
         ([], "no topics"),
         ([text_message("/radar/description", '{"dechirp_exchange": 9}')], "version 9"),
     ],
 )
-def test_a_file_without_points_of_a_radar_says_what_it_has(tmp_path, sent, got):
+def test_a_file_without_points_of_a_radar_says_what_it_has(tmp_path, sent, value):
     write_mcap(tmp_path / "a.mcap", sent)
 
-    with pytest.raises(RecordingError, match=got):
+    with pytest.raises(RecordingError, match=value):
         dc.open(tmp_path / "a.mcap")
 
 
 def test_a_cloud_that_says_it_is_larger_than_it_is_is_refused(tmp_path):
     message = foreign_cloud([(1.0, 2.0, 3.0, 4.0)], fields=("x", "y", "z", "v"))
-    cloud = ros.decoded(message)
+    cloud = ros.decode_message(message)
     for wrong in ({"width": 2**31}, {"height": 2**31, "row_step": 0}, {"point_step": 2**20}):
         parts = {name: getattr(cloud, name) for name in cloud.__dataclass_fields__}
-        data = ros.encoded(ros.made(ros.CLOUD, **{**parts, **wrong}))
+        data = ros.encode_message(ros.create_message(ros.CLOUD, **{**parts, **wrong}))
         write_mcap(tmp_path / "a.mcap", [message._replace(data=data)])
 
         with pytest.raises(RecordingError, match="not readable"):
@@ -385,13 +388,13 @@ def test_a_table_of_one_number_a_frame_comes_back_as_it_was(tmp_path):
 def test_detections_that_are_no_rows_of_one_axis_are_refused(tmp_path):
     wrong = xr.Dataset({"range": (("frame", "place"), np.ones((5, 2))), "frame": np.arange(5)})
     for one in (wrong, wrong.isel(place=0), DETECTIONS.rename(detection="row")):
-        with pytest.raises(DechirpError, match="no rows of one axis"):
+        with pytest.raises(DechirpError, match="not rows of one axis"):
             dc.write(recording(detections=one), tmp_path / "drive.mcap")
 
 
 def test_detections_out_of_the_order_of_frames_are_refused(tmp_path):
     for wrong in (DETECTIONS.isel(detection=[3, 0]), DETECTIONS.assign(frame=DETECTIONS.frame + 2)):
-        with pytest.raises(DechirpError, match="out of the order of its frames"):
+        with pytest.raises(DechirpError, match="not in order of frames"):
             dc.write(recording(detections=wrong), tmp_path / "drive.mcap")
 
 
@@ -399,7 +402,7 @@ def test_detections_out_of_the_order_of_frames_are_refused(tmp_path):
 def test_our_own_are_named_without_a_topic(tmp_path, name):
     dc.write(WHOLE, tmp_path / name)
 
-    with pytest.raises(RecordingError, match=f"Name {name}"):
+    with pytest.raises(RecordingError, match=f"open {name}"):
         dc.open(tmp_path / name / "radar" / "truth")
 
 
@@ -418,13 +421,13 @@ def test_inspect_shows_detections_and_run_says_that_there_are_no_samples(tmp_pat
     with pytest.raises(SystemExit) as ended:
         main(["run", str(tmp_path / name), "--out", str(tmp_path / "ran")])
     assert ended.value.code == 2
-    assert "holds detections and no samples" in capsys.readouterr().err
+    assert "contains detections without samples" in capsys.readouterr().err
 
 
 def test_a_missing_library_is_named(tmp_path, monkeypatch):
     dc.write(WHOLE, tmp_path / "drive.mcap")
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    ros.types.cache_clear()
+    ros.message_types.cache_clear()
 
     with pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[io\]'"):
         dc.open(tmp_path / "drive.mcap")
@@ -464,7 +467,7 @@ def test_a_bag_takes_the_place_of_its_own_earlier_one_alone(tmp_path):
     assert "truth" in dc.open(tmp_path / "drive.ros2").tables
 
     (tmp_path / "drive.ros2" / "notes.txt").write_text("mine")
-    with pytest.raises(DechirpError, match=r"holds notes\.txt"):
+    with pytest.raises(DechirpError, match=r"a folder with notes\.txt"):
         dc.write(WHOLE, tmp_path / "drive.ros2")
 
 
@@ -490,7 +493,7 @@ def test_any_damage_to_a_bag_gives_detections_or_says_why(bag, data):
         file.write_bytes(whole)
 
 
-MESSAGES = tuple(messages(WHOLE))
+MESSAGES = tuple(iter_messages(WHOLE))
 
 
 @settings(max_examples=150, deadline=None)

@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 import dechirp as dc
-from dechirp.cli.list import Name, families
+from dechirp.cli.commands.list import FamilyName, base_classes
 
 DOCS = Path(dc.__file__).parents[2] / "docs"
 PAGES = sorted(page for page in DOCS.rglob("*.md") if "_build" not in page.parts)
@@ -26,14 +26,14 @@ def is_told(kind: str) -> bool:
 
 
 def test_the_command_line_names_every_family():
-    assert get_args(Name) == tuple(families())
+    assert get_args(FamilyName) == tuple(base_classes())
 
 
-@pytest.mark.parametrize("family", families())
+@pytest.mark.parametrize("family", base_classes())
 def test_the_guide_tells_of_every_member(family):
     own = [
         kind
-        for kind, member in families()[family].members().items()
+        for kind, member in base_classes()[family].members().items()
         if member.__module__.startswith("dechirp.")
     ]
     assert [kind for kind in own if not is_told(kind)] == []
@@ -42,8 +42,8 @@ def test_the_guide_tells_of_every_member(family):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_every_kind_that_a_page_chooses_exists(page):
     text = page.read_text(encoding="utf-8")
-    known = {kind for base in families().values() for kind in base.members()}
-    known |= {kind.replace("-", "_") for kind in families()["score"].members()}
+    known = {kind for base in base_classes().values() for kind in base.members()}
+    known |= {kind.replace("-", "_") for kind in base_classes()["score"].members()}
     # A page on adding a member shows the file that the kind is called after.
     added = {name.replace("_", "-") for name in re.findall(r"\b(\w+)\.py\b", text)}
     chosen = set(re.findall(r"\bkind: ([a-z][a-z0-9_-]*)\b", text))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.angle.aperture import Aperture, FieldOfView
-from dechirp.process.angle.bartlett import Bartlett
-from dechirp.process.angle.fft import Fft
+from dechirp.processing.angle.aperture import Aperture, FieldOfView
+from dechirp.processing.angle.bartlett import Bartlett
+from dechirp.processing.angle.fft import Fft
 from dechirp.theory.direction_bounds import direction_std_rad
 
 LINE = np.stack([np.zeros(12), np.arange(12) / 2, np.zeros(12)], axis=1)
@@ -36,11 +36,11 @@ def test_one_source_is_found_to_the_bound_and_errors_are_as_reported(kind, array
     rng = np.random.default_rng(82)
     truth = [
         rng.uniform(-most, most, n) * told
-        for most, told in zip((1.2, 0.6), seen.tells, strict=True)
+        for most, told in zip((1.2, 0.6), seen.resolves, strict=True)
     ]
     phase = np.exp(2j * np.pi * rng.uniform(size=(n, 1)))
-    x = 10 * phase * seen.steering(*truth) + noise((n, seen.n_elements), rng)
-    found = kind().directions(x[:, None].astype(np.complex64), seen, np.ones(n))
+    x = 10 * phase * seen.steering_vectors(*truth) + noise((n, seen.n_elements), rng)
+    found = kind().find_directions(x[:, None].astype(np.complex64), seen, np.ones(n))
     bound = np.array(
         [
             direction_std_rad(
@@ -49,12 +49,12 @@ def test_one_source_is_found_to_the_bound_and_errors_are_as_reported(kind, array
                 elevation_rad=[elevation],
                 amplitudes=[10.0],
                 noise_power=1.0,
-                tells=seen.tells,
+                unknown=seen.resolves,
             )[0]
             for azimuth, elevation in zip(*truth, strict=True)
         ]
     )
-    for axis, told in enumerate(seen.tells):
+    for axis, told in enumerate(seen.resolves):
         error = found[axis][:, 0] - truth[axis]
         if not told:
             assert np.isnan(error).all() and np.isnan(found[axis + 2]).all()
@@ -78,7 +78,7 @@ def test_the_fft_over_a_line_is_the_product_with_steering_vectors(array, n_looks
 @pytest.mark.parametrize("array", ["plane", "holes"])
 def test_the_fft_over_a_plane_is_read_within_an_eighth_of_a_beam(array):
     seen = Aperture(ARRAYS[array], FIELD)
-    x = seen.steering(0.5, -0.3)[None, None]
+    x = seen.steering_vectors(0.5, -0.3)[None, None]
     fft, product = (kind().spectrum(x, seen, np.ones(1))[0] for kind in (Fft, Bartlett))
     # Beams of power fall by at most pi / 2 of their top within a beam's length.
     assert abs(fft - product).max() < np.pi / 16
@@ -99,8 +99,8 @@ def test_a_window_lowers_sidelobes_and_leaves_the_estimate_at_the_bound():
     rng = np.random.default_rng(85)
     at = np.array([-0.3, 0.5])
     # 30 dB between them: the weak one is below the first sidelobes, at -13 dB.
-    x = seen.steering(at).T @ np.array([100.0, 3.2])
-    found = Fft(n_sources=2, window="chebyshev-60").directions(
+    x = seen.steering_vectors(at).T @ np.array([100.0, 3.2])
+    found = Fft(n_sources=2, window="chebyshev-60").find_directions(
         x + noise((n, 1, 12), rng), seen, np.ones(n)
     )
     bound = direction_std_rad(
@@ -110,20 +110,20 @@ def test_a_window_lowers_sidelobes_and_leaves_the_estimate_at_the_bound():
     assert np.all(np.sqrt(np.mean((error / bound) ** 2, axis=0)) < 1.2)
     squared = np.mean((error / found.azimuth_std_rad) ** 2, axis=0)
     assert np.all(abs(squared - 1) < 0.15)
-    plain = Fft(n_sources=2).directions(x[None, None], seen, np.ones(1))
+    plain = Fft(n_sources=2).find_directions(x[None, None], seen, np.ones(1))
     assert abs(plain.azimuth_rad[0, 1] - 0.5) > 0.1
 
 
 @pytest.mark.parametrize("window", ["hann", "chebyshev-60", "taylor-30", "kaiser-6"])
 def test_a_window_keeps_the_power_of_the_beam_and_is_symmetric(window):
     seen = Aperture(HOLES)
-    x = 3 * seen.steering(0.4, -0.2)[None, None]
+    x = 3 * seen.steering_vectors(0.4, -0.2)[None, None]
     spectrum = Fft(window=window)
-    prepared = spectrum.prepared(x, seen, np.ones(1))
-    top = spectrum.at(prepared, seen.steering(0.4, -0.2)[None])
+    prepared = spectrum.prepare_snapshots(x, seen, np.ones(1))
+    top = spectrum.spectrum_at(prepared, seen.steering_vectors(0.4, -0.2)[None])
     assert float(top[0, 0]) == pytest.approx(9, rel=1e-5)
     line = Aperture(LINE)
-    weights = abs(spectrum.prepared(np.ones((1, 1, 12)), line, np.ones(1)))[0, 0]
+    weights = abs(spectrum.prepare_snapshots(np.ones((1, 1, 12)), line, np.ones(1)))[0, 0]
     assert weights == pytest.approx(weights[::-1]) and weights.min() > 0
 
 
@@ -132,8 +132,8 @@ def test_two_sources_three_beams_apart_do_not_move_each_other():
     rng = np.random.default_rng(86)
     at = np.arcsin([-0.25, 0.25])
     amplitudes = 10 * np.exp(2j * np.pi * rng.uniform(size=(n, 1, 2)))
-    x = amplitudes @ seen.steering(at) + noise((n, 1, 12), rng)
-    found = Bartlett(n_sources=2).directions(x, seen, np.ones(n))
+    x = amplitudes @ seen.steering_vectors(at) + noise((n, 1, 12), rng)
+    found = Bartlett(n_sources=2).find_directions(x, seen, np.ones(n))
     azimuth = np.sort(found.azimuth_rad, axis=1)
     error = (azimuth - at) / np.take_along_axis(
         found.azimuth_std_rad, np.argsort(found.azimuth_rad, axis=1), axis=1
@@ -148,8 +148,8 @@ def test_looks_add_up():
     rng = np.random.default_rng(87)
     azimuth = rng.uniform(-1, 1, n)
     amplitudes = 5 * np.exp(2j * np.pi * rng.uniform(size=(n, 4, 1)))
-    x = amplitudes * seen.steering(azimuth)[:, None] + noise((n, 4, 12), rng)
-    found = Fft().directions(x, seen, np.ones(n))
+    x = amplitudes * seen.steering_vectors(azimuth)[:, None] + noise((n, 4, 12), rng)
+    found = Fft().find_directions(x, seen, np.ones(n))
     bound = direction_std_rad(
         positions=LINE, azimuth_rad=[0.0], amplitudes=[[5, 5, 5, 5]], noise_power=1.0
     )[0, 0]
@@ -162,15 +162,15 @@ def test_looks_add_up():
 
 def test_a_source_beyond_the_field_of_view_is_put_at_its_edge():
     narrow = Aperture(LINE, FieldOfView(azimuth_rad=0.5))
-    x = narrow.steering(0.55)[None, None]
-    found = Bartlett().directions(x, narrow, np.full(1, 1e-2))
+    x = narrow.steering_vectors(0.55)[None, None]
+    found = Bartlett().find_directions(x, narrow, np.full(1, 1e-2))
     assert found.azimuth_rad[0, 0] == pytest.approx(0.5)
 
 
 def test_standard_errors_are_no_more_than_those_of_any_direction():
     seen = Aperture(LINE, replace(FIELD, azimuth_rad=1.0))
     x = noise((50, 1, 12), np.random.default_rng(88))
-    found = Bartlett().directions(x, seen, np.full(50, 1e6))
+    found = Bartlett().find_directions(x, seen, np.full(50, 1e6))
     assert found.azimuth_std_rad == pytest.approx(1 / np.sqrt(3))
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.angle.aperture import Aperture
-from dechirp.process.angle.bartlett import Bartlett
-from dechirp.process.angle.iterative_adaptive import IterativeAdaptive
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.bartlett import Bartlett
+from dechirp.processing.angle.iterative_adaptive import IterativeAdaptive
 
 LINE = np.stack([np.zeros(12), np.arange(12) / 2, np.zeros(12)], axis=1)
 ANYWHERE = np.random.default_rng(101).uniform(0, 3.5, (16, 3)) * [0.05, 1, 1]
@@ -21,7 +21,7 @@ def two_sources(seen, n, rng):
     middle = rng.uniform(-0.5, 0.5, (n, 1))
     sines = middle + np.array([-BEAM / 2, BEAM / 2])
     amplitudes = 10 * np.exp(2j * np.pi * rng.uniform(size=(n, 2)))
-    x = np.einsum("nk,nki->ni", amplitudes, seen.steering(np.arcsin(sines)))
+    x = np.einsum("nk,nki->ni", amplitudes, seen.steering_vectors(np.arcsin(sines)))
     return sines, (x + noise(x.shape, rng))[:, None]
 
 
@@ -30,7 +30,7 @@ def test_it_parts_two_sources_a_beamwidth_apart_at_any_phase_where_beams_do_not(
     sines, x = two_sources(seen, n, np.random.default_rng(102))
     parted = {}
     for kind in (IterativeAdaptive, Bartlett):
-        found = kind(n_sources=2).directions(x, seen, np.ones(n))
+        found = kind(n_sources=2).find_directions(x, seen, np.ones(n))
         at = np.sort(np.sin(found.azimuth_rad), axis=1)
         parted[kind] = np.mean(np.all(abs(at - sines) < BEAM / 2, axis=1))
     assert parted[IterativeAdaptive] > 0.95 and parted[Bartlett] < 0.85
@@ -38,7 +38,7 @@ def test_it_parts_two_sources_a_beamwidth_apart_at_any_phase_where_beams_do_not(
 
 def test_its_sidelobes_are_far_below_those_of_beams():
     seen = Aperture(LINE)
-    x = 10 * seen.steering(0.2)[None, None] + noise((1, 1, 12), np.random.default_rng(103))
+    x = 10 * seen.steering_vectors(0.2)[None, None] + noise((1, 1, 12), np.random.default_rng(103))
     beams, adaptive = (
         10 * np.log10(kind().spectrum(x, seen, np.ones(1))[0, 0])
         for kind in (Bartlett, IterativeAdaptive)
@@ -54,8 +54,8 @@ def test_errors_of_two_sources_on_a_sparse_plane_are_as_reported():
     rng = np.random.default_rng(104)
     azimuth, elevation = np.array([-0.4, 0.3]), np.array([0.1, -0.2])
     amplitudes = 10 * np.exp(2j * np.pi * rng.uniform(size=(n, 1, 2)))
-    x = amplitudes @ seen.steering(azimuth, elevation) + noise((n, 1, 16), rng)
-    found = IterativeAdaptive(n_sources=2).directions(x, seen, np.ones(n))
+    x = amplitudes @ seen.steering_vectors(azimuth, elevation) + noise((n, 1, 16), rng)
+    found = IterativeAdaptive(n_sources=2).find_directions(x, seen, np.ones(n))
     order = np.argsort(found.azimuth_rad, axis=1)
     for truth, at, std in (
         (azimuth, found.azimuth_rad, found.azimuth_std_rad),
@@ -69,8 +69,8 @@ def test_errors_of_two_sources_on_a_sparse_plane_are_as_reported():
 
 def test_snapshots_without_noise_are_no_trouble():
     seen = Aperture(LINE)
-    x = np.stack([seen.steering(0.2), np.zeros(12)])[:, None]
-    found = IterativeAdaptive().directions(x, seen, np.zeros(2))
+    x = np.stack([seen.steering_vectors(0.2), np.zeros(12)])[:, None]
+    found = IterativeAdaptive().find_directions(x, seen, np.zeros(2))
     assert found.azimuth_rad[0, 0] == pytest.approx(0.2, abs=1e-6)
     assert found.azimuth_std_rad[0, 0] < 1e-6
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.core.units import decibels
-from dechirp.process.angle.aperture import Aperture
-from dechirp.process.angle.bartlett import Bartlett
-from dechirp.process.angle.monopulse import Monopulse
-from dechirp.process.angle.music import Music
-from dechirp.process.mirrored_beams import beams, keep_strongest
+from dechirp.core.units import to_decibels
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.bartlett import Bartlett
+from dechirp.processing.angle.monopulse import Monopulse
+from dechirp.processing.angle.music import Music
+from dechirp.processing.simd_beamforming import mirrored_beams, raise_to_beam_power
 from dechirp.radar.budget import received_power_w
 from noise import noise_cube
 
@@ -57,12 +57,14 @@ RADARS = {
     "real": lambda r: replace(
         r, frame=replace(r.frame, chirp=replace(r.frame.chirp, sampling="real"))
     ),
-    "turns": lambda r: shared(r, dc.Tdm(order=[1, 0])),
-    "signs": lambda r: shared(r, dc.Bpm(order=[0, 1])),
-    "sub-bands": lambda r: shared(r, dc.Ddma(order=[0, 1], n_sub_bands=3)),
-    "triangles": lambda r: replace(r, frame=replace(r.frame, modulation=dc.Triangular())),
+    "turns": lambda r: shared(r, dc.multiplexing.Tdm(order=[1, 0])),
+    "signs": lambda r: shared(r, dc.multiplexing.Bpm(order=[0, 1])),
+    "sub-bands": lambda r: shared(r, dc.multiplexing.Ddma(order=[0, 1], n_sub_bands=3)),
+    "triangles": lambda r: replace(
+        r, frame=replace(r.frame, modulation=dc.modulations.Triangular())
+    ),
     "shifted": lambda r: replace(
-        r, frame=replace(r.frame, modulation=dc.FrequencyShiftKeying(step_hz=1e6))
+        r, frame=replace(r.frame, modulation=dc.modulations.FrequencyShiftKeying(step_hz=1e6))
     ),
 }
 
@@ -96,7 +98,7 @@ def test_the_power_of_a_beam_is_that_of_the_echo_in_one_element(base):
 
     # 45 dB over the noise of a beam; a millimetre off the bin costs nothing.
     expected = received_power_w(base, range_m=range_m, rcs_m2=10)
-    assert decibels(float(power.max())) == pytest.approx(decibels(float(expected)), abs=0.1)
+    assert to_decibels(float(power.max())) == pytest.approx(to_decibels(float(expected)), abs=0.1)
     assert power.attrs["units"] == "W"
 
 
@@ -149,9 +151,9 @@ def test_beams_made_in_mirrored_pairs_are_those_made_one_by_one(shape):
     heard = parts[:, :, 0] + 1j * parts[:, :, 1]
     still = np.ones(heard.shape[:2], np.complex64)
 
-    folded, weights = beams(seen)
+    folded, weights = mirrored_beams(seen)
     power = np.zeros((len(seen.grid.azimuth_rad), 300), np.float32)
-    keep_strongest(power, parts, still, folded, weights)
+    raise_to_beam_power(power, parts, still, folded, weights)
 
     each = abs(seen.grid.steering.conj() @ heard / seen.n_elements) ** 2
     expected = each.reshape(2, *seen.grid.shape, 300).max(axis=(0, 1))
@@ -224,7 +226,9 @@ def test_an_upright_line_has_a_spectrum_over_elevation_and_no_azimuths(base):
     assert spectrum.sizes["azimuth"] == 1
     highest = float(spectrum.elevation[int(spectrum.values[:, 0].argmax())])
     assert highest == pytest.approx(0.2, abs=np.radians(0.6))
-    with pytest.raises(dc.InvalidSetting, match=r"radar.array is an upright line.*angle_spectrum"):
+    with pytest.raises(
+        dc.InvalidSetting, match=r"radar.array: a vertical linear array.*angle_spectrum"
+    ):
         dc.range_azimuth_map(cube, radar)
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dechirp import InvalidSetting
-from dechirp.process.angle.aperture import Aperture
-from dechirp.process.angle.maximum_likelihood import MaximumLikelihood
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
 from dechirp.theory.bounds import angle_std_rad
 from dechirp.theory.direction_bounds import direction_std_rad
 from looks import HALF_POWER, line, pair, rectangle, snapshots, turns
@@ -30,7 +30,7 @@ def test_one_source_reaches_the_bound(n_elements):
     array = line(n_elements)
     azimuth = rng.uniform(-0.9, 0.9, size=(N, 1))
     x = snapshots(array, turns((N, 1, 1), rng), NOISE, rng, azimuth)
-    found = MaximumLikelihood().directions(x, array, np.full(N, NOISE))
+    found = MaximumLikelihood().find_directions(x, array, np.full(N, NOISE))
 
     error = found.azimuth_rad - azimuth
     bound = angle_std_rad(
@@ -48,7 +48,7 @@ def test_two_sources_a_beamwidth_apart_reach_the_bound_of_two_whatever_their_pha
     array, apart = line(n_elements), HALF_POWER / (n_elements / 2)
     azimuth, amplitudes = pair(array, apart, N, rng), turns((N, 2, 1), rng)
     x = snapshots(array, amplitudes, NOISE, rng, azimuth)
-    found = MaximumLikelihood(n_sources=2).directions(x, array, np.full(N, NOISE))
+    found = MaximumLikelihood(n_sources=2).find_directions(x, array, np.full(N, NOISE))
 
     order = np.argsort(found.azimuth_rad, axis=1)
     error = np.take_along_axis(found.azimuth_rad, order, axis=1) - azimuth
@@ -72,7 +72,7 @@ def test_half_a_beamwidth_is_resolved_at_40_db():
     array, apart = line(12), HALF_POWER / 12
     azimuth = pair(array, apart, N, rng)
     x = snapshots(array, turns((N, 2, 1), rng), 1e-4, rng, azimuth)
-    found = MaximumLikelihood(n_sources=2).directions(x, array, np.full(N, 1e-4))
+    found = MaximumLikelihood(n_sources=2).find_directions(x, array, np.full(N, 1e-4))
     error = np.sin(np.sort(found.azimuth_rad, axis=1)) - np.sin(azimuth)
     assert np.mean(np.all(np.abs(error) < apart / 2, axis=1)) > 0.99
 
@@ -82,7 +82,7 @@ def test_azimuth_and_elevation_reach_their_bounds_on_arrays_of_any_shape(array):
     rng = np.random.default_rng(714)
     azimuth, elevation = rng.uniform(-0.7, 0.7, (N, 1)), rng.uniform(-0.4, 0.4, (N, 1))
     x = snapshots(array, turns((N, 1, 1), rng), NOISE, rng, azimuth, elevation)
-    found = MaximumLikelihood().directions(x, array, np.full(N, NOISE))
+    found = MaximumLikelihood().find_directions(x, array, np.full(N, NOISE))
     for angle, std, truth in (
         (found.azimuth_rad, found.azimuth_std_rad, azimuth),
         (found.elevation_rad, found.elevation_std_rad, elevation),
@@ -95,7 +95,7 @@ def test_two_sources_are_parted_in_azimuth_and_elevation_on_any_array():
     rng = np.random.default_rng(715)
     azimuth, elevation = np.tile([-0.15, 0.2], (n, 1)), np.tile([0.2, -0.2], (n, 1))
     x = snapshots(SPARSE, turns((n, 2, 1), rng), NOISE, rng, azimuth, elevation)
-    found = MaximumLikelihood(n_sources=2).directions(x, SPARSE, np.full(n, NOISE))
+    found = MaximumLikelihood(n_sources=2).find_directions(x, SPARSE, np.full(n, NOISE))
     order = np.argsort(found.azimuth_rad, axis=1)
     for name, truth in (("azimuth", azimuth), ("elevation", elevation)):
         angle, std = (
@@ -113,7 +113,7 @@ def test_a_weak_source_beside_a_strong_one_is_found_without_its_pull():
     azimuth = np.tile([0.1, 0.1 + 1.5 / 6], (N, 1))
     amplitudes = turns((N, 2, 1), rng) * [[1.0], [0.1]]
     x = snapshots(array, amplitudes, 1e-4, rng, azimuth)
-    found = MaximumLikelihood(n_sources=2).directions(x, array, np.full(N, 1e-4))
+    found = MaximumLikelihood(n_sources=2).find_directions(x, array, np.full(N, 1e-4))
     error = (found.azimuth_rad - azimuth) / found.azimuth_std_rad
     assert np.mean(error**2) == pytest.approx(1, abs=MEAN_SQUARE)
     assert np.mean(found.power, axis=0) == pytest.approx([1, 0.01], rel=0.02)
@@ -124,7 +124,7 @@ def test_looks_add_up():
     array = line(8)
     azimuth = np.full((N, 1), 0.2)
     one, four = (
-        MaximumLikelihood().directions(
+        MaximumLikelihood().find_directions(
             snapshots(array, turns((N, 1, n_looks), rng), NOISE, rng, azimuth),
             array,
             np.full(N, NOISE),
@@ -147,8 +147,8 @@ def test_two_sources_have_more_unknowns_than_three_elements_have_numbers():
     rng = np.random.default_rng(719)
     x = snapshots(line(3), turns((5, 2, 1), rng), 1e-4, rng, np.tile([-0.3, 0.4], (5, 1)))
     with pytest.raises(InvalidSetting, match=r"2 at 3 virtual elements.*4 elements or more"):
-        MaximumLikelihood(n_sources=2).directions(x, line(3), np.full(5, 1e-4))
-    found = MaximumLikelihood(n_sources="mdl").directions(x, line(3), np.full(5, 1e-4))
+        MaximumLikelihood(n_sources=2).find_directions(x, line(3), np.full(5, 1e-4))
+    found = MaximumLikelihood(n_sources="mdl").find_directions(x, line(3), np.full(5, 1e-4))
     assert found.azimuth_rad.shape == (5, 1)
 
 
@@ -157,6 +157,6 @@ def test_snapshots_that_are_not_finite_have_no_direction_and_spoil_no_other():
     array, azimuth = line(8), np.tile([-0.1, 0.3], (3, 1))
     x = snapshots(array, turns((3, 2, 1), rng), 1e-6, rng, azimuth)
     x[1, 0, 2] = np.inf
-    found = MaximumLikelihood(n_sources=2).directions(x, array, np.full(3, 1e-6))
+    found = MaximumLikelihood(n_sources=2).find_directions(x, array, np.full(3, 1e-6))
     assert np.sort(found.azimuth_rad[[0, 2]]) == pytest.approx(azimuth[:2], abs=2e-3)
     assert np.isnan(found.azimuth_rad[1]).all()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.angle.aperture import Aperture, FieldOfView
-from dechirp.process.angle.monopulse import Monopulse, displaced
+from dechirp.processing.angle.aperture import Aperture, FieldOfView
+from dechirp.processing.angle.monopulse import Monopulse, displaced_pairs
 from dechirp.theory.bounds import angle_std_rad
 
 
@@ -19,9 +19,11 @@ def noise(shape, rng):
 
 
 def trials(seen, n, rng, *, most=(1.1, 0.4)):
-    truth = [rng.uniform(-one, one, n) * told for one, told in zip(most, seen.tells, strict=True)]
-    x = 10 * seen.steering(*truth) + noise((n, seen.n_elements), rng)
-    return truth, Monopulse().directions(x[:, None], seen, np.ones(n))
+    truth = [
+        rng.uniform(-one, one, n) * told for one, told in zip(most, seen.resolves, strict=True)
+    ]
+    x = 10 * seen.steering_vectors(*truth) + noise((n, seen.n_elements), rng)
+    return truth, Monopulse().find_directions(x[:, None], seen, np.ones(n))
 
 
 def test_two_elements_tell_the_arc_sine_of_their_phase():
@@ -29,7 +31,7 @@ def test_two_elements_tell_the_arc_sine_of_their_phase():
     for phase in (-2.0, -0.3, 0.0, 1.1):
         # The element to the left is nearer to a target on the left: its phase lags.
         x = np.array([[[1.0, np.exp(-1j * phase)]]])
-        found = Monopulse().directions(x, seen, np.full(1, 1e-4))
+        found = Monopulse().find_directions(x, seen, np.full(1, 1e-4))
         assert found.azimuth_rad[0, 0] == pytest.approx(np.arcsin(phase / (2 * np.pi * 0.45)))
 
 
@@ -74,7 +76,7 @@ def test_pairs_of_a_sparse_plane_need_not_lie_along_its_axes():
         (elevation, found.elevation_rad, found.elevation_std_rad),
     ):
         assert 0.85 < np.mean(((at[:, 0] - truth) / std[:, 0]) ** 2) < 1.15
-    one, two = (pairs.by for pairs in displaced(seen))
+    one, two = (pairs.displacement for pairs in displaced_pairs(seen))
     assert abs(one[0] * two[1] - one[1] * two[0]) > 0.05
 
 
@@ -93,4 +95,4 @@ def test_several_sources_are_refused():
 def test_an_array_without_pairs_at_one_depth_is_refused():
     staggered = Aperture(np.array([(0, 0, 0), (0.1, 0.5, 0), (0.2, 1.0, 0)]))
     with pytest.raises(dc.InvalidSetting, match="bartlett"):
-        Monopulse().directions(np.ones((1, 1, 3)), staggered, np.ones(1))
+        Monopulse().find_directions(np.ones((1, 1, 3)), staggered, np.ones(1))

@@ -60,7 +60,7 @@ def test_angles_do_not_depend_on_velocity_in_any_order(radar, code):
         for azimuth_deg in (-35, 20):
             found, truth = seen(radar, at(azimuth_deg, share * most))
 
-            assert found.fold.item() == round(share / 2)
+            assert found.ambiguity_number.item() == round(share / 2)
             assert abs(found.velocity - truth.velocity) < 5 * found.velocity_std + 1e-3
             # 0.03 degrees of noise, five of them. Between slots the range walks by 1 mm of 1.2 m.
             error_deg = np.degrees(found.azimuth - truth.azimuth)

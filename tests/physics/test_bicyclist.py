@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
-from dechirp.config.texts import dump
+from dechirp.config.dumping import dump
+from dechirp.config.loading import parse_settings
 from dechirp.scene.bodies.bicyclist import Bicyclist
-from dechirp.scene.paths import paths
-from dechirp.scene.person import OWNERS, Joint
+from dechirp.scene.skeleton import SEGMENT_JOINTS, Joint
 from dechirp.scene.target import Target
+from dechirp.scene.trajectories import fit_paths
 
 RIDER = slice(0, 35)
 PEDALS = slice(59, 61)
@@ -73,23 +73,27 @@ def test_the_rider_pedals_with_the_legs_alone(height_m):
     times_s = np.linspace(0, 1 / body.cadence_hz, 200)
     moves_m = np.ptp(body.offsets_m(times_s)[:, RIDER], axis=0).max(axis=-1)
 
-    of_legs = (OWNERS >= Joint.LEFT_HIP).all(axis=1)
-    of_hips = np.isin(OWNERS[:, 0], (Joint.LEFT_HIP,)) & np.isin(OWNERS[:, 1], (Joint.RIGHT_HIP,))
+    of_legs = (SEGMENT_JOINTS >= Joint.LEFT_HIP).all(axis=1)
+    of_hips = np.isin(SEGMENT_JOINTS[:, 0], (Joint.LEFT_HIP,)) & np.isin(
+        SEGMENT_JOINTS[:, 1], (Joint.RIGHT_HIP,)
+    )
     assert moves_m[~of_legs].max() == 0
     assert moves_m[of_legs & ~of_hips].min() > 0.02
     # Feet go with the pedals, on circles.
-    feet_m = body.offsets_m(times_s)[:, RIDER][:, OWNERS[:, 0] == Joint.LEFT_HEEL]
+    feet_m = body.offsets_m(times_s)[:, RIDER][:, SEGMENT_JOINTS[:, 0] == Joint.LEFT_HEEL]
     apart_m = feet_m - body.offsets_m(times_s)[:, PEDALS][:, :1]
     assert np.ptp(apart_m, axis=0).max() < 1e-12
     # Thighs and shanks keep their lengths: three points on each are a third apart.
     for joint, share in ((Joint.LEFT_HIP, 0.245), (Joint.RIGHT_KNEE, 0.246)):
-        chosen = (OWNERS[:, 0] == joint) & ~of_hips
+        chosen = (SEGMENT_JOINTS[:, 0] == joint) & ~of_hips
         limb_m = body.offsets_m(times_s)[:, RIDER][:, chosen]
         lengths_m = np.linalg.norm(limb_m[:, 2] - limb_m[:, 0], axis=-1) * 1.5
         assert lengths_m == pytest.approx(np.full(200, share * height_m), rel=1e-9)
     # Knees are ahead of the line from hip to ankle.
     thigh_m, shank_m = (
-        body.offsets_m(times_s)[:, RIDER][:, (OWNERS[:, 0] == joint) & ~of_hips][..., [0, 2]]
+        body.offsets_m(times_s)[:, RIDER][:, (SEGMENT_JOINTS[:, 0] == joint) & ~of_hips][
+            ..., [0, 2]
+        ]
         for joint in (Joint.LEFT_HIP, Joint.LEFT_KNEE)
     )
     along, after = thigh_m[:, 2] - thigh_m[:, 0], shank_m[:, 2] - shank_m[:, 0]
@@ -115,7 +119,7 @@ def test_a_bicyclist_shares_its_cross_section_among_its_parts(radar):
     assert shares[WHEELS].sum() == pytest.approx(0.3, rel=1e-12)
     assert body.n_scatterers() == WHEELS.start + 2 * 3 * 20 == body.offsets_m(np.zeros(1)).shape[1]
     target = Target(position_m=(20, 0, -0.6), velocity_m_per_s=(5, 0, 0), body=body)
-    assert len(paths(dc.Scene(targets=[target]), radar.frame, 0.3)) <= 4
+    assert len(fit_paths(dc.Scene(targets=[target]), radar.frame, 0.3)) <= 4
 
 
 def test_settings_files_say_how_a_bicyclist_rides():
@@ -126,25 +130,25 @@ velocity: [0 m/s, -5 m/s, 0 m/s]
 body: {{kind: bicyclist, speed: 18 km/h, wheel_radius: 330 mm, n_spokes: 24, development: {gear},
        phase: 90 deg, rcs: -3 dBsm}}
 """
-        target = parse(text, Target)
+        target = parse_settings(text, Target)
         assert target.body.speed_m_per_s == pytest.approx(5, rel=1e-15)
         assert (target.body.n_spokes, target.body.development_m) == (24, development_m)
-        assert parse(dump(target), Target) == target
+        assert parse_settings(dump(target), Target) == target
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"height_m": -1.7}, "Bicyclist.height_m is -1.7"),
-        ({"speed_m_per_s": -5}, "Bicyclist.speed_m_per_s is -5"),
-        ({"speed_m_per_s": 60}, "Bicyclist.speed_m_per_s is 60"),
-        ({"wheel_radius_m": 0}, "Bicyclist.wheel_radius_m is 0"),
-        ({"wheel_radius_m": 0.7}, "Bicyclist.wheel_radius_m is 0.7"),
-        ({"n_spokes": 2.5}, "Bicyclist.n_spokes is 2.5"),
-        ({"development_m": 0}, "Bicyclist.development_m is 0"),
-        ({"development_m": 1.0}, "development_m is 1 m: 300 turns of the cranks a minute at 5 m/s"),
-        ({"phase_rad": np.inf}, "Bicyclist.phase_rad is inf"),
-        ({"rcs_m2": -1}, "Bicyclist.rcs_m2 is -1"),
+        ({"height_m": -1.7}, "Bicyclist.height_m: -1.7"),
+        ({"speed_m_per_s": -5}, "Bicyclist.speed_m_per_s: -5"),
+        ({"speed_m_per_s": 60}, "Bicyclist.speed_m_per_s: 60"),
+        ({"wheel_radius_m": 0}, "Bicyclist.wheel_radius_m: 0"),
+        ({"wheel_radius_m": 0.7}, "Bicyclist.wheel_radius_m: 0.7"),
+        ({"n_spokes": 2.5}, "Bicyclist.n_spokes: 2.5"),
+        ({"development_m": 0}, "Bicyclist.development_m: 0"),
+        ({"development_m": 1.0}, "development_m: 1 m: 300 crank turns per minute at 5 m/s"),
+        ({"phase_rad": np.inf}, "Bicyclist.phase_rad: inf"),
+        ({"rcs_m2": -1}, "Bicyclist.rcs_m2: -1"),
     ],
 )
 def test_a_bicyclist_that_cannot_be_is_refused(given, message):

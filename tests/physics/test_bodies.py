@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
-from dechirp.config.texts import dump
+from dechirp.config.dumping import dump
+from dechirp.config.loading import parse_settings
 from dechirp.core.errors import InvalidFile
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.budget import received_power_w
 from dechirp.scene.bodies.base import Body
-from dechirp.scene.bodies.cloud import Cloud
+from dechirp.scene.bodies.point_cloud import PointCloud
 from dechirp.scene.bodies.points import Oscillation, Points, Rotation, Scatterer
 from dechirp.scene.ego import Ego
-from dechirp.scene.rcs import cross_sections_m2, target_cross_sections_m2
+from dechirp.scene.rcs import scatterer_cross_sections_m2, target_cross_sections_m2
 from dechirp.scene.rcs_table import RcsTable
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
@@ -79,7 +79,7 @@ PLACES_M = np.array([(1.0, 2.0, 3.0), (-4.0, 5.0, -6.0)])
 
 
 def test_a_cloud_is_its_points():
-    cloud = Cloud(positions_m=PLACES_M, rcs_m2=np.array([0.5, 2.0]))
+    cloud = PointCloud(positions_m=PLACES_M, rcs_m2=np.array([0.5, 2.0]))
     points = Points(
         scatterers=[
             Scatterer(position_m=p, rcs_m2=s) for p, s in zip(PLACES_M, (0.5, 2), strict=True)
@@ -90,12 +90,12 @@ def test_a_cloud_is_its_points():
     assert (cloud.offsets_m(times_s) == points.offsets_m(times_s)).all()
     assert (cloud.cross_sections_m2() == points.cross_sections_m2()).all()
     assert cloud.is_rigid and points.is_rigid
-    assert cloud == Cloud(positions_m=PLACES_M.tolist(), rcs_m2=(0.5, 2))
+    assert cloud == PointCloud(positions_m=PLACES_M.tolist(), rcs_m2=(0.5, 2))
 
 
 def test_a_cloud_does_not_change_with_the_arrays_it_was_made_of():
     places_m, rcs_m2 = PLACES_M.copy(), np.array([0.5, 2.0])
-    cloud = Cloud(positions_m=places_m, rcs_m2=rcs_m2)
+    cloud = PointCloud(positions_m=places_m, rcs_m2=rcs_m2)
     places_m[:], rcs_m2[:] = 0, 0
 
     assert cloud.offsets_m(np.zeros(1))[0].tolist() == PLACES_M.tolist()
@@ -106,7 +106,7 @@ def test_a_cloud_does_not_change_with_the_arrays_it_was_made_of():
 
 
 def test_scatterers_are_counted_through_target_by_target():
-    body = Cloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+    body = PointCloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
     scene = Scene(
         targets=[
             Target(position_m=(10, 0, 0), rcs_m2=7),
@@ -116,7 +116,7 @@ def test_scatterers_are_counted_through_target_by_target():
     )
 
     assert scene.owners.tolist() == [0, 1, 1, 2]
-    assert cross_sections_m2(scene, 0.0, 0.0039).tolist() == [7, 0.5, 2, 9]
+    assert scatterer_cross_sections_m2(scene, 0.0, 0.0039).tolist() == [7, 0.5, 2, 9]
     assert target_cross_sections_m2(scene, [0.0, 1.0], 0.0039).tolist() == [[7, 2.5, 9]] * 2
     # Its x axis points left: x becomes y, and y becomes -x.
     assert scene.positions_m([0.0])[0] == pytest.approx(
@@ -144,17 +144,19 @@ TABLE = RcsTable(
 def test_a_cross_section_over_aspect_is_what_the_target_shows_to_the_radar(of, rcs_m2):
     scene = Scene(targets=[Target(position_m=(20, 0, 0), rcs_table=TABLE, **of)])
 
-    assert cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(rcs_m2, rel=1e-9)
+    assert scatterer_cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(rcs_m2, rel=1e-9)
 
 
 def test_the_aspect_is_towards_where_the_radar_is_and_not_where_it_looks():
     target = Target(position_m=(0, 20, 0), rcs_table=TABLE, heading_rad=np.pi / 2)
     for yaw_rad in (0.0, 1.0, np.pi / 2):
         scene = Scene(targets=[target], ego=Ego(yaw_rad=yaw_rad))
-        assert cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(1, rel=1e-9)
+        assert scatterer_cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(1, rel=1e-9)
     # Driven past it: the radar is 20 m ahead of it, to its left.
     past = Scene(targets=[target], ego=Ego(velocity_m_per_s=(-20, 40, 0)))
-    assert cross_sections_m2(past, 1.0, 0.0039)[0] == pytest.approx(np.sqrt(10 * 50), rel=1e-9)
+    assert scatterer_cross_sections_m2(past, 1.0, 0.0039)[0] == pytest.approx(
+        np.sqrt(10 * 50), rel=1e-9
+    )
 
 
 def test_the_aspect_changes_with_elevation():
@@ -163,7 +165,7 @@ def test_the_aspect_changes_with_elevation():
     )
     for z_m, rcs_m2 in ((0, 10), (-20, np.sqrt(10 * 1000)), (20, np.sqrt(10))):
         scene = Scene(targets=[Target(position_m=(20, 0, z_m), rcs_table=table)])
-        assert cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(rcs_m2, rel=1e-9)
+        assert scatterer_cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(rcs_m2, rel=1e-9)
 
 
 def test_a_cross_section_over_aspect_changes_along_a_curve():
@@ -175,14 +177,16 @@ def test_a_cross_section_over_aspect_changes_along_a_curve():
     scene = Scene(targets=[target])
     over_time = target_cross_sections_m2(scene, [0.0, 0.5, 2.0], 0.0039)[:, 0]
 
-    one_by_one = [cross_sections_m2(scene, time_s, 0.0039)[0] for time_s in (0.0, 0.5, 2.0)]
+    one_by_one = [
+        scatterer_cross_sections_m2(scene, time_s, 0.0039)[0] for time_s in (0.0, 0.5, 2.0)
+    ]
     assert over_time == pytest.approx(one_by_one, rel=1e-12)
     assert np.ptp(over_time) > 1
 
 
 def test_the_truth_has_the_cross_section_of_all_scatterers_at_each_time(radar):
     radar = replace(radar, frame=replace(radar.frame, period_s=1.0))
-    body = Cloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+    body = PointCloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
     passing = Target(
         position_m=(20, 5, 0), velocity_m_per_s=(0, -8, 0), rcs_table=TABLE, heading_rad=0.0
     )
@@ -199,8 +203,8 @@ def test_the_truth_has_the_cross_section_of_all_scatterers_at_each_time(radar):
 
 
 def test_white_noise_stands_below_the_echo_of_all_scatterers(radar):
-    body = Cloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
-    noise = dc.WhiteNoise(snr=4)
+    body = PointCloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+    noise = dc.impairments.WhiteNoise(snr=4)
     for target, rcs_m2 in (
         (Target(position_m=(20, 0, 0), body=body), 2.5),
         (Target(position_m=(20, 0, 0), rcs_table=TABLE), 1),
@@ -226,7 +230,7 @@ targets:
         - {position: [0 m, 0 m, 1 m], rcs: 10 dBsm,
            oscillation: {amplitude: [1 mm, 0 m, 0 m], frequency: 30 Hz, phase: 90 deg}}
   - {name: heap, position: [20 m, -5 m, 0 m], heading: 30 deg,
-     body: {kind: cloud, positions: [[0 m, 0 m, 0 m], [1 m, 0 m, 0 m]], rcs: [1 m^2, 0.5 m^2]}}
+     body: {kind: point-cloud, positions: [[0, 0, 0], [1 m, 0, 0]], rcs: [1 m^2, 0.5 m^2]}}
   - {name: van, position: [60 m, 0 m, 0 m], acceleration: [-3 m/s^2, 0 m/s^2, 0 m/s^2],
      velocity: [5 m/s, 0 m/s, 0 m/s],
      rcs_table: {azimuth: [-90 deg, 0 deg, 90 deg], rcs: [[20 dBsm, 10 dBsm, 20 dBsm]]}}
@@ -234,17 +238,17 @@ targets:
 
 
 def test_settings_files_say_all_of_a_scene():
-    scene = parse(WHOLE, Scene)
+    scene = parse_settings(WHOLE, Scene)
     car, heap, van = scene.targets
 
     assert scene.ego.turn_rate_rad_per_s == pytest.approx(np.radians(5), rel=1e-15)
     assert car.waypoints[1] == Waypoint(time_s=2, position_m=(48, 4, 0))
     assert car.body.scatterers[0].rotation.rate_rad_per_s == pytest.approx(np.pi / 2, rel=1e-15)
     assert car.body.scatterers[1].oscillation.amplitude_m == (1e-3, 0, 0)
-    assert heap.body == Cloud(positions_m=((0, 0, 0), (1, 0, 0)), rcs_m2=(1, 0.5))
+    assert heap.body == PointCloud(positions_m=((0, 0, 0), (1, 0, 0)), rcs_m2=(1, 0.5))
     assert van.acceleration_m_per_s2 == (-3, 0, 0)
     assert van.rcs_table.rcs_m2 == ((100, 10, 100),)
-    assert parse(dump(scene), Scene) == scene
+    assert parse_settings(dump(scene), Scene) == scene
 
 
 @pytest.mark.parametrize(
@@ -253,7 +257,7 @@ def test_settings_files_say_all_of_a_scene():
         ("{time: 2 s,", "{time: 0.5 s,", "targets.car.waypoints.1.time", 6),
         ("rate: 90 deg/s", "rate: 90 deg", "targets.car.body.scatterers.0.rotation.rate", 12),
         ("-3 m/s^2", "-3 m/s", "targets.van.acceleration.0", 17),
-        ("kind: cloud", "kind: clod", "targets.heap.body.kind", 16),
+        ("kind: point-cloud", "kind: clod", "targets.heap.body.kind", 16),
         ("[1 m^2, 0.5 m^2]", "[1 m^2]", "targets.heap.body.rcs", 16),
         ("0 deg, 90 deg]", "0 deg, -9 deg]", "targets.van.rcs_table.azimuth.2", 19),
         ("fluctuation: swerling-3", "rcs: 20 dBsm", "targets.car.body", 8),
@@ -261,7 +265,7 @@ def test_settings_files_say_all_of_a_scene():
 )
 def test_a_mistake_in_a_scene_is_told_with_its_place(right, wrong, setting, line):
     with pytest.raises(InvalidFile) as error:
-        parse(WHOLE.replace(right, wrong), Scene)
+        parse_settings(WHOLE.replace(right, wrong), Scene)
 
     (mistake,) = error.value.mistakes
     assert (mistake.setting, mistake.line) == (setting, line)
@@ -270,19 +274,19 @@ def test_a_mistake_in_a_scene_is_told_with_its_place(right, wrong, setting, line
 @pytest.mark.parametrize(
     ("positions_m", "rcs_m2", "message"),
     [
-        ([(0, 0, np.nan)], [1], "Cloud.positions_m is nan, but must be finite"),
-        ([(0, 0)], [1], r"Cloud.positions_m is of the shape \(1, 2\)"),
-        (np.zeros((0, 3)), [], r"Cloud.positions_m is of the shape \(0, 3\)"),
-        ([(0, 0, 0)], [np.inf], "Cloud.rcs_m2 is inf"),
-        ([(0, 0, 0)], [-1], "Cloud.rcs_m2 is -1.0, but must be finite and above 0"),
-        ([(0, 0, 0)], [1, 2], r"Cloud.rcs_m2 is of the shape \(2,\)"),
-        ([(0, 0, 0)], [1e-30], "Cloud.rcs_m2 is .* the least 1e-30"),
-        ([(0, 0, "x")], [1], "Cloud.positions_m"),
+        ([(0, 0, np.nan)], [1], "PointCloud.positions_m: nan; expected finite"),
+        ([(0, 0)], [1], r"PointCloud.positions_m: an array of the shape \(1, 2\)"),
+        (np.zeros((0, 3)), [], r"PointCloud.positions_m: an array of the shape \(0, 3\)"),
+        ([(0, 0, 0)], [np.inf], "PointCloud.rcs_m2: inf"),
+        ([(0, 0, 0)], [-1], "PointCloud.rcs_m2: -1.0; expected finite and above 0"),
+        ([(0, 0, 0)], [1, 2], r"PointCloud.rcs_m2: shape \(2,\)"),
+        ([(0, 0, 0)], [1e-30], "PointCloud.rcs_m2: .* a minimum of 1e-30"),
+        ([(0, 0, "x")], [1], "PointCloud.positions_m"),
     ],
 )
 def test_a_cloud_of_what_is_no_place_is_refused(positions_m, rcs_m2, message):
     with pytest.raises(dc.InvalidSetting, match=message):
-        Cloud(positions_m=positions_m, rcs_m2=rcs_m2)
+        PointCloud(positions_m=positions_m, rcs_m2=rcs_m2)
 
 
 @pytest.mark.parametrize(
@@ -293,21 +297,21 @@ def test_a_cloud_of_what_is_no_place_is_refused(positions_m, rcs_m2, message):
         (lambda: Points(scatterers=np.array(1.0)), "Points.scatterers"),
         (lambda: point(position_m=(1, 2)), "Scatterer.position_m"),
         (lambda: point(rcs_m2=0), "Scatterer.rcs_m2"),
-        (lambda: point(rotation=10.0), "Scatterer.rotation is 10.0, .* of the class Rotation"),
-        (lambda: point(oscillation=[1, 2]), "Scatterer.oscillation is .* Oscillation"),
+        (lambda: point(rotation=10.0), "Scatterer.rotation: 10.0; .* a Rotation"),
+        (lambda: point(oscillation=[1, 2]), "Scatterer.oscillation: .* Oscillation"),
         (
             lambda: Rotation(center_m=(0, 0, 0), axis=(0, 0, 0), rate_rad_per_s=1),
-            "Rotation.axis is .*a direction",
+            "Rotation.axis: .*a vector of positive length",
         ),
         (lambda: Rotation(center_m=(0, 0, 0), rate_rad_per_s=np.nan), "Rotation.rate_rad_per_s"),
         (lambda: Oscillation(amplitude_m=(1, 0, 0), frequency_hz=-1), "Oscillation.frequency_hz"),
         (
             lambda: Oscillation(amplitude_m=(10, 0, 0), frequency_hz=1e4),
-            "a thousandth of that of light",
+            "a thousandth of the speed of light",
         ),
         (
             lambda: point(rotation=Rotation(center_m=(9, 0, 0), rate_rad_per_s=9e4)),
-            "Scatterer.rotation is .* m/s on its circle",
+            "Scatterer.rotation: .* m/s on its circle",
         ),
     ],
 )
@@ -319,11 +323,14 @@ def test_a_part_that_cannot_be_is_refused(make, message):
 @pytest.mark.parametrize(
     ("given", "named"),
     [
-        ({"rcs_m2": 5, "rcs_table": TABLE}, "rcs_table is given beside rcs_m2"),
-        ({"rcs_m2": 5, "body": Cloud(positions_m=PLACES_M, rcs_m2=(1, 1))}, "body is given beside"),
+        ({"rcs_m2": 5, "rcs_table": TABLE}, "rcs_table: given in addition to rcs_m2"),
         (
-            {"rcs_table": TABLE, "body": Cloud(positions_m=PLACES_M, rcs_m2=(1, 1))},
-            "rcs_table is given beside body",
+            {"rcs_m2": 5, "body": PointCloud(positions_m=PLACES_M, rcs_m2=(1, 1))},
+            "body: given in addition to",
+        ),
+        (
+            {"rcs_table": TABLE, "body": PointCloud(positions_m=PLACES_M, rcs_m2=(1, 1))},
+            "rcs_table: given in addition to body",
         ),
     ],
 )
@@ -337,7 +344,7 @@ def test_a_table_of_aspects_out_of_order_is_refused():
         RcsTable(azimuth_rad=(0, 1, 0.5), rcs_m2=((1, 1, 1),))
 
 
-@value
+@frozen_dataclass
 class Guest(Body):
     """What another package may have made of a body."""
 
@@ -356,11 +363,11 @@ class Guest(Body):
         ((np.nan,), "a cross section of nan m"),
         ((-1.0,), "a cross section of -1 m"),
         ((), "a body without scatterers"),
-        ((1.0, 1.0), r"places of the shape \(2, 1, 3\), but must be finite places"),
+        ((1.0, 1.0), r"positions of the shape \(2, 1, 3\); expected finite positions"),
     ],
 )
 def test_a_body_that_is_no_body_is_refused_by_the_name_of_its_target(radar, rcs, message):
     scene = Scene(targets=[Target(name="bus", position_m=(10, 0, 0), body=Guest(rcs=rcs))])
-    with pytest.raises(dc.InvalidSetting, match=rf"^scene\.targets\.bus\.body is .*{message}"):
+    with pytest.raises(dc.InvalidSetting, match=rf"^scene\.targets\.bus\.body: .*{message}"):
         dc.truth(scene, radar)
         scene.positions_m([0.0, 1.0])

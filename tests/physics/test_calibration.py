@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 import dechirp as dc
+from dechirp.processing.calibration.calibrate import CalibrationResult
 from dechirp.radar.modulations.triangular import Triangular
 from noise import noise_cube, noisy
 
@@ -16,7 +17,10 @@ WAVE_M = 3.87e-3
 RARE = 1e-6
 
 
-def radar(code: dc.Tdm | dc.Bpm | dc.Ddma, sampling: str = "complex") -> dc.Radar:
+def radar(
+    code: dc.multiplexing.Tdm | dc.multiplexing.Bpm | dc.multiplexing.Ddma,
+    sampling: str = "complex",
+) -> dc.Radar:
     """Two transmitters and four receivers: a line of eight, half a wavelength apart."""
     chirp = dc.Chirp(
         start_frequency_hz=77e9,
@@ -37,9 +41,9 @@ def radar(code: dc.Tdm | dc.Bpm | dc.Ddma, sampling: str = "complex") -> dc.Rada
     )
 
 
-TDM = radar(dc.Tdm(order=(0, 1)))
-ALIKE = dc.Mismatch(gains=(1.0,) * 4, phases_rad=(0.0,) * 4)
-UNLIKE = dc.Mismatch(gains=GAINS, phases_rad=PHASES)
+TDM = radar(dc.multiplexing.Tdm(order=(0, 1)))
+ALIKE = dc.impairments.ChannelMismatch(gains=(1.0,) * 4, phases_rad=(0.0,) * 4)
+UNLIKE = dc.impairments.ChannelMismatch(gains=GAINS, phases_rad=PHASES)
 
 
 def echo(of: dc.Radar, azimuth_deg: float, *impairments, range_m=20.0, elevation_deg=0.0):
@@ -65,7 +69,7 @@ def put_in(gains=GAINS, phases=PHASES, n_tx=2) -> np.ndarray:
     return np.tile(np.sqrt(gains) * np.exp(1j * np.array(phases)), n_tx)
 
 
-def relative(found: dc.Calibrated, channel: np.ndarray) -> np.ndarray:
+def relative(found: CalibrationResult, channel: np.ndarray) -> np.ndarray:
     """Errors of the gains, relative to the truth, free of the common factor."""
     product = factors(found.calibration) * channel
     weight = 1 / np.array(found.gain_std) ** 2
@@ -84,10 +88,10 @@ def within_law(total: float, n_free: int) -> bool:
     ("of", "per_sample_db"),
     [
         (TDM, -10),
-        (radar(dc.Tdm(order=(1, 0))), -10),
-        (radar(dc.Bpm(order=(0, 1))), -10),
-        (radar(dc.Ddma(order=(0, 1), n_sub_bands=4)), -10),
-        (radar(dc.Tdm(order=(0, 1)), "real"), -10),
+        (radar(dc.multiplexing.Tdm(order=(1, 0))), -10),
+        (radar(dc.multiplexing.Bpm(order=(0, 1))), -10),
+        (radar(dc.multiplexing.Ddma(order=(0, 1), n_sub_bands=4)), -10),
+        (radar(dc.multiplexing.Tdm(order=(0, 1)), "real"), -10),
     ],
     ids=["tdm", "tdm backwards", "bpm", "ddma", "real samples"],
 )
@@ -125,7 +129,7 @@ def test_the_ratio_that_is_reported_is_that_of_the_link(code=TDM):
 def test_places_are_found_from_several_angles_to_the_bound_of_the_noise():
     tx = ((0, 0, 0), (0, 0.2e-3, 0))
     rx = ((0, 0.1e-3, 0), (0, -0.15e-3, 0), (0, 0, 0), (0, 0.05e-3, 0))
-    moved = dc.PositionErrors(tx_m=tx, rx_m=rx)
+    moved = dc.impairments.PositionErrors(tx_m=tx, rx_m=rx)
     angles = (-50.0, -20.0, 5.0, 30.0, 55.0)
     clean = [echo(TDM, angle, UNLIKE, moved) for angle in angles]
     truth = (np.array(tx)[:, None] + np.array(rx)).reshape(-1, 3)[:, 1]
@@ -151,7 +155,7 @@ def test_places_are_found_from_several_angles_to_the_bound_of_the_noise():
 
 def test_heights_are_found_where_elevations_differ():
     rx = ((0, 0, 0.2e-3), (0, 0, -0.1e-3), (0, 0, 0), (0, 0, -0.1e-3))
-    moved = dc.PositionErrors(rx_m=rx)
+    moved = dc.impairments.PositionErrors(rx_m=rx)
     at = [(-40, 0), (40, 0), (0, 25), (0, -25), (20, 20)]
     cubes = [echo(TDM, a, UNLIKE, moved, elevation_deg=e) for a, e in at]
 
@@ -193,7 +197,9 @@ def test_angles_are_right_after_calibration_and_were_wrong_before():
 
 
 def test_places_that_were_measured_mend_angles_far_from_those_they_were_measured_at():
-    moved = dc.PositionErrors(rx_m=((0, -0.3e-3, 0), (0, -0.1e-3, 0), (0, 0.1e-3, 0), (0, 0, 0)))
+    moved = dc.impairments.PositionErrors(
+        rx_m=((0, -0.3e-3, 0), (0, -0.1e-3, 0), (0, 0.1e-3, 0), (0, 0, 0))
+    )
     angles = np.radians([-30.0, 0.0, 30.0])
     cubes = [echo(TDM, np.degrees(angle), moved) for angle in angles]
     with_places = dc.calibrate(cubes, TDM, azimuth_rad=angles).calibration
@@ -297,7 +303,7 @@ def test_an_angle_that_the_array_does_not_see_is_told(wrong_deg):
     right = dc.calibrate(cube, TDM, azimuth_rad=np.radians(30.0)).findings
 
     assert [finding.setting for finding in wrong] == ["azimuth_rad"]
-    assert "30 degrees even before" in wrong[0].got
+    assert "30 degrees even before" in wrong[0].value
     assert right == ()
 
 
@@ -307,7 +313,7 @@ def test_angles_that_no_array_explains_are_told():
 
     found = dc.calibrate(shuffled, TDM, azimuth_rad=np.radians([-40.0, 0.0, 40.0]))
 
-    assert any("does not agree" in finding.got for finding in found.findings)
+    assert any("inconsistent angles" in finding.value for finding in found.findings)
     assert found.calibration.residual > 0.2
 
 
@@ -319,7 +325,7 @@ def test_a_second_echo_beside_or_as_strong_is_told():
     near = dc.calibrate(beside, TDM, azimuth_rad=0.0, range_m=20.0).findings
     far = dc.calibrate(rival, TDM, azimuth_rad=0.0).findings
 
-    assert any("within three range cells" in finding.got for finding in near)
+    assert any("within three range cells" in finding.value for finding in near)
     assert any(finding.setting == "range_m" for finding in far)
 
 
@@ -329,7 +335,9 @@ def test_a_weak_reflector_is_told_and_a_dead_receiver_refused():
     weak = dc.calibrate(
         noisy(clean, -20.0, np.random.default_rng(5)), TDM, azimuth_rad=0.0
     ).findings
-    assert any("only 1" in finding.got and "dB over the noise" in finding.got for finding in weak)
+    assert any(
+        "only 1" in finding.value and "dB over the noise" in finding.value for finding in weak
+    )
 
     dead = noisy(clean, -10.0, np.random.default_rng(6))
     dead.values[:, :, 2] *= 0.03
@@ -350,14 +358,14 @@ def test_what_cannot_be_calibrated_is_refused():
         array=dc.Array(rx_m=TDM.array.rx_m),
     )
     refused = {
-        "without an echo at rest": (noise, TDM, {"azimuth_rad": 0.0}),
+        "no static echo": (noise, TDM, {"azimuth_rad": 0.0}),
         "from 28.24 to 31.76 m": (cube, TDM, {"azimuth_rad": 0.0, "range_m": 30.0}),
         "several elements": (cube, lone, {"azimuth_rad": 0.0}),
-        "modulation is triangular": (cube, rising_and_falling, {"azimuth_rad": 0.0}),
+        "modulation: triangular": (cube, rising_and_falling, {"azimuth_rad": 0.0}),
         "at least -1.5708 rad": (cube, TDM, {"azimuth_rad": 30.0}),
-        "azimuth_rad is": (cube, TDM, {"azimuth_rad": np.nan}),
-        "elevation_rad is": (cube, TDM, {"azimuth_rad": 0.0, "elevation_rad": 2.0}),
-        "range_m is": (cube, TDM, {"azimuth_rad": 0.0, "range_m": -1.0}),
+        "azimuth_rad: ": (cube, TDM, {"azimuth_rad": np.nan}),
+        "elevation_rad: ": (cube, TDM, {"azimuth_rad": 0.0, "elevation_rad": 2.0}),
+        "range_m: ": (cube, TDM, {"azimuth_rad": 0.0, "range_m": -1.0}),
         "2 angles for 1 recordings": ([cube], TDM, {"azimuth_rad": [0.0, 0.1]}),
         "0 angles for 0 recordings": ([], TDM, {"azimuth_rad": []}),
         "3 numbers for 2 recordings": (
@@ -379,11 +387,11 @@ def test_a_calibration_that_cannot_be_is_refused():
         ({"elements": [(0, -1), (0, 0)]}, r"elements\.0"),
         ({"elements": [(0,), (0, 1)]}, "two numbers"),
         ({"elements": []}, "a list of pairs"),
-        ({"gain": [(1.0, 0.0), (0.0, 0.0)]}, r"gain\.1 .* magnitude"),
+        ({"gain": [(1.0, 0.0), (0.0, 0.0)]}, r"gain\.1: .* magnitude"),
         ({"gain": [(1.0, np.nan), (1.0, 0.0)]}, r"gain\.0"),
         ({"gain": [1.0, 2.0]}, "two numbers"),
         ({"position_error_m": [(0, 0, 0)]}, "one for each of the 2 elements"),
-        ({"position_error_m": [(0, 0, 0), (0, 1.0, 0)]}, "Check the unit"),
+        ({"position_error_m": [(0, 0, 0), (0, 1.0, 0)]}, "check the unit"),
         ({"range_offset_m": np.inf}, "range_offset_m"),
         ({"residual": -1.0}, "residual"),
     ]
@@ -406,6 +414,6 @@ def test_the_order_of_the_elements_in_a_file_is_free():
     backwards = dc.Calibration(elements=pairs[::-1], gain=gain[::-1])
 
     np.testing.assert_array_equal(
-        replace(TDM, calibration=straight).element_gain,
-        replace(TDM, calibration=backwards).element_gain,
+        replace(TDM, calibration=straight).element_corrections,
+        replace(TDM, calibration=backwards).element_corrections,
     )

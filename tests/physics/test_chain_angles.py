@@ -11,23 +11,27 @@ from rich.console import Console
 from test_angle_of_moving_targets import HALF_M, at, mimo
 
 import dechirp as dc
-from dechirp.cli.detected import detected
-from dechirp.core.columns import COLUMNS, columns, records
-from dechirp.evaluate.match import match
-from dechirp.process.angle.bartlett import Bartlett
-from dechirp.process.angle.esprit import Esprit
-from dechirp.process.angle.maximum_likelihood import MaximumLikelihood
-from dechirp.process.angle.monopulse import Monopulse
-from dechirp.process.angle.music import Music
-from dechirp.process.near_field import far_from_m
-from dechirp.process.sources import from_origin, middle_m, range_from_m
+from dechirp.cli.run_output import detections_table
+from dechirp.core.table_columns import COLUMNS, dataset_to_columns, dataset_to_records
+from dechirp.evaluation.association import associate_detections
+from dechirp.processing.angle.bartlett import Bartlett
+from dechirp.processing.angle.esprit import Esprit
+from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
+from dechirp.processing.angle.monopulse import Monopulse
+from dechirp.processing.angle.music import Music
+from dechirp.processing.direction_finding import (
+    move_to_origin,
+    phase_centres_m,
+    range_from_phase_centre_m,
+)
+from dechirp.processing.near_field import far_field_range_m
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.phase_code import PhaseCode
-from dechirp.report.page import render
-from dechirp.store.tables import json_text
-from dechirp.theory.direction_bounds import towards
+from dechirp.report.page import render_report
+from dechirp.results.tables import json_text
+from dechirp.theory.direction_bounds import unit_vectors
 
-TDM = dc.Tdm(order=(0, 1, 2))
+TDM = dc.multiplexing.Tdm(order=(0, 1, 2))
 ANGLES = ("azimuth", "elevation", "azimuth_std", "elevation_std")
 
 
@@ -39,7 +43,7 @@ def test_a_row_of_elements_tells_azimuth_and_no_elevation(radar):
     assert np.isnan(found.elevation.item()) and np.isnan(found.elevation_std.item())
     for name in ANGLES:
         assert found[name].units == "rad"
-    assert found.fold.units == found.fold_confidence.units == "1"
+    assert found.ambiguity_number.units == found.ambiguity_confidence.units == "1"
 
 
 def test_a_plane_tells_azimuth_and_elevation(radar):
@@ -134,33 +138,33 @@ def test_ranges_and_directions_go_to_the_origin_and_back(radar):
     fold = np.array([0, 0, 0, 0, np.nan, 0])
     seen_m = np.array([8.0, 3.0, 2.0, 5.0, 4.0, -0.1])
 
-    middle = middle_m(azimuth, elevation, fold, radar)
-    placed = from_origin(seen_m, azimuth, elevation, middle)
+    middle = phase_centres_m(azimuth, elevation, fold, radar)
+    placed = move_to_origin(seen_m, azimuth, elevation, middle)
 
-    np.testing.assert_allclose(range_from_m(middle, *placed), seen_m, rtol=1e-13)
+    np.testing.assert_allclose(range_from_phase_centre_m(middle, *placed), seen_m, rtol=1e-13)
     # No angle, no fold or no place: as it was.
     for was, now in zip((seen_m, azimuth, elevation), placed, strict=True):
         np.testing.assert_array_equal(now[[1, 4, 5]], was[[1, 4, 5]])
         np.testing.assert_array_equal(np.isnan(now), np.isnan(was))
-    at_m = radar.elements_m.mean(axis=0) / 2 + 5 * towards(azimuth[3], elevation[3])
-    np.testing.assert_allclose(placed[0][3] * towards(placed[1][3], placed[2][3]), at_m)
+    at_m = radar.element_positions_m.mean(axis=0) / 2 + 5 * unit_vectors(azimuth[3], elevation[3])
+    np.testing.assert_allclose(placed[0][3] * unit_vectors(placed[1][3], placed[2][3]), at_m)
 
 
 def test_one_element_tells_no_angle_and_is_not_asked_by_default(reference, clean):
     found = dc.detect(clean, reference.radar)
 
-    assert dc.Chain().fitted(reference.radar).angle is None
-    for name in (*ANGLES, "fold", "fold_confidence"):
+    assert dc.Chain().fit_to_radar(reference.radar).angle is None
+    for name in (*ANGLES, "ambiguity_number", "ambiguity_confidence"):
         assert np.isnan(found[name]).all()
 
 
 def test_one_element_that_is_asked_for_angles_is_refused(radar, reference, clean):
-    with pytest.raises(dc.InvalidSetting, match="chain.angle is 1 virtual element") as wrong:
+    with pytest.raises(dc.InvalidSetting, match="chain.angle: 1 virtual element") as wrong:
         dc.detect(clean, reference.radar, dc.Chain(angle=Bartlett()))
     assert wrong.value.mistakes[0].setting == "chain.angle"
     with pytest.raises(dc.InvalidSetting, match="chain.angle"):
         replace(reference, chain=dc.Chain(angle=Bartlett()))
-    with pytest.raises(dc.InvalidSetting, match=r"Chain.angle .* family"):
+    with pytest.raises(dc.InvalidSetting, match=r"Chain.angle.* family"):
         dc.Chain(angle="fft")
 
 
@@ -194,10 +198,10 @@ def test_a_frame_without_detections_has_no_angles(radar):
 
 def test_codes_that_do_not_part_the_transmitters_tell_no_angle(radar):
     radar = mimo(radar, PhaseCode(phases_rad=[[0, 1, 2], [0, 1, 2]]))
-    assert dc.Chain().fitted(radar).angle is None
+    assert dc.Chain().fit_to_radar(radar).angle is None
     with pytest.warns(dc.PhysicsWarning, match="not orthogonal"):
         cube = dc.simulate(dc.Scene(targets=[at(0, 3)]), radar, seed=1)
-    with pytest.raises(dc.InvalidSetting, match="chain.angle is a code of 3 transmitters"):
+    with pytest.raises(dc.InvalidSetting, match="chain.angle: a code of 3 transmitters"):
         dc.detect(cube, radar, dc.Chain(angle=Bartlett()))
 
 
@@ -239,7 +243,7 @@ def test_a_calibration_is_applied_to_angles_and_ranges(radar):
 
     assert np.degrees(found.azimuth - plain.azimuth) == pytest.approx(0, abs=1e-3)
     assert (plain.range - found.range).item() == pytest.approx(0.25)
-    assert found.fold == plain.fold == 0
+    assert found.ambiguity_number == plain.ambiguity_number == 0
     assert abs(np.degrees(wrong.azimuth - plain.azimuth)) > 1
 
 
@@ -269,14 +273,16 @@ def test_samples_that_are_not_finite_are_refused(radar):
 def test_tables_have_degrees_and_whole_folds_and_null_for_none(radar):
     radar = mimo(radar, TDM)
     found = dc.detect(dc.simulate(dc.Scene(targets=[at(-20, 3)]), radar, seed=1), radar)
-    (row,) = json.loads(json_text(records(found)))
+    (row,) = json.loads(json_text(dataset_to_records(found)))
 
     assert list(row) == list(COLUMNS)
     assert row["azimuth_deg"] == pytest.approx(np.degrees(found.azimuth.item()))
     assert row["azimuth_std_deg"] == pytest.approx(np.degrees(found.azimuth_std.item()))
     assert row["elevation_deg"] is None and row["elevation_std_deg"] is None
-    assert (row["fold"], type(row["fold"])) == (0, int)
-    assert columns(found.assign(fold=found.fold * np.nan))["fold"] == [None]
+    assert (row["ambiguity_number"], type(row["ambiguity_number"])) == (0, int)
+    assert dataset_to_columns(found.assign(ambiguity_number=found.ambiguity_number * np.nan))[
+        "ambiguity_number"
+    ] == [None]
 
 
 def test_detections_belong_to_targets_in_their_direction(radar):
@@ -291,7 +297,7 @@ def test_detections_belong_to_targets_in_their_direction(radar):
     chain = dc.Chain(angle=MaximumLikelihood(n_sources=2))
     found = dc.detect(dc.simulate(scene, radar, seed=1), radar, chain)
 
-    matched = match(found, truth, radar, scene)
+    matched = associate_detections(found, truth, radar, scene)
 
     assert found.sizes["detection"] == 2
     expected = [0 if azimuth > 0 else 1 for azimuth in found.azimuth.values]
@@ -310,9 +316,9 @@ def test_errors_of_folded_targets_are_against_what_was_told_of_them(radar):
     alone = replace(radar, array=replace(radar.array, rx_m=[(0, 0, 0)]))
     untold = dc.detect(dc.simulate(scene, alone, seed=1), alone)
 
-    assert found.fold.item() == 1 and np.isnan(untold.fold.item())
+    assert found.ambiguity_number.item() == 1 and np.isnan(untold.ambiguity_number.item())
     for detections, of in ((found, radar), (untold, alone)):
-        matched = match(detections, truth, of, scene)
+        matched = associate_detections(detections, truth, of, scene)
         assert matched.target.tolist() == [0]
         assert abs(matched.range_error_m[0]) < 0.01
         assert abs(matched.velocity_error_m_per_s[0]) < 0.05
@@ -323,11 +329,11 @@ def test_the_page_shows_angles_beside_the_truth_in_degrees(radar):
     radar = mimo(radar, TDM)
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(targets=[at(-20, 3)]))
     result = dc.run(scenario)
-    page = render(result, yaml="name: scenario\n")
+    page = render_report(result, yaml="name: scenario\n")
 
-    assert '<th class="num">azimuth, °</th><th class="num">SNR, dB</th>' in page
-    assert '<th class="num">azimuth error, °</th>' in page
-    assert "elevation error" not in page
+    assert '<th class="num">Azimuth (°)</th><th class="num">SNR (dB)</th>' in page
+    assert '<th class="num">Azimuth error (°)</th>' in page
+    assert "Elevation error" not in page
     (one,) = (float(np.degrees(value)) for value in result.detections.azimuth.values)
     assert re.search(f"\N{MINUS SIGN}{int(100 * abs(one)) / 100}[0-9]* ±\N{NO-BREAK SPACE}", page)
 
@@ -340,8 +346,8 @@ def test_what_is_in_the_near_field_is_told(radar, range_m, is_told):
     radar = replace(radar, array=array)
     result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene(targets=[at(5, 2, range_m)])))
 
-    found = [finding.got for finding in result.findings if "near field" in finding.got]
-    assert far_from_m(radar) == pytest.approx(4.47, abs=0.02)
+    found = [finding.value for finding in result.findings if "near field" in finding.value]
+    assert far_field_range_m(radar) == pytest.approx(4.47, abs=0.02)
     assert bool(found) == is_told
     late = np.hypot(4.47, 0.0465) - 4.47
     assert 360 * late / 3.87e-3 == pytest.approx(22.5, abs=0.3)
@@ -355,7 +361,7 @@ def test_the_terminal_shows_angles_within_its_width(radar, width):
     result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene(targets=targets), n_frames=3))
 
     screen = StringIO()
-    Console(width=width, file=screen).print(detected(result, at_most=20, width=width))
+    Console(width=width, file=screen).print(detections_table(result, at_most=20, width=width))
     lines = screen.getvalue().splitlines()
 
     assert max(map(len, lines)) <= width
@@ -380,7 +386,7 @@ def test_the_terminal_shows_elevations_that_a_plane_tells(radar, width):
     )
     screen = StringIO()
     result = dc.run(scenario)
-    Console(width=width, file=screen).print(detected(result, at_most=20, width=width))
+    Console(width=width, file=screen).print(detections_table(result, at_most=20, width=width))
     lines = screen.getvalue().splitlines()
 
     assert max(map(len, lines)) <= width
@@ -395,4 +401,4 @@ def test_a_frame_in_which_nothing_is_has_no_rows(radar):
     found = dc.detect(dc.simulate(dc.Scene(), radar, impairments=()), radar)
 
     assert found.sizes["detection"] == 0
-    assert set(found) >= {*ANGLES, "fold", "fold_confidence"}
+    assert set(found) >= {*ANGLES, "ambiguity_number", "ambiguity_confidence"}

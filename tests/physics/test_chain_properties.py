@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dechirp as dc
-from dechirp.config import files
-from dechirp.config.texts import dump
-from dechirp.process.detect import detected_columns
-from dechirp.process.spectrum import (
+from dechirp.config import loading
+from dechirp.config.dumping import dump
+from dechirp.processing.detect import FrameProcessor
+from dechirp.processing.spectrum import (
     Transform,
     mean_power,
-    over_range,
     range_doppler,
+    range_spectrum,
     split_spectrum,
 )
 from small_radars import CODES, WINDOWS, chain, echoes, scenes, small
@@ -53,7 +53,7 @@ def spectra_of(samples, sampling, window, n_more):
         for n in (samples.shape[2], samples.shape[0])
     ]
     split = split_spectrum(samples, sampling, *transforms)
-    kept = over_range(samples, sampling, transforms[0])
+    kept = range_spectrum(samples, sampling, transforms[0])
     return [
         range_doppler(samples, sampling, *transforms),
         split[:, :, 0] + 1j * split[:, :, 1],
@@ -156,9 +156,8 @@ def test_maps_that_scores_look_at_keep_the_unit_of_the_samples(exponent):
     level = np.float32(2.0 ** -np.frexp(float(abs(cube).max()))[1])
     seen = []
     for scale in (1.0, np.float32(2.0**exponent)):
-        detected_columns(
-            [cube * level * scale], radar, chain(), maps=lambda p: seen.append(p.copy())
-        )
+        (frame,) = FrameProcessor(radar, chain()).process([cube * level * scale])
+        seen += frame.equalised_power
     with np.errstate(over="ignore", under="ignore"):
         np.testing.assert_array_equal(seen[1], np.ldexp(seen[0], 2 * exponent))
 
@@ -197,7 +196,7 @@ def test_a_scenario_that_was_written_and_read_gives_the_same_bits(seen, seed, wi
     radar, scene = seen
     scene = dc.Scene(targets=[replace(t, name=f"t{i}") for i, t in enumerate(scene.targets)])
     scenario = dc.Scenario(radar=radar, scene=scene, seed=seed, chain=chain(window))
-    again = files.parse(dump(scenario), dc.Scenario)
+    again = loading.parse_settings(dump(scenario), dc.Scenario)
     cubes, found = [], []
     for one in (scenario, again):
         cubes.append(dc.simulate(one.scene, one.radar, seed=one.seed))

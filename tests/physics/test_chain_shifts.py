@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.process.spectrum import Transform, mean_power
+from dechirp.processing.spectrum import Transform, mean_power
 from small_radars import WINDOWS, chain, echoes, scenes, small
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
@@ -73,7 +73,7 @@ def test_the_phase_of_an_echo_is_that_of_its_delay_at_mid_window(at, further_m, 
     for range_m in (at * chirp.max_range_m, at * chirp.max_range_m + further_m):
         scene = dc.Scene(targets=[dc.Target(position_m=(range_m, 0, 0))])
         cube = dc.simulate(scene, radar, impairments=())
-        trace = dc.slow_time(cube, radar, range_m, window="blackman-harris")
+        trace = dc.slow_time.slow_time(cube, radar, range_m, window="blackman-harris")
         phases.append(np.angle(complex(trace.values[0, 0])))
         delay_s = 2 * range_m / SPEED_OF_LIGHT
         # tau (f - S tau / 2): the residual video phase belongs to it.

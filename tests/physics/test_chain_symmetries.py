@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dechirp as dc
-from dechirp.process.cluster import cluster
-from dechirp.process.spectrum import Transform, mean_power
+from dechirp.processing.cluster import cluster
+from dechirp.processing.spectrum import Transform, mean_power
 from dechirp.radar.array import Array
 from dechirp.radar.multiplexing.tdm import Tdm
-from dechirp.scene.rotations import about_z
+from dechirp.scene.rotations import rotation_about_z
 from small_radars import WINDOWS, chain, echoes, scenes, small
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
@@ -122,7 +122,7 @@ def test_receivers_may_be_listed_in_any_order(seen, seed, order):
 @given(scenes(), st.floats(-pi, pi), st.tuples(*[st.floats(-100, 100)] * 3))
 def test_nothing_changes_when_radar_and_scene_are_turned_and_moved_together(seen, yaw, moved):
     radar, scene = seen
-    turn = about_z(np.array(yaw))
+    turn = rotation_about_z(np.array(yaw))
 
     def carried(at):
         return tuple(turn @ np.array(at) + moved)
@@ -171,7 +171,7 @@ def test_clusters_are_the_same_in_the_mirror(seed):
         "azimuth": rng.uniform(-0.8, 0.8, n),
         "elevation": np.full(n, np.nan),
         "snr": rng.uniform(20, 2000, n),
-        "fold": np.zeros(n),
+        "ambiguity_number": np.zeros(n),
         **{
             f"{name}_std": np.full(n, 0.01)
             for name in ("range", "velocity", "azimuth", "elevation")

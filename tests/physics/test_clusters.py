@@ -9,13 +9,13 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.evaluate.match import match
-from dechirp.process.cluster import Dbscan, Reach, cluster
-from dechirp.radar.cells import in_cells, in_one_fold
-from dechirp.radar.folds import coupling_m, span_m_per_s
-from dechirp.scene.bodies.car import Car
+from dechirp.evaluation.association import associate_detections
+from dechirp.processing.cluster import Dbscan, Reach, cluster
+from dechirp.radar.resolution_cells import alias_doppler_cells, to_resolution_cells
+from dechirp.radar.velocity_ambiguity import range_shift_m, unambiguous_span_m_per_s
+from dechirp.scene.bodies.vehicle import Car
 
-COLUMNS = ("range", "velocity", "azimuth", "elevation", "snr", "fold")
+COLUMNS = ("range", "velocity", "azimuth", "elevation", "snr", "ambiguity_number")
 ERRORS = ("range_std", "velocity_std", "azimuth_std", "elevation_std")
 NAN = float("nan")
 
@@ -40,7 +40,7 @@ def apart(a, b, radar):
     range_cells = (a.range - b.range + m_for_m_per_s * (a.velocity - b.velocity)) / m_a_cell
     span = wavelength_m / (2 * frame.repetition_s)
     off = (a.velocity - b.velocity + span / 2) % span - span / 2
-    length = np.ptp(radar.array.virtual_m[:, 1]) / wavelength_m
+    length = np.ptp(radar.array.virtual_positions_m[:, 1]) / wavelength_m
     sines = np.sin(a.azimuth) - np.sin(b.azimuth)
     return abs(range_cells), abs(off) / (span / frame.n_chirps), abs(sines) * length
 
@@ -152,23 +152,23 @@ def test_a_velocity_of_no_known_fold_is_within_the_span(radar):
     mean = -top + (0.4 * 98 - 0.05 * 50) / 148
     assert float(clusters.velocity[0]) == pytest.approx(mean, abs=2e-3 * top)
     # What a fold more adds to the velocity it takes off the range: of the strongest alone.
-    moved_m = coupling_m(radar.frame) * 50 / 148
+    moved_m = range_shift_m(radar.frame) * 50 / 148
     assert float(clusters.range[0]) == pytest.approx(20.0 + moved_m, abs=1e-6)
 
 
 def test_a_known_fold_is_that_of_its_cluster(radar):
     radar = replace(
         radar,
-        frame=replace(radar.frame, multiplexing=dc.Tdm(order=(0, 1))),
+        frame=replace(radar.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1))),
         array=replace(radar.array, tx_m=[(0, 0, 0), (0, 3.8e-3, 0)]),
     )
     frame = radar.frame
-    span = float(span_m_per_s(np.array(20.0), frame))
+    span = float(unambiguous_span_m_per_s(np.array(20.0), frame))
     # The same place on the map: a fold on, and nearer by its coupling.
     rows = table(
-        range=[20.0, 20.0 + coupling_m(frame)],
+        range=[20.0, 20.0 + range_shift_m(frame)],
         velocity=[5.0 + span, 5.0],
-        fold=[1.0, NAN],
+        ambiguity_number=[1.0, NAN],
         snr=[10.0, 1000.0],
     )
     marked, clusters = cluster(rows, radar)
@@ -176,21 +176,21 @@ def test_a_known_fold_is_that_of_its_cluster(radar):
     assert marked.cluster.values.tolist() == [0, 0]
     assert float(clusters.velocity[0]) == pytest.approx(5.0 + span, abs=1e-4)
     assert float(clusters.range[0]) == pytest.approx(20.0, abs=1e-6)
-    assert float(clusters.fold[0]) == 1
+    assert float(clusters.ambiguity_number[0]) == 1
 
     # Both known, they are two targets; two transmitters tell two folds, and the third is the first.
     for folds, n_clusters in (([1.0, 0.0], 2), ([2.0, 0.0], 1)):
         known = table(
-            range=[20.0 - folds[0] * coupling_m(frame), 20.0],
+            range=[20.0 - folds[0] * range_shift_m(frame), 20.0],
             velocity=[5.0 + folds[0] * span, 5.0],
-            fold=folds,
+            ambiguity_number=folds,
         )
         assert cluster(known, radar)[1].sizes["cluster"] == n_clusters
 
 
 def test_frames_go_round_at_their_own_spans(radar):
     radar = replace(radar, frame=replace(radar.frame, interval_s=[35e-6, 45e-6]))
-    tops = [radar.at(k).frame.max_velocity_m_per_s for k in (0, 1)]
+    tops = [radar.for_frame(k).frame.max_velocity_m_per_s for k in (0, 1)]
     # In each frame a pair at the ends of its own span, and one that is at those of the other.
     for of, n_clusters in (((0, 1), 2), ((1, 0), 4)):
         velocity = [s * (tops[k] - 0.1) for k in of for s in (1, -1)]
@@ -228,22 +228,22 @@ def test_the_centroid_is_as_far_off_as_its_standard_error_says(radar):
         name: at + errors[f"{name}_std"] * rng.standard_normal(frame.size)
         for name, at in true.items()
     }
-    span = span_m_per_s(drawn["range"], radar.frame)
+    span = unambiguous_span_m_per_s(drawn["range"], radar.frame)
     gone_round = drawn["velocity"] > span / 2
     drawn["velocity"] -= span * gone_round
-    drawn["range"] += coupling_m(radar.frame) * gone_round
+    drawn["range"] += range_shift_m(radar.frame) * gone_round
 
     _, clusters = cluster(table(frame=frame, snr=snr, **drawn, **errors), radar)
 
     whole = clusters.isel(cluster=clusters.n_detections.values == n)
     assert whole.sizes["cluster"] > 0.99 * n_frames
-    top = float(span_m_per_s(np.array(30.0), radar.frame)) / 2
+    top = float(unambiguous_span_m_per_s(np.array(30.0), radar.frame)) / 2
     for name, at in true.items():
         off = whole[name].values - at
         if name == "velocity":
             off = (off + top) % (2 * top) - top
         if name == "range":
-            off -= coupling_m(radar.frame) * (whole.velocity.values < 0)
+            off -= range_shift_m(radar.frame) * (whole.velocity.values < 0)
         ratio = np.mean((off / whole[f"{name}_std"].values) ** 2)
         # Five standard deviations of a mean of 4,000 squares; weights by ratio are the best.
         assert ratio == pytest.approx(1, abs=5 * np.sqrt(2 / n_frames))
@@ -267,7 +267,7 @@ def test_cars_are_fewer_clusters_than_detections_and_do_not_mix(radar):
         ]
     )
     found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-    owner = match(found, dc.truth(scene, radar), radar, scene).target
+    owner = associate_detections(found, dc.truth(scene, radar), radar, scene).target
 
     marked, clusters = cluster(found, radar)
 
@@ -296,15 +296,15 @@ def test_lists_of_other_radars_need_no_ratios_and_no_errors(radar):
 
 def test_a_target_between_the_last_bin_and_the_first_is_on_the_map(radar):
     # -1e-18 % 128 is 128 in floating point: beyond the map.
-    cells = in_cells([20.0], [-1e-18], [NAN], [NAN], radar)
-    assert 0 <= in_one_fold(cells, 128)[0, 1] < 128
+    cells = to_resolution_cells([20.0], [-1e-18], [NAN], [NAN], radar)
+    assert 0 <= alias_doppler_cells(cells, 128)[0, 1] < 128
 
 
 def test_pairs_that_would_not_fit_are_refused(radar, monkeypatch):
     crowd = table(range=np.full(2000, 20.0), velocity=1.0)
     little = SimpleNamespace(available=1e8)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: little)
-    with pytest.raises(dc.NotEnoughMemory, match="Lower the reach"):
+    with pytest.raises(dc.NotEnoughMemory, match="lower the reach"):
         cluster(crowd, radar)
 
 
@@ -350,7 +350,7 @@ def test_detections_that_cannot_be_are_refused(radar, rows, setting):
 
 
 def test_what_is_no_radar_is_refused(radar):
-    with pytest.raises(dc.InvalidSetting, match="radar is a Frame"):
+    with pytest.raises(dc.InvalidSetting, match="radar: a Frame"):
         cluster(GOOD, radar.frame)
-    with pytest.raises(dc.InvalidSetting, match="dbscan is a int"):
+    with pytest.raises(dc.InvalidSetting, match="dbscan: a int"):
         cluster(GOOD, radar, 3)

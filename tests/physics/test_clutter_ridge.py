@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
+from dechirp.config.loading import parse_settings
 from dechirp.scene.bodies.ground_clutter import GroundClutter
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
@@ -18,14 +18,14 @@ DOWN_M = (0.0, 0.0, -0.5)
 
 def test_ground_reflects_by_its_area_and_the_grazing_angle():
     ground = GroundClutter(near_m=5, far_m=45, width_m=30, n_patches=20_000, gamma=0.03)
-    found_m2 = ground.seen_from_m2(np.array([[0.0, 0.0, 0.6]]), WAVELENGTH_M)
+    found_m2 = ground.cross_sections_towards_m2(np.array([[0.0, 0.0, 0.6]]), WAVELENGTH_M)
     x_m = (np.arange(400) + 0.5) / 10 + 5
     y_m = (np.arange(300) + 0.5) / 10 - 15
     grazing = 0.6 / np.sqrt(x_m[:, None] ** 2 + y_m**2 + 0.36)
 
     # 20,000 random places: their mean sine is known to 0.4 %.
     assert found_m2.sum() == pytest.approx(0.03 * 1200 * grazing.mean(), rel=0.02)
-    from_above = ground.seen_from_m2(np.array([[25.0, 0.0, 1e6]]), WAVELENGTH_M)
+    from_above = ground.cross_sections_towards_m2(np.array([[25.0, 0.0, 1e6]]), WAVELENGTH_M)
     assert from_above.sum() == pytest.approx(0.03 * 1200, rel=1e-6)
 
 
@@ -59,7 +59,7 @@ def test_the_echo_of_many_patches_fades_as_rayleigh_says():
         ground = GroundClutter(near_m=10, far_m=40, width_m=20, n_patches=3000, seed=seed)
         scene = Scene(targets=[Target(position_m=DOWN_M, body=ground)])
         range_m = np.linalg.norm(scene.positions_m([0.0])[0], axis=-1)
-        rcs_m2 = ground.seen_from_m2(np.array([[0.0, 0.0, 0.5]]), WAVELENGTH_M)[0]
+        rcs_m2 = ground.cross_sections_towards_m2(np.array([[0.0, 0.0, 0.5]]), WAVELENGTH_M)[0]
         field = np.sqrt(rcs_m2) * np.exp(4j * np.pi * range_m / WAVELENGTH_M)
         cells = np.floor(range_m).astype(int)  # 1 m, some hundred patches each
         for cell in range(15, 35):
@@ -137,12 +137,12 @@ def test_ground_beside_a_turned_radar_keeps_its_place_in_the_world(wide):
 @pytest.mark.parametrize(
     ("of", "message"),
     [
-        ({"near_m": 50, "far_m": 20}, "GroundClutter.near_m is 50 m, but must be below far_m"),
-        ({"far_m": float("nan")}, "GroundClutter.far_m is nan"),
-        ({"width_m": -3}, "GroundClutter.width_m is -3"),
-        ({"n_patches": 0}, "GroundClutter.n_patches is 0"),
-        ({"gamma": -15.0}, "GroundClutter.gamma is -15"),
-        ({"seed": -1}, "GroundClutter.seed is -1"),
+        ({"near_m": 50, "far_m": 20}, "GroundClutter.near_m: 50 m; expected below far_m"),
+        ({"far_m": float("nan")}, "GroundClutter.far_m: nan"),
+        ({"width_m": -3}, "GroundClutter.width_m: -3"),
+        ({"n_patches": 0}, "GroundClutter.n_patches: 0"),
+        ({"gamma": -15.0}, "GroundClutter.gamma: -15"),
+        ({"seed": -1}, "GroundClutter.seed: -1"),
     ],
 )
 def test_ground_that_cannot_be_is_refused_by_name(of, message):
@@ -153,13 +153,13 @@ def test_ground_that_cannot_be_is_refused_by_name(of, message):
 def test_a_radar_in_the_ground_is_refused(radar):
     scene = dc.Scene(targets=[dc.Target(position_m=(5, 0, 0), body=GroundClutter())])
 
-    wrong = r"^scene\.targets\.target-1\.position is .* 0 m above the radar"
+    wrong = r"^scene\.targets\.target-1\.position: .* 0 m above the radar"
     with pytest.raises(dc.InvalidSetting, match=wrong):
         dc.simulate(scene, radar)
 
 
 def test_settings_files_give_gamma_in_decibels():
-    found = parse(
+    found = parse_settings(
         "position: [0 m, 0 m, -0.5 m]\nbody: {kind: ground-clutter, gamma: -10 dB}", Target
     )
 

@@ -8,7 +8,7 @@ import pytest
 import dechirp as dc
 from dechirp.radar.budget import noise_power_w
 
-SLOPED = dc.ColouredNoise(beat_hz=(1e6, 4e6), level=(1.0, 100.0))
+SLOPED = dc.impairments.ColouredNoise(beat_hz=(1e6, 4e6), level=(1.0, 100.0))
 
 
 def spectrum_over_thermal(radar, sampling, noise):
@@ -36,7 +36,7 @@ def test_its_density_is_straight_in_decibels_between_frequencies_and_even_beyond
 
 
 def test_of_one_level_it_is_thermal_noise_of_that_level(radar):
-    noise = dc.ColouredNoise(beat_hz=(0,), level=(4.0,))
+    noise = dc.impairments.ColouredNoise(beat_hz=(0,), level=(4.0,))
 
     _, density, cube = spectrum_over_thermal(radar, "complex", noise)
 
@@ -70,11 +70,11 @@ def test_chirps_and_receivers_have_noise_of_their_own(radar):
 )
 def test_what_is_no_density_is_refused(settings, named):
     with pytest.raises(dc.InvalidSetting, match=named):
-        dc.ColouredNoise(**settings)
+        dc.impairments.ColouredNoise(**settings)
 
 
 def test_a_filter_behind_it_finds_noise_before_the_first_sample(radar):
-    low = dc.IfFilter(high_pass_hz=None, low_pass_hz=2e6)
+    low = dc.impairments.IfFilter(high_pass_hz=None, low_pass_hz=2e6)
 
     cube = dc.simulate(dc.Scene(), radar, impairments=[SLOPED, low], n_frames=4, seed=5)
 

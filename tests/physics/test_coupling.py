@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
-from dechirp.config.texts import dump
-from dechirp.echoes.impairments.base import Impairment
-from dechirp.echoes.impairments.coupling import Coupling
-from dechirp.echoes.impairments.leakage import Leakage
+from dechirp.config.dumping import dump
+from dechirp.config.loading import parse_settings
+from dechirp.simulation.impairments.base import Impairment
+from dechirp.simulation.impairments.leakage import Leakage
+from dechirp.simulation.impairments.mutual_coupling import MutualCoupling
 
 # Three places, not in a line, so that distances differ.
 PLACES_M = [(0, 0, 0), (0, 1.9e-3, 0), (0, 5.7e-3, 1e-3)]
@@ -34,7 +34,7 @@ def mimo(radar) -> dc.Radar:
     return replace(
         radar,
         array=array,
-        frame=replace(radar.frame, n_chirps=4, multiplexing=dc.Tdm(order=(0, 1, 2))),
+        frame=replace(radar.frame, n_chirps=4, multiplexing=dc.multiplexing.Tdm(order=(0, 1, 2))),
     )
 
 
@@ -44,7 +44,7 @@ def samples(radar, *impairments):
 
 def test_receivers_that_are_coupled_see_the_matrix_times_the_steering_vector(mimo):
     clean = samples(mimo)
-    coupled = samples(mimo, Coupling(rx_matrix=written(MATRIX)))
+    coupled = samples(mimo, MutualCoupling(rx_matrix=written(MATRIX)))
 
     expected = np.einsum("ij,mjn->min", MATRIX, clean)
     np.testing.assert_allclose(coupled, expected, atol=1e-12 * abs(clean).max())
@@ -54,11 +54,11 @@ def test_transmitters_that_are_coupled_send_the_matrix_times_the_steering_vector
     # At rest, chirps differ by who sends alone: what coupling mixes is known exactly.
     still = dc.Scene(targets=[replace(one, velocity_m_per_s=(0, 0, 0)) for one in SCENE.targets])
     array = dc.Array(tx_m=PLACES_M)
-    frame = replace(radar.frame, n_chirps=2, multiplexing=dc.Tdm(order=(0, 1, 2)))
+    frame = replace(radar.frame, n_chirps=2, multiplexing=dc.multiplexing.Tdm(order=(0, 1, 2)))
     radar = replace(radar, array=array, frame=frame)
     clean, coupled = (
         dc.simulate(still, radar, impairments=chosen, dtype=np.complex128).values[0, :, 0]
-        for chosen in ((), [Coupling(tx_matrix=written(MATRIX))])
+        for chosen in ((), [MutualCoupling(tx_matrix=written(MATRIX))])
     )
 
     expected = MATRIX @ clean[:3]
@@ -67,7 +67,7 @@ def test_transmitters_that_are_coupled_send_the_matrix_times_the_steering_vector
 
 
 def test_a_level_between_neighbours_falls_with_the_distance_like_a_wave(mimo):
-    coupled = samples(mimo, Coupling(rx_level=0.01, rx_phase_rad=0.7))
+    coupled = samples(mimo, MutualCoupling(rx_level=0.01, rx_phase_rad=0.7))
     clean = samples(mimo)
 
     wavenumber = 2 * np.pi / mimo.frame.chirp.wavelength_m
@@ -82,7 +82,7 @@ def test_a_level_between_neighbours_falls_with_the_distance_like_a_wave(mimo):
 
 
 def test_leakage_that_comes_first_is_coupled_too(mimo):
-    leakage, coupling = Leakage(isolation=1e6), Coupling(rx_matrix=written(MATRIX))
+    leakage, coupling = Leakage(isolation=1e6), MutualCoupling(rx_matrix=written(MATRIX))
     clean, leaking = samples(mimo), samples(mimo, leakage)
 
     after = samples(mimo, leakage, coupling)
@@ -94,50 +94,56 @@ def test_leakage_that_comes_first_is_coupled_too(mimo):
 
 
 def test_frames_are_coupled_one_by_one(mimo):
-    coupling = Coupling(rx_matrix=written(MATRIX), tx_level=0.02)
+    coupling = MutualCoupling(rx_matrix=written(MATRIX), tx_level=0.02)
     two = dc.simulate(SCENE, mimo, impairments=[coupling], n_frames=2, dtype=np.complex128)
 
     np.testing.assert_array_equal(two.values[0], samples(mimo, coupling))
 
 
 def test_an_antenna_alone_is_not_coupled(radar):
-    coupling = Coupling(tx_level=0.1)
+    coupling = MutualCoupling(tx_level=0.1)
     np.testing.assert_array_equal(samples(radar, coupling), samples(radar))
 
 
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
-        ({"rx_level": 2}, "Coupling.rx_level is 2"),
-        ({"tx_level": 0}, "Coupling.tx_level is 0"),
-        ({"rx_matrix": [[(1, 0), (0, 0)]]}, "Coupling.rx_matrix is rows of 2, .* a square matrix"),
-        ({"rx_matrix": 3}, "Coupling.rx_matrix is rows of nothing"),
-        ({"tx_matrix": [[1.0]]}, r"Coupling.tx_matrix .* entries \[real, imaginary\]"),
-        ({"tx_matrix": [[(float("nan"), 0)]]}, "Coupling.tx_matrix is nan"),
-        ({"tx_matrix": [[(1, 0)]], "tx_level": 0.1}, "Coupling.tx_matrix is given beside tx_level"),
+        ({"rx_level": 2}, "MutualCoupling.rx_level: 2"),
+        ({"tx_level": 0}, "MutualCoupling.tx_level: 0"),
+        (
+            {"rx_matrix": [[(1, 0), (0, 0)]]},
+            "MutualCoupling.rx_matrix: rows of 2; .* a square matrix",
+        ),
+        ({"rx_matrix": 3}, "MutualCoupling.rx_matrix: rows of nothing"),
+        ({"tx_matrix": [[1.0]]}, r"MutualCoupling.tx_matrix.* entries \[real, imaginary\]"),
+        ({"tx_matrix": [[(float("nan"), 0)]]}, "MutualCoupling.tx_matrix: nan"),
+        (
+            {"tx_matrix": [[(1, 0)]], "tx_level": 0.1},
+            "MutualCoupling.tx_matrix: a matrix in addition to tx_level",
+        ),
     ],
 )
 def test_a_matrix_that_cannot_be_is_refused(wrong, named):
     with pytest.raises(dc.InvalidSetting, match=named):
-        Coupling(**wrong)
+        MutualCoupling(**wrong)
 
 
 def test_a_matrix_of_another_size_is_refused_with_the_number_of_antennas(mimo, radar):
-    with pytest.raises(dc.InvalidSetting, match="rx_matrix is 3 x 3, but must be 2 x 2: radar"):
-        samples(radar, Coupling(rx_matrix=written(MATRIX)))
-    with pytest.raises(dc.InvalidSetting, match="tx_matrix is 1 x 1, but must be 3 x 3"):
-        samples(mimo, Coupling(tx_matrix=[[(1, 0)]]))
+    with pytest.raises(dc.InvalidSetting, match="rx_matrix: 3 x 3; expected 2 x 2: radar"):
+        samples(radar, MutualCoupling(rx_matrix=written(MATRIX)))
+    with pytest.raises(dc.InvalidSetting, match="tx_matrix: 1 x 1; expected 3 x 3"):
+        samples(mimo, MutualCoupling(tx_matrix=[[(1, 0)]]))
 
 
 def test_a_level_for_antennas_at_one_place_is_refused(mimo):
     same = replace(mimo, array=replace(mimo.array, rx_m=[(0, 0, 0), (0, 0, 0)]))
-    with pytest.raises(dc.InvalidSetting, match="rx_level is given, and two antennas"):
-        Coupling(rx_level=0.1).check(SCENE, same)
+    with pytest.raises(dc.InvalidSetting, match="rx_level: a level, with coincident antennas"):
+        MutualCoupling(rx_level=0.1).check(SCENE, same)
 
 
 def test_settings_files_say_levels_and_matrices():
-    text = "{kind: coupling, rx_level: -20 dB, rx_phase: 0.5 rad, tx_matrix: [[[1, 0]]]}"
-    made = Coupling(rx_level=0.01, rx_phase_rad=0.5, tx_matrix=[[(1.0, 0.0)]])
+    text = "{kind: mutual-coupling, rx_level: -20 dB, rx_phase: 0.5 rad, tx_matrix: [[[1, 0]]]}"
+    made = MutualCoupling(rx_level=0.01, rx_phase_rad=0.5, tx_matrix=[[(1.0, 0.0)]])
 
-    assert parse(text, Impairment) == made
-    assert parse(dump(made), Impairment) == made
+    assert parse_settings(text, Impairment) == made
+    assert parse_settings(dump(made), Impairment) == made

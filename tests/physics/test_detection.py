@@ -8,12 +8,12 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.process.cfar.base import Noise
-from dechirp.process.detect import detected_columns
-from dechirp.process.peaks import peaks
-from dechirp.process.remarks import remarks
-from dechirp.process.spectrum import Transform
-from dechirp.theory.detection import detection_probability, threshold
+from dechirp.processing.cfar.base import MapNoise
+from dechirp.processing.chain_findings import chain_findings
+from dechirp.processing.detect import detect_columns
+from dechirp.processing.peaks import find_peaks
+from dechirp.processing.spectrum import Transform
+from dechirp.theory.detection import detection_probability, detection_threshold
 from dechirp.theory.windows import Window
 from noise import looks, noise_cube, noisy
 
@@ -29,7 +29,7 @@ def test_the_reference_target_is_found_nine_times_in_ten(reference, clean, windo
     radar, truth = reference.radar, dc.truth(reference.scene, reference.radar).isel(frame=0)
     n_trials, hits = 2500, 0
     for cube in looks(clean, snr_db, np.random.default_rng(21), n_trials):
-        found = detected_columns([cube], radar, chain_with(window))
+        found = detect_columns([cube], radar, chain_with(window))
         near = abs(found["range"] - float(truth.range[0])) <= radar.frame.chirp.range_resolution_m
         near &= (
             abs(found["velocity"] - float(truth.velocity[0]))
@@ -44,14 +44,20 @@ def test_the_peak_rises_over_the_noise_as_the_transforms_add(reference, clean):
     rng = np.random.default_rng(22)
     for window in ("rectangular", "hann", "blackman"):
         chain = chain_with(window)
-        over_range = chain.over_range(radar.frame.chirp)
-        over_velocity = chain.over_velocity(radar.frame)
+        over_range = chain.range_transform(radar.frame.chirp)
+        over_velocity = chain.doppler_transform(radar.frame)
         echo = dc.power_map(clean.isel(frame=0), radar, chain).max()
         noise = dc.power_map((noisy(clean, -10, rng) - clean).isel(frame=0), radar, chain).mean()
         beat_range_m = 50.0047 + radar.frame.chirp.range_doppler_coupling_m(10.0)
         cells = beat_range_m / radar.frame.chirp.range_resolution_m / 2200
         turns = 2 * 10.0 / radar.frame.chirp.wavelength_m * radar.frame.interval_s
-        expected = 0.1 * 2200 * 128 * over_range.straddle(cells) * over_velocity.straddle(turns)
+        expected = (
+            0.1
+            * 2200
+            * 128
+            * over_range.straddling_loss(cells)
+            * over_velocity.straddling_loss(turns)
+        )
         expected /= over_range.noise_bandwidth_bins * over_velocity.noise_bandwidth_bins
         # Mean of 281,600 cells, correlated over at most 6: 1 % is more than 5 standard errors.
         assert float(echo / noise) == pytest.approx(expected, rel=0.01)
@@ -103,7 +109,9 @@ def test_a_tone_on_a_bin_is_found_as_often_as_theory_says(radar, n_rx):
     radar = replace(radar, frame=frame, array=array)
     snr, pfa, n_trials = 4.0, 1e-3, 3000
     # A factor for the sum over receivers, which theory gives; the map holds their mean.
-    cfar = dc.Cfar(estimator=dc.CellAveraging(), offset=threshold(pfa, n_summed=n_rx) / n_rx)
+    cfar = dc.Cfar(
+        estimator=dc.cfar.CellAveraging(), offset=detection_threshold(pfa, n_summed=n_rx) / n_rx
+    )
     chain = chain_with("rectangular", cfar=cfar)
     turns = np.arange(64)
     tone = np.exp(2j * np.pi * (5 * turns[:, None] + 20 * turns) / 64)[:, None, :]
@@ -143,7 +151,7 @@ def test_detections_do_not_depend_on_the_order_of_axes_or_the_scale(radar):
     xr.testing.assert_allclose(scaled, expected, rtol=1e-6)
     assert set(expected.frame.values) == {0, 1}
     assert list(dict.fromkeys(expected.time.values)) == pytest.approx(
-        [radar.frame.mid_frame_s, radar.frame.start_s(1) + radar.frame.mid_frame_s]
+        [radar.frame.mid_frame_s, radar.frame.frame_start_s(1) + radar.frame.mid_frame_s]
     )
 
 
@@ -161,7 +169,7 @@ def test_a_cube_of_another_radar_is_refused(radar, reference):
         dc.InvalidSetting, match="128, as the radar has|2200, as the radar has|1, as"
     ):
         dc.detect(cube, reference.radar)
-    with pytest.raises(dc.InvalidSetting, match="complex samples, as the chirp says"):
+    with pytest.raises(dc.InvalidSetting, match="complex samples, as the chirp specifies"):
         dc.detect(cube.real, radar)
     with pytest.raises(dc.InvalidSetting, match="over frame, chirp, rx, sample"):
         dc.detect(cube.isel(frame=0, drop=True), radar)
@@ -170,7 +178,7 @@ def test_a_cube_of_another_radar_is_refused(radar, reference):
 def test_a_ring_that_does_not_fit_is_refused(radar):
     cube = dc.simulate(dc.Scene(), radar, seed=3)
     cfar = dc.Cfar(
-        estimator=dc.CellAveraging(),
+        estimator=dc.cfar.CellAveraging(),
         n_training=dc.Cells(range=10, velocity=80),
         false_alarm_probability=1e-6,
     )
@@ -179,15 +187,15 @@ def test_a_ring_that_does_not_fit_is_refused(radar):
 
 
 def test_a_guard_inside_the_main_lobe_is_remarked_upon(radar):
-    assert remarks(radar, dc.Chain()) == []
+    assert chain_findings(radar, dc.Chain()) == []
     # 16 times padded, a Hann main lobe reaches 32 bins to either side.
-    (finding,) = remarks(radar, dc.Chain(n_range_bins=4096))
+    (finding,) = chain_findings(radar, dc.Chain(n_range_bins=4096))
     assert finding.setting == "chain.cfar.n_guard.range"
-    assert "4 guard cells inside a main lobe of 32 bins" in finding.got
-    assert finding.need.startswith("31")
+    assert "4 guard cells inside a main lobe of 32 bins" in finding.value
+    assert finding.expected.startswith("31")
     # Without training cells along range, a target's own row is the only one there is.
     cfar = replace(dc.Chain().cfar, n_training=dc.Cells(range=0, velocity=8))
-    assert remarks(radar, dc.Chain(n_range_bins=4096, cfar=cfar)) == []
+    assert chain_findings(radar, dc.Chain(n_range_bins=4096, cfar=cfar)) == []
 
 
 @pytest.mark.parametrize(
@@ -204,7 +212,7 @@ def test_a_guard_inside_the_main_lobe_is_remarked_upon(radar):
 )
 def test_a_detector_without_a_clear_threshold_is_refused(wrong):
     with pytest.raises(dc.InvalidSetting):
-        dc.Cfar(estimator=dc.CellAveraging(), **wrong)
+        dc.Cfar(estimator=dc.cfar.CellAveraging(), **wrong)
 
 
 def test_a_constant_offset_of_the_samples_is_a_detection_at_range_zero(radar):
@@ -212,7 +220,7 @@ def test_a_constant_offset_of_the_samples_is_a_detection_at_range_zero(radar):
     cube += np.complex64(1e-5)
     found = dc.detect(cube, radar).isel(detection=0)
     # as an echo from the middle of the array, beside the origin
-    middle_m = np.linalg.norm(radar.elements_m.mean(axis=0) / 2)
+    middle_m = np.linalg.norm(radar.element_positions_m.mean(axis=0) / 2)
     assert float(found.range) == pytest.approx(0, abs=5 * float(found.range_std) + middle_m)
     assert float(found.velocity) == pytest.approx(0, abs=5 * float(found.velocity_std))
 
@@ -231,7 +239,7 @@ def test_silence_holds_no_detection(radar):
 
 def test_a_map_larger_than_memory_is_refused_with_the_number(radar):
     cube = dc.simulate(dc.Scene(), radar, seed=8)
-    with pytest.raises(dc.NotEnoughMemory, match="range-Doppler map is .* GiB of memory"):
+    with pytest.raises(dc.NotEnoughMemory, match="range-Doppler map: .* GiB of memory"):
         dc.detect(cube, radar, dc.Chain(n_range_bins=10**9))
 
 
@@ -258,8 +266,8 @@ def test_fewer_bins_than_points_are_refused(radar):
 
 def test_more_peaks_than_anyone_can_use_are_announced_and_the_strongest_kept(radar):
     cube = dc.simulate(dc.Scene(), radar, seed=10)
-    cfar = dc.Cfar(estimator=dc.CellAveraging(), offset=0.5)
-    with pytest.warns(dc.PhysicsWarning, match="the strongest 2000 are kept"):
+    cfar = dc.Cfar(estimator=dc.cfar.CellAveraging(), offset=0.5)
+    with pytest.warns(dc.PhysicsWarning, match="more than 2000 peaks over threshold"):
         found = dc.detect(cube, radar, dc.Chain(range_window="rectangular", cfar=cfar))
     assert 0 < found.sizes["detection"] <= 2000
 
@@ -267,13 +275,13 @@ def test_more_peaks_than_anyone_can_use_are_announced_and_the_strongest_kept(rad
 @pytest.mark.parametrize("n_bins", [64, 65])
 def test_a_sidelobe_beyond_the_end_of_an_axis_counts_as_near(n_bins):
     transform = Transform(window="rectangular", n_points=n_bins, n_bins=n_bins)
-    noise = Noise(over_range=transform, over_velocity=transform)
+    noise = MapNoise(range_transform=transform, doppler_transform=transform)
     threshold = np.full((n_bins, n_bins), 1e-6, np.float32)
     # Two cells apart round the end, and as far apart as cells can be: sidelobe and target.
     for place, is_target in ((n_bins - 1, False), (1 + n_bins // 2, True)):
         power = np.zeros((n_bins, n_bins), np.float32)
         power[1, 30], power[place, 30] = 1.0, 0.02
-        found = peaks(power, threshold, noise)
+        found = find_peaks(power, threshold, noise)
         assert len(found) == 1 + is_target
 
 
@@ -295,20 +303,20 @@ def test_cells_that_were_set_are_kept_and_default_ones_become_fewer(radar):
     short = replace(radar, frame=replace(radar.frame, n_chirps=16))
     default = dc.Chain().cfar
 
-    fewer = dc.Chain().fitted(short).cfar
+    fewer = dc.Chain().fit_to_radar(short).cfar
 
-    assert dc.Chain().fitted(radar).cfar == default
+    assert dc.Chain().fit_to_radar(radar).cfar == default
     assert (fewer.n_training, fewer.n_guard) == (
         dc.Cells(range=10, velocity=4),
         dc.Cells(range=4, velocity=3),
     )
     own = replace(default, n_training=dc.Cells(range=10, velocity=9))
-    assert dc.Chain(cfar=own).fitted(short).cfar == own
+    assert dc.Chain(cfar=own).fit_to_radar(short).cfar == own
 
 
 def test_what_is_no_cube_or_has_no_frames_is_refused(radar):
     cube = dc.simulate(dc.Scene(), radar, seed=8)
-    with pytest.raises(dc.InvalidSetting, match="cube is of the kind ndarray"):
+    with pytest.raises(dc.InvalidSetting, match="cube: a ndarray"):
         dc.detect(cube.values, radar)
-    with pytest.raises(dc.InvalidSetting, match="cube is without frames"):
+    with pytest.raises(dc.InvalidSetting, match="cube: 0 frames"):
         dc.detect(cube.isel(frame=slice(0, 0)), radar)

@@ -7,20 +7,20 @@ import pytest
 from scipy.special import gammaincc
 
 import dechirp as dc
-from dechirp.process.cfar.base import Noise, NoiseEstimator, Ring
-from dechirp.process.cfar.halves import sizes_of_each
-from dechirp.process.cfar.leakage import guard_loss
-from dechirp.process.cfar.side_by_side import masking_and_clutter_edge, side_by_side
-from dechirp.process.remarks import remarks
-from dechirp.process.spectrum import Transform, mean_power
+from dechirp.processing.cfar.base import MapNoise, NoiseEstimator, TrainingWindow
+from dechirp.processing.cfar.member_comparison import compare_thresholds, make_example_map
+from dechirp.processing.cfar.self_masking import self_masking_loss
+from dechirp.processing.cfar.split_window import half_window_sizes
+from dechirp.processing.chain_findings import chain_findings
+from dechirp.processing.spectrum import Transform, mean_power
 from dechirp.theory.cfar_detection import (
     cell_averaging_detection_probability,
     greatest_of_detection_probability,
     ordered_statistic_detection_probability,
     smallest_of_detection_probability,
 )
-from dechirp.theory.intervals import binomial
-from dechirp.theory.trimmed_mean import trimmed_mean_detection_probability
+from dechirp.theory.cfar_trimmed_mean import trimmed_mean_detection_probability
+from dechirp.theory.confidence_intervals import binomial_interval
 from nightly import nightly
 
 MEMBERS = NoiseEstimator.members()
@@ -28,9 +28,9 @@ TRAINING, GUARD = dc.Cells(range=4, velocity=3), dc.Cells(range=2, velocity=2)
 
 
 def noise_of(window, n_range, n_velocity, *, padded=1, n_channels=1):
-    return Noise(
-        over_range=Transform(window=window, n_points=n_range, n_bins=padded * n_range),
-        over_velocity=Transform(window=window, n_points=n_velocity, n_bins=n_velocity),
+    return MapNoise(
+        range_transform=Transform(window=window, n_points=n_range, n_bins=padded * n_range),
+        doppler_transform=Transform(window=window, n_points=n_velocity, n_bins=n_velocity),
         n_channels=n_channels,
     )
 
@@ -38,7 +38,7 @@ def noise_of(window, n_range, n_velocity, *, padded=1, n_channels=1):
 def noise_maps(noise, n_maps, seed):
     """Maps of white noise through the real transforms, of unit power in the mean."""
     rng = np.random.default_rng(seed)
-    over_range, over_velocity = noise.over_range, noise.over_velocity
+    over_range, over_velocity = noise.range_transform, noise.doppler_transform
     gain = 1.0
     for transform in (over_range, over_velocity):
         gain *= transform.noise_bandwidth_bins / transform.n_points
@@ -74,7 +74,7 @@ def test_noise_alarms_as_often_as_designed(window, padded, n_channels):
     for power in noise_maps(noise, 92 // padded, seed=310):
         n_cells += power.size
         for kind, cfar in cfars.items():
-            counts[kind] += int(cfar.exceeds(power, noise).sum())
+            counts[kind] += int(cfar.exceeds_threshold(power, noise).sum())
 
     assert n_cells > 1.2e7
     for kind, count in counts.items():
@@ -107,10 +107,10 @@ def test_noise_alarms_as_often_as_designed_in_every_row_of_the_range(window, n_c
 @pytest.mark.parametrize("kind", sorted(set(MEMBERS) - {"cell-averaging"}))
 def test_the_calibrated_factor_of_the_default_window_holds_at_one_in_a_million(kind):
     noise = noise_of("hann", 1024, 128)
-    ring = dc.Chain().cfar.ring
+    ring = dc.Chain().cfar.training_window
     estimator = MEMBERS[kind]()
-    factor = estimator.factor(1e-6, ring.box(noise, ring.half_range), n_channels=1)
-    assert 0 < factor.error <= 0.01
+    factor = estimator.threshold_factor(1e-6, ring.noise_box(noise, ring.half_range), n_channels=1)
+    assert 0 < factor.relative_error <= 0.01
 
     middle = slice(ring.half_range, -ring.half_range)
     factors = np.full(1024, factor.value, np.float32)
@@ -127,11 +127,13 @@ def test_a_factor_is_found_where_little_leaks(kind):
     # In a short padded transform -27 dB at most leak, which turn the order of cells either way:
     # the factor may be larger or smaller than without.
     noise = noise_of("hann", 24, 32, padded=2)
-    ring = Ring(n_training=dc.Cells(range=16, velocity=0), n_guard=dc.Cells(range=4, velocity=0))
-    box, estimator = ring.box(noise, ring.half_range), MEMBERS[kind]()
-    factors = [estimator.factor(pfa, box, n_channels=1) for pfa in (1e-2, 1e-4, 1e-6)]
+    ring = TrainingWindow(
+        n_training=dc.Cells(range=16, velocity=0), n_guard=dc.Cells(range=4, velocity=0)
+    )
+    box, estimator = ring.noise_box(noise, ring.half_range), MEMBERS[kind]()
+    factors = [estimator.threshold_factor(pfa, box, n_channels=1) for pfa in (1e-2, 1e-4, 1e-6)]
     assert factors[0].value < factors[1].value < factors[2].value
-    assert max(factor.error for factor in factors) < 0.05
+    assert max(factor.relative_error for factor in factors) < 0.05
 
     # Drawn as they are: 2,000 alarms, 2.2 % standard error, and 1 % of the factor's own.
     n_draws, n_cells = 200_000, len(box.covariance)
@@ -153,8 +155,14 @@ def law(kind, offsets):
         return lambda snr, factor: trimmed_mean_detection_probability(snr, factor, **cells)
     detection, cells = {
         "cell-averaging": (cell_averaging_detection_probability, {"n_training": n}),
-        "greatest-of": (greatest_of_detection_probability, {"n_training": sizes_of_each(offsets)}),
-        "smallest-of": (smallest_of_detection_probability, {"n_training": sizes_of_each(offsets)}),
+        "greatest-of": (
+            greatest_of_detection_probability,
+            {"n_training": half_window_sizes(offsets)},
+        ),
+        "smallest-of": (
+            smallest_of_detection_probability,
+            {"n_training": half_window_sizes(offsets)},
+        ),
         "ordered-statistic": (
             ordered_statistic_detection_probability,
             {"n_training": n, "rank": int(np.ceil(0.75 * n))},
@@ -168,16 +176,16 @@ def law(kind, offsets):
 @pytest.mark.parametrize("kind", MEMBERS)
 def test_a_fluctuating_target_is_detected_as_often_as_the_law_says(kind, place):
     noise = noise_of("rectangular", 64, 64)
-    ring = Ring(n_training=TRAINING, n_guard=GUARD)
+    ring = TrainingWindow(n_training=TRAINING, n_guard=GUARD)
     estimator, offsets = MEMBERS[kind](), ring.offsets(place)
-    factor = estimator.factor(1e-4, ring.box(noise, place), n_channels=1)
-    assert factor.error == 0
+    factor = estimator.threshold_factor(1e-4, ring.noise_box(noise, place), n_channels=1)
+    assert factor.relative_error == 0
     rng, n_trials = np.random.default_rng(313), 40_000
     statistic = estimator.statistic(rng.exponential(size=(n_trials, len(offsets))), offsets)
     for snr in (3.0, 10.0, 100.0):
         target = (1 + snr) * rng.exponential(size=n_trials)
         hits = int(np.count_nonzero(target > factor.value * statistic))
-        low, high = binomial(hits, n_trials, confidence=1 - 1e-7)
+        low, high = binomial_interval(hits, n_trials, confidence=1 - 1e-7)
         assert low < law(kind, offsets)(snr, factor.value) < high
 
 
@@ -187,9 +195,9 @@ def test_a_fluctuating_target_is_detected_as_often_as_the_law_says(kind, place):
 def test_a_second_target_is_kept_by_some_and_masked_for_others():
     hits = dict.fromkeys(MEMBERS, 0)
     for seed in range(50):
-        here = masking_and_clutter_edge(seed=seed)
+        here = make_example_map(seed=seed)
         strong, weak = here.targets
-        for kind, threshold in side_by_side(here.power, here.row).items():
+        for kind, threshold in compare_thresholds(here.power, here.row).items():
             hits[kind] += here.power[here.row, weak] > threshold[weak]
             assert here.power[here.row, strong] > threshold[strong]
     # The strong target is 1,000 in one of 90 cells: it lifts their mean twelvefold, that of a
@@ -228,15 +236,17 @@ def test_at_the_edge_of_clutter_the_greatest_of_halves_keeps_its_rate():
     # In the first row of clutter, the 56 cells before it are noise; the 56 beyond and the 6 beside
     # are clutter. Their mean, about half that of clutter, has the product of Gandhi and Kassam;
     # the greatest of halves is the mean of those beyond, the smallest of those before.
-    ring = Ring(n_training=TRAINING, n_guard=GUARD)
+    ring = TrainingWindow(n_training=TRAINING, n_guard=GUARD)
     offsets = ring.offsets(ring.half_range)
     n_clutter = np.count_nonzero(offsets[:, 1] >= 0)
-    a = MEMBERS["cell-averaging"]().independent_factor(1e-3, offsets, n_channels=1) / len(offsets)
+    a = MEMBERS["cell-averaging"]().independent_cells_factor(1e-3, offsets, n_channels=1) / len(
+        offsets
+    )
     expected = (1 + a) ** -n_clutter * (1 + a / 100) ** -(len(offsets) - n_clutter)
     first = {kind: rate for kind, (rate, _) in rates.items()}
     assert first["cell-averaging"] == pytest.approx(expected, rel=0.1)
-    n = sizes_of_each(offsets)[1]
-    t = MEMBERS["greatest-of"]().independent_factor(1e-3, offsets, n_channels=1) / n
+    n = half_window_sizes(offsets)[1]
+    t = MEMBERS["greatest-of"]().independent_cells_factor(1e-3, offsets, n_channels=1) / n
     assert first["greatest-of"] == pytest.approx((1 + t) ** -n, rel=0.2)
     assert 0.5e-3 < first["greatest-of"] < 3e-3
     assert first["cell-averaging"] > 20e-3
@@ -255,37 +265,37 @@ def test_a_calibrated_factor_is_told_with_its_uncertainty(radar):
     ):
         cfar = cfar_of(kind, 1e-4, **cells)
         chain = dc.Chain(range_window=window, doppler_window=window, cfar=cfar)
-        found = [f for f in remarks(radar, chain) if f.setting == "chain.cfar.estimator"]
+        found = [f for f in chain_findings(radar, chain) if f.setting == "chain.cfar.estimator"]
         assert len(found) == told
         if told:
-            error = cfar.error(chain.noise(radar))
+            error = cfar.false_alarm_error(chain.map_noise(radar))
             assert 0 < error <= 0.01
-            assert f"{error:.1%} of the false-alarm probability" in found[0].got
+            assert f"{error:.1%} of the false-alarm probability" in found[0].value
 
 
 def test_a_guard_inside_the_main_lobe_costs_what_the_target_lifts_its_own_mean():
     noise = noise_of("hann", 256, 128)
     cells = {"n_training": dc.Cells(range=8, velocity=0), "n_guard": dc.Cells(range=0, velocity=0)}
-    loss = guard_loss(cfar_of("cell-averaging", 1e-4, **cells), noise)
+    loss = self_masking_loss(cfar_of("cell-averaging", 1e-4, **cells), noise)
     # The cell on each side has a quarter of the power: 0.5 in 16 cells.
     factor = 16 * (1e-4 ** (-1 / 16) - 1)
     assert loss == pytest.approx(1 / (1 - factor * 0.5 / 16), rel=1e-4)
     # Two of 16 cells that a target raises are above the rank.
-    assert guard_loss(cfar_of("ordered-statistic", 1e-4, **cells), noise) == pytest.approx(1)
+    assert self_masking_loss(cfar_of("ordered-statistic", 1e-4, **cells), noise) == pytest.approx(1)
     # Over two cells on each side, a mean that a target raises by an eighth of itself, times 36.
     few = {**cells, "n_training": dc.Cells(range=2, velocity=0)}
-    assert guard_loss(cfar_of("cell-averaging", 1e-4, **few), noise) == np.inf
+    assert self_masking_loss(cfar_of("cell-averaging", 1e-4, **few), noise) == np.inf
 
 
 @pytest.mark.parametrize(
     ("estimator", "needs"),
     [
-        (lambda: dc.OrderedStatistic(rank=0), "above 0"),
-        (lambda: dc.OrderedStatistic(rank=2.5), "a whole number of cells"),
-        (lambda: dc.OrderedStatistic(rank=119), "at most 118"),
-        (lambda: dc.TrimmedMean(n_largest=-1), "0 or more"),
-        (lambda: dc.TrimmedMean(n_smallest=0.5, n_largest=0.5), "fewer than the 118"),
-        (lambda: dc.TrimmedMean(n_largest=118), "fewer than the 118"),
+        (lambda: dc.cfar.OrderedStatistic(rank=0), "above 0"),
+        (lambda: dc.cfar.OrderedStatistic(rank=2.5), "a whole number of cells"),
+        (lambda: dc.cfar.OrderedStatistic(rank=119), "at most 118"),
+        (lambda: dc.cfar.TrimmedMean(n_largest=-1), "0 or more"),
+        (lambda: dc.cfar.TrimmedMean(n_smallest=0.5, n_largest=0.5), "fewer than the 118"),
+        (lambda: dc.cfar.TrimmedMean(n_largest=118), "fewer than the 118"),
     ],
 )
 def test_settings_that_cannot_work_are_refused(estimator, needs):

@@ -11,7 +11,7 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
-from dechirp.radar.devices.known import device
+from dechirp.radar.devices.lookup import device
 from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
@@ -40,12 +40,12 @@ def rows(array: Array, design_hz: float) -> np.ndarray:
     ],
 )
 def test_two_azimuth_transmitters_make_a_uniform_line_of_eight(name, tx_mask, design_hz):
-    line = columns(device(name).part(tx_mask, 0b1111), design_hz)
+    line = columns(device(name).select_antennas(tx_mask, 0b1111), design_hz)
     assert line.ravel() == pytest.approx(np.arange(8))
 
 
 def test_the_first_and_the_last_azimuth_transmitters_of_the_2944_make_a_line_of_twelve():
-    line = columns(device("xwr2944").part(0b1101, 0b1111), 78.5e9)
+    line = columns(device("xwr2944").select_antennas(0b1101, 0b1111), 78.5e9)
     assert line.ravel() == pytest.approx(np.arange(12))
 
 
@@ -53,14 +53,14 @@ def test_the_first_and_the_last_azimuth_transmitters_of_the_2944_make_a_line_of_
     ("name", "design_hz"), [("xwr1443", 78.5e9), ("xwr1843", 78.5e9), ("xwr6843", 62e9)]
 )
 def test_the_second_transmitter_is_between_the_others_and_half_a_wavelength_above(name, design_hz):
-    board = device(name).part(0b111, 0b1111)
+    board = device(name).select_antennas(0b111, 0b1111)
     assert columns(board, design_hz)[:, 0] == pytest.approx([0, 2, 4])
     assert rows(board, design_hz) == pytest.approx([0, 1, 0])
 
 
 def test_the_cascade_has_86_places_in_azimuth_and_seven_rows_in_elevation():
     # Design guide JAJU737A: 86 azimuth positions of 9 transmitters, elevation like 7 antennas.
-    board = device("cascade").part(0xFFF, 0xFFFF)
+    board = device("cascade").select_antennas(0xFFF, 0xFFFF)
     along, up = columns(board, 76.8e9), rows(board, 76.8e9)
     level = np.isclose(up, 0)
     assert level.sum() == 9
@@ -81,7 +81,7 @@ def test_the_receivers_of_the_bgt60_are_an_l_of_half_wavelengths():
 
 
 def test_positive_azimuth_is_positive_spatial_frequency_over_the_channels():
-    board = device("xwr1443").part(0b101, 0b1111)
+    board = device("xwr1443").select_antennas(0b101, 0b1111)
     azimuth_rad, wavelength_m = np.radians(30), SPEED_OF_LIGHT / 78.5e9
     target_m = 1e4 * np.array([np.cos(azimuth_rad), np.sin(azimuth_rad), 0.0])
     tx_m, rx_m = np.array(board.tx_m), np.array(board.rx_m)
@@ -98,7 +98,7 @@ def test_positive_azimuth_is_positive_spatial_frequency_over_the_channels():
 
 def test_a_part_keeps_the_antennas_of_the_masks_in_their_order():
     board = device("xwr1843")
-    part = board.part(0b110, 0b1001)
+    part = board.select_antennas(0b110, 0b1001)
     assert part.tx_m == board.tx_m[1:]
     assert part.rx_m == (board.rx_m[0], board.rx_m[3])
 
@@ -106,7 +106,7 @@ def test_a_part_keeps_the_antennas_of_the_masks_in_their_order():
 @pytest.mark.parametrize(("tx_mask", "rx_mask"), [(0, 15), (1, 0), (8, 1), (1, 16), (-1, 1)])
 def test_masks_of_no_antenna_or_of_one_that_is_not_there_are_refused(tx_mask, rx_mask):
     with pytest.raises(InvalidSetting, match="mask"):
-        device("xwr1843").part(tx_mask, rx_mask)
+        device("xwr1843").select_antennas(tx_mask, rx_mask)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_a_device_that_is_not_known_is_refused_with_those_that_are(name):
 
 def radar_on(name: str, *, tx: int = 1, rx: int = 0b1111, **settings) -> Radar:
     """A radar of some of the antennas of a device; keywords change its chirp and frame."""
-    array = device(name).part(tx, rx)
+    array = device(name).select_antennas(tx, rx)
     order = tuple(range(len(array.tx_m)))
     chirp = {
         "start_frequency_hz": 77e9,
@@ -213,7 +213,7 @@ TYPICAL = {
 
 @pytest.mark.parametrize("name", Device.members())
 def test_a_typical_radar_breaks_no_rule(name):
-    assert device(name).broken_rules(TYPICAL[name]) == ()
+    assert device(name).find_broken_rules(TYPICAL[name]) == ()
 
 
 def settings_of(findings) -> list[str]:
@@ -324,10 +324,10 @@ ONE_BROKEN = [
 )
 def test_a_radar_that_breaks_one_rule_is_told_that_rule_and_why(name, settings, setting, reason):
     rx = 0b111 if name == "bgt60tr13c" else 0b1111
-    found = device(name).broken_rules(radar_on(name, rx=rx, **settings))
+    found = device(name).find_broken_rules(radar_on(name, rx=rx, **settings))
     assert settings_of(found) == [setting]
-    assert reason in found[0].need
-    assert device(name).name in found[0].need
+    assert reason in found[0].expected
+    assert device(name).name in found[0].expected
 
 
 @pytest.mark.parametrize(
@@ -340,9 +340,9 @@ def test_a_chirp_fits_into_the_buffer_of_its_chip(name, most):
         radar_on(name, rx=0b1111, **LONG | start, n_samples=n) for n in (most, most + 1)
     )
 
-    assert device(name).broken_rules(full, demo=False) == ()
-    (found,) = device(name).broken_rules(too_long, demo=False)
-    assert f"at most {16 * most} bytes, {most} samples" in found.need
+    assert device(name).find_broken_rules(full, demo=False) == ()
+    (found,) = device(name).find_broken_rules(too_long, demo=False)
+    assert f"at most {16 * most} bytes, {most} samples" in found.expected
 
 
 @pytest.mark.parametrize(("side", "number"), [("tx", 4), ("rx", 5)])
@@ -351,40 +351,40 @@ def test_antennas_that_a_board_does_not_have_are_named(side, number):
     spots = tuple((0.0, 2e-3 * n, 0.0) for n in range(number))
     array = replace(radar.array, **{f"{side}_m": spots})
     frame = replace(radar.frame, multiplexing=Tdm(order=tuple(range(len(array.tx_m)))))
-    found = device("xwr1843").broken_rules(Radar(frame=frame, array=array))
+    found = device("xwr1843").find_broken_rules(Radar(frame=frame, array=array))
     assert settings_of(found) == [f"array.{side}"]
 
 
 def test_a_converter_that_is_too_slow_is_told_its_range_too():
     # At 20 MS/s neither the converter nor the filter of an xWR1443 follows.
     radar = radar_on("xwr1443", sample_rate_hz=20e6)
-    assert settings_of(device("xwr1443").broken_rules(radar)) == [RATE, RATE]
+    assert settings_of(device("xwr1443").find_broken_rules(radar)) == [RATE, RATE]
 
 
 def test_every_broken_rule_is_named_at_once():
     radar = radar_on("xwr1843", start_frequency_hz=60e9, n_chirps=33, interval_s=58e-6)
-    assert settings_of(device("xwr1843").broken_rules(radar)) == [START, INTERVAL, CHIRPS]
+    assert settings_of(device("xwr1843").find_broken_rules(radar)) == [START, INTERVAL, CHIRPS]
 
 
 def test_rules_of_the_demo_do_not_bind_a_capture_of_raw_samples():
     radar = radar_on(
         "xwr1843", tx=0b111, n_chirps=255, n_samples=512, sample_rate_hz=11e6, period_s=0.5
     )
-    assert settings_of(device("xwr1843").broken_rules(radar)) == [CHIRPS, CHIRPS]
-    assert device("xwr1843").broken_rules(radar, demo=False) == ()
+    assert settings_of(device("xwr1843").find_broken_rules(radar)) == [CHIRPS, CHIRPS]
+    assert device("xwr1843").find_broken_rules(radar, demo=False) == ()
 
 
 def test_the_memory_of_a_frame_counts_samples_as_their_next_power_of_two():
     # 349 samples become 512; 32 chirps of 12 channels: 786432 bytes, and a map of 32768.
     radar = radar_on("xwr1843", tx=0b111, n_samples=349, sample_rate_hz=10e6, n_chirps=32)
-    assert device("xwr1843").broken_rules(radar) == ()
+    assert device("xwr1843").find_broken_rules(radar) == ()
     # 40 chirps: 983040 bytes, and a map of 65536: exactly the megabyte.
     full = radar_on("xwr1843", tx=0b111, n_samples=349, sample_rate_hz=10e6, n_chirps=40)
-    assert device("xwr1843").broken_rules(full) == ()
+    assert device("xwr1843").find_broken_rules(full) == ()
     more = radar_on("xwr1843", tx=0b111, n_samples=349, sample_rate_hz=10e6, n_chirps=44)
-    (found,) = device("xwr1843").broken_rules(more)
-    assert "1120 kB" in found.got
-    assert "1024 kB" in found.need
+    (found,) = device("xwr1843").find_broken_rules(more)
+    assert "1120 kB" in found.value
+    assert "1024 kB" in found.expected
 
 
 def test_real_samples_take_half_the_memory_of_complex_ones():
@@ -398,20 +398,20 @@ def test_real_samples_take_half_the_memory_of_complex_ones():
         n_chirps=128,
         period_s=0.5,
     )
-    (found,) = device("xwr2944").broken_rules(radar)
-    assert f"{(4 * 2**20 + 512 * 128 * 2) / 1024:.5g} kB" in found.got
+    (found,) = device("xwr2944").find_broken_rules(radar)
+    assert f"{(4 * 2**20 + 512 * 128 * 2) / 1024:.5g} kB" in found.value
 
 
 def test_a_ramp_in_either_half_of_the_60_gigahertz_band_is_allowed():
     for start_hz in (57e9, 60e9):
         lower = {**SIXTY, "start_frequency_hz": start_hz, "slope_hz_per_s": 150e12}
-        assert device("xwr6843").broken_rules(radar_on("xwr6843", **lower)) == ()
+        assert device("xwr6843").find_broken_rules(radar_on("xwr6843", **lower)) == ()
 
 
 def test_the_reference_waveform_is_beyond_the_chip_it_is_likened_to():
     # 300 MS/s, sampled from the start of ramps without a pause, in frames without a gap, of
     # 4096 x 128 points; its band, its slope of 20 MHz/us and its one receiver are possible.
-    found = device("xwr1843").broken_rules(dc.reference().radar)
+    found = device("xwr1843").find_broken_rules(dc.reference().radar)
     assert settings_of(found) == [RATE, RATE, ADC, INTERVAL, PERIOD, SAMPLES, CHIRPS]
 
 
@@ -430,4 +430,4 @@ LANES = {"xwr1443": 4, "xwr1642": 2, "xwr1843": 2, "xwr6843": 2, "xwr2944": 2}
 
 @pytest.mark.parametrize("name", Device.members())
 def test_raw_samples_leave_over_so_many_lanes(name):
-    assert device(name).lanes == LANES.get(name)
+    assert device(name).lvds_lanes == LANES.get(name)

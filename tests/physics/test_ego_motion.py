@@ -8,11 +8,11 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.evaluate.match import match
-from dechirp.radar.folds import span_m_per_s
-from dechirp.tracking.doppler_fit import Sighted, fit
-from dechirp.tracking.ego import EgoMotion, ego_motion, labelled
-from dechirp.tracking.mounting import mounting
+from dechirp.evaluation.association import associate_detections
+from dechirp.radar.velocity_ambiguity import unambiguous_span_m_per_s
+from dechirp.tracking.doppler_fit import Sightings, fit_velocity
+from dechirp.tracking.ego import EgoMotion, ego_motion, label_motion
+from dechirp.tracking.mounting import mounting_angle
 
 HIGHWAY = Path(__file__).parents[2] / "examples" / "highway.yaml"
 AT_REST = {"right-rail", "left-rail", "stranded-car", "sign", "bridge", "emergency-phone"}
@@ -21,7 +21,7 @@ NAN = float("nan")
 
 def table(**columns) -> xr.Dataset:
     """Detections, of which nothing is told but what is given; 60 m away."""
-    usual = {"frame": 0, "time": 0.0, "range": 60.0, "elevation": NAN, "fold": NAN}
+    usual = {"frame": 0, "time": 0.0, "range": 60.0, "elevation": NAN, "ambiguity_number": NAN}
     errors = {"velocity_std": 1e-6, "azimuth_std": 1e-7, "elevation_std": NAN}
     known = usual | errors | columns
     arrays = np.broadcast_arrays(*known.values())
@@ -50,7 +50,7 @@ def test_the_velocity_is_what_most_agree_on(one_element, v):
     rows = table(azimuth=azimuth, velocity=velocity, elevation=elevation)
 
     ego = ego_motion(rows, one_element)
-    marked = labelled(rows, ego, one_element)
+    marked = label_motion(rows, ego, one_element)
 
     assert ego.n_static.item() == 30
     assert [ego.vx.item(), ego.vy.item()] == pytest.approx(v, abs=1e-5)
@@ -65,7 +65,7 @@ def sighted(rng, n, v, azimuth_std, velocity_std, extra, about_rad):
     velocity = at_rest(azimuth, v) + np.hypot(of_velocity, extra) * rng.standard_normal(n)
     azimuth = azimuth + of_azimuth * rng.standard_normal(n)
     none = np.zeros(n)
-    return Sighted(velocity, azimuth, none, of_velocity, of_azimuth, none, np.full(n, 1e9))
+    return Sightings(velocity, azimuth, none, of_velocity, of_azimuth, none, np.full(n, 1e9))
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_a_fit_is_as_far_off_as_its_standard_errors_say(azimuth_std, velocity_st
     n_trials, v = 2500, np.array([30.0, 1.0])
     squares = np.empty(n_trials)
     for trial in range(n_trials):
-        found = fit(sighted(rng, 40, v, azimuth_std, velocity_std, extra, 0.0), v)
+        found = fit_velocity(sighted(rng, 40, v, azimuth_std, velocity_std, extra, 0.0), v)
         off = found.velocity - v
         squares[trial] = off @ np.linalg.solve(found.covariance, off) / 2
 
@@ -92,8 +92,8 @@ def test_errors_of_azimuths_do_not_pull_the_velocity():
     fitted, plain = np.empty((2, n_trials, 2))
     for trial in range(n_trials):
         one = sighted(rng, 60, v, 0.03, 0.02, 0.0, 0.6)
-        fitted[trial] = fit(one, v).velocity
-        towards = one.towards(one.azimuth_rad)
+        fitted[trial] = fit_velocity(one, v).velocity
+        towards = one.level_directions(one.azimuth_rad)
         plain[trial] = -np.linalg.lstsq(towards, one.velocity_m_per_s)[0]
     pulled = abs(plain.mean(axis=0) - v) / plain.std(axis=0)
     left = abs(fitted.mean(axis=0) - v) / fitted.std(axis=0)
@@ -110,7 +110,10 @@ def test_velocities_are_towards_the_middle_of_the_array(one_element):
     range_m, azimuth = rng.uniform(4, 8, 30), rng.uniform(-0.6, 0.6, 30)
     x, y = range_m * np.cos(azimuth), range_m * np.sin(azimuth)
     rows = table(
-        range=range_m, azimuth=azimuth, velocity=at_rest(np.arctan2(y - side_m, x), v), fold=0.0
+        range=range_m,
+        azimuth=azimuth,
+        velocity=at_rest(np.arctan2(y - side_m, x), v),
+        ambiguity_number=0.0,
     )
 
     ego = ego_motion(rows, radar)
@@ -121,7 +124,7 @@ def test_velocities_are_towards_the_middle_of_the_array(one_element):
 def test_a_velocity_beyond_the_span_is_told_by_directions(one_element):
     rng = np.random.default_rng(4)
     azimuth = rng.uniform(-0.8, 0.8, 40)
-    span = float(span_m_per_s(np.array(60.0), one_element.frame))
+    span = float(unambiguous_span_m_per_s(np.array(60.0), one_element.frame))
     v = np.array([span / 2 + 9.0, 0.5])
     velocity = (at_rest(azimuth, v) + span / 2) % span - span / 2
     rows = table(azimuth=azimuth, velocity=velocity, velocity_std=0.02, azimuth_std=0.002)
@@ -163,7 +166,7 @@ def test_what_cannot_be_told_is_not(one_element, rows):
 
     assert ego.n_static.item() == 0
     assert all(np.isnan(ego[name].item()) for name in ("vx", "vy", "vx_std", "vy_std"))
-    assert set(labelled(rows, ego, one_element).motion.values) == {""}
+    assert set(label_motion(rows, ego, one_element).motion.values) == {""}
 
 
 def test_what_moves_is_beyond_three_standard_errors_and_tolerances(one_element):
@@ -172,7 +175,7 @@ def test_what_moves_is_beyond_three_standard_errors_and_tolerances(one_element):
         velocity = at_rest(AZIMUTH, (10, 0))
         velocity[7] += 0.4
         rows = table(azimuth=AZIMUTH, velocity=velocity, velocity_std=velocity_std)
-        marked = labelled(rows, ego_motion(rows, one_element), one_element).motion.values
+        marked = label_motion(rows, ego_motion(rows, one_element), one_element).motion.values
         assert marked[7] == motion and set(np.delete(marked, 7)) == {"static"}
 
 
@@ -194,16 +197,16 @@ def test_two_convoys_of_one_size_are_no_majority(one_element):
 def test_directions_that_are_not_sure_have_no_vote(radar):
     radar = replace(
         radar,
-        frame=replace(radar.frame, multiplexing=dc.Tdm(order=(0, 1))),
+        frame=replace(radar.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1))),
         array=replace(radar.array, tx_m=[(0, 0, 0), (0, 3.8e-3, 0)]),
     )
     velocity = at_rest(AZIMUTH, (10, 0))
     unsure = np.arange(20) % 3 == 0
     velocity[3] += 8.0
-    rows = table(azimuth=AZIMUTH, velocity=velocity, fold=np.where(unsure, NAN, 0.0))
+    rows = table(azimuth=AZIMUTH, velocity=velocity, ambiguity_number=np.where(unsure, NAN, 0.0))
 
     ego = ego_motion(rows, radar)
-    motion = labelled(rows, ego, radar).motion.values
+    motion = label_motion(rows, ego, radar).motion.values
 
     assert ego.n_static.item() == 13
     # What agrees is static; what does not may have another direction.
@@ -225,7 +228,7 @@ def test_a_frame_is_the_same_alone_and_among_others(one_element):
     xr.testing.assert_identical(together, xr.concat(alone, "frame"))
     assert together.time.values == pytest.approx([0.2, 0.3, 0.45])
     # Frames that are not in the list are not known.
-    some = labelled(rows, alone[0], one_element)
+    some = label_motion(rows, alone[0], one_element)
     assert set(some.motion.values[frame != 4]) == {""}
 
 
@@ -238,7 +241,7 @@ def driven(scenario, n_frames, **ego):
     """Detections of the highway from a radar that moves so."""
     scene = replace(scenario.scene, ego=replace(scenario.scene.ego, **ego))
     radar, noise = scenario.radar, scenario.impairments
-    with pytest.warns(dc.PhysicsWarning, match="folds to"):
+    with pytest.warns(dc.PhysicsWarning, match="is aliased to"):
         cube = dc.simulate(scene, radar, impairments=noise, n_frames=n_frames, seed=1)
     return dc.detect(cube, radar, scenario.chain), scene
 
@@ -248,9 +251,9 @@ def test_on_a_highway_the_speed_is_known_to_a_decimetre_a_second(highway):
     ego = ego_motion(rows, highway.radar)
     assert np.hypot(ego.vx - 30, ego.vy).max() < 0.1
 
-    motion = labelled(rows, ego, highway.radar).motion.values
+    motion = label_motion(rows, ego, highway.radar).motion.values
     truth = dc.truth(scene, highway.radar, n_frames=2)
-    owner = match(rows, truth, highway.radar, scene).target
+    owner = associate_detections(rows, truth, highway.radar, scene).target
     names = np.array(scene.names)[owner]
     rests = np.isin(names, sorted(AT_REST))
     assert "static" not in motion[(owner >= 0) & ~rests]
@@ -267,7 +270,7 @@ def test_in_a_bend_the_velocity_is_that_of_the_radar_itself(highway):
 def test_driving_straight_on_tells_how_the_radar_is_mounted(highway):
     yaw = np.radians(3.7)
     rows, _ = driven(highway, 6, yaw_rad=yaw)
-    found = mounting(ego_motion(rows, highway.radar))
+    found = mounting_angle(ego_motion(rows, highway.radar))
 
     assert found.n_frames == 6
     assert abs(np.degrees(found.yaw_rad - yaw)) < 0.1
@@ -297,7 +300,7 @@ def test_the_mounting_angle_is_as_far_off_as_its_standard_error_says():
     speed = rng.uniform(4, 30, n_frames)
     ratio = np.empty(n_trials)
     for trial in range(n_trials):
-        found = mounting(drives(rng, n_frames, yaw, speed, covariance))
+        found = mounting_angle(drives(rng, n_frames, yaw, speed, covariance))
         ratio[trial] = ((found.yaw_rad - yaw) / found.yaw_std_rad) ** 2
 
     # Known to 0.026; raised errors of frames that scatter by chance take off 0.02.
@@ -308,9 +311,9 @@ def test_frames_that_scatter_more_than_they_say_raise_the_error():
     rng = np.random.default_rng(8)
     covariance = np.tile(1e-4 * np.eye(2), (200, 1, 1))
     ego = drives(rng, 200, 0.1, np.full(200, 20.0), 25 * covariance)
-    told = mounting(ego.assign(vx_std=ego.vx_std / 5, vy_std=ego.vy_std / 5))
+    told = mounting_angle(ego.assign(vx_std=ego.vx_std / 5, vy_std=ego.vy_std / 5))
 
-    assert told.yaw_std_rad == pytest.approx(mounting(ego).yaw_std_rad, rel=0.15)
+    assert told.yaw_std_rad == pytest.approx(mounting_angle(ego).yaw_std_rad, rel=0.15)
 
 
 def test_frames_that_stand_or_are_not_known_do_not_count():
@@ -321,12 +324,12 @@ def test_frames_that_stand_or_are_not_known_do_not_count():
         np.array([0, 2, 10, 10, 10.0]),
         np.tile(1e-4 * np.eye(2), (5, 1, 1)),
     )
-    assert mounting(ego).n_frames == 3
-    assert mounting(ego.where(np.arange(5) != 3)).n_frames == 2
-    with pytest.raises(dc.InvalidSetting, match="ego is 1 of 3 frames at 3 m/s or more"):
-        mounting(ego.isel(frame=[0, 1, 2]))
+    assert mounting_angle(ego).n_frames == 3
+    assert mounting_angle(ego.where(np.arange(5) != 3)).n_frames == 2
+    with pytest.raises(dc.InvalidSetting, match="ego: 1 of 3 frames at 3 m/s or more"):
+        mounting_angle(ego.isel(frame=[0, 1, 2]))
     with pytest.raises(dc.InvalidSetting, match="min_speed"):
-        mounting(ego, 0.0)
+        mounting_angle(ego, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -375,15 +378,15 @@ def test_no_detections_are_no_frames(one_element):
     none = GOOD.isel(detection=[])
     ego = ego_motion(none, one_element)
     assert ego.sizes["frame"] == 0
-    assert labelled(none, ego, one_element).motion.size == 0
+    assert label_motion(none, ego, one_element).motion.size == 0
 
 
 def test_what_is_no_radar_is_refused(one_element):
-    with pytest.raises(dc.InvalidSetting, match="radar is a Frame"):
+    with pytest.raises(dc.InvalidSetting, match="radar: a Frame"):
         ego_motion(GOOD, one_element.frame)
-    with pytest.raises(dc.InvalidSetting, match="settings is a dict"):
+    with pytest.raises(dc.InvalidSetting, match="settings: a dict"):
         ego_motion(GOOD, one_element, {})
-    with pytest.raises(dc.InvalidSetting, match="ego is a tuple"):
-        labelled(GOOD, (10.0, 0.0), one_element)
-    with pytest.raises(dc.InvalidSetting, match="ego is without vx"):
-        labelled(GOOD, ego_motion(GOOD, one_element).drop_vars("vx"), one_element)
+    with pytest.raises(dc.InvalidSetting, match="ego: a tuple"):
+        label_motion(GOOD, (10.0, 0.0), one_element)
+    with pytest.raises(dc.InvalidSetting, match="ego: a dataset without vx"):
+        label_motion(GOOD, ego_motion(GOOD, one_element).drop_vars("vx"), one_element)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.core.units import decibels
-from dechirp.process.detect import detected_columns
-from dechirp.process.refine import refine
-from dechirp.radar.accuracy import standard_errors
-from dechirp.theory.bounds import frequency_variance, summed_snr
+from dechirp.core.units import to_decibels
+from dechirp.processing.detect import detect_columns
+from dechirp.processing.refine import refine_tones
+from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.theory.bounds import frequency_variance, noncoherent_effective_snr
 from nightly import NIGHTLY
 from noise import looks, noisy
 
@@ -20,7 +20,7 @@ def errors(clean, radar, truth, snr_db, n_trials, seed):
     names = ("range", "velocity", "range_std", "velocity_std", "snr")
     rows = []
     for cube in looks(clean, snr_db, np.random.default_rng(seed), n_trials):
-        found = detected_columns([cube], radar)
+        found = detect_columns([cube], radar)
         rows.append([found[name][0] for name in names])
     range_m, velocity, *others = np.array(rows).T
     return range_m - truth.range.item(0), velocity - truth.velocity.item(0), *others
@@ -44,13 +44,13 @@ def test_estimates_of_the_reference_target_reach_the_bound(reference, clean, snr
     for error, std, bound in zip(
         (range_m, velocity),
         (range_std, velocity_std),
-        standard_errors(radar.frame, snr=snr),
+        crlb_standard_errors(radar.frame, snr=snr),
         strict=True,
     ):
         assert np.sqrt(np.mean(error**2)) <= 1.15 * bound
         assert abs(np.mean(error)) < 0.3 * bound
         assert np.mean(error**2 / std**2) == pytest.approx(1, abs=OFF)
-    assert decibels(np.mean(found_snr)) == pytest.approx(decibels(snr), abs=0.3)
+    assert to_decibels(np.mean(found_snr)) == pytest.approx(to_decibels(snr), abs=0.3)
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -73,13 +73,13 @@ def test_several_receivers_and_real_samples_reach_their_bounds_too(radar, sampli
     for error, std, bound in zip(
         (range_m, velocity),
         (range_std, velocity_std),
-        standard_errors(radar.frame, snr=snr),
+        crlb_standard_errors(radar.frame, snr=snr),
         strict=True,
     ):
         assert np.sqrt(np.mean(error**2)) == pytest.approx(bound, rel=0.15)
         assert abs(np.mean(error)) < 0.25 * bound
         assert np.mean(error**2 / std**2) == pytest.approx(1, abs=0.3)
-    assert decibels(np.mean(found_snr)) == pytest.approx(decibels(snr), abs=0.3)
+    assert to_decibels(np.mean(found_snr)) == pytest.approx(to_decibels(snr), abs=0.3)
 
 
 @pytest.mark.parametrize("snr_db", [15, 20, 30])
@@ -97,8 +97,10 @@ def test_the_sum_of_the_powers_of_channels_has_the_variance_of_its_ratio(n_chann
         samples = amplitude * np.exp(1j * (slow * m + fast * n))
         noise = rng.standard_normal((2, *samples.shape)) / np.sqrt(2)
         samples = (samples + noise[0] + 1j * noise[1]).astype(np.complex64)
-        tone = refine(samples, np.array([0.7]), np.array([1.1]), np.ones(1))
-        ratio = summed_snr(snr=tone.energy.item() - n_channels, n_channels=n_channels)
+        tone = refine_tones(samples, np.array([0.7]), np.array([1.1]), np.ones(1))
+        ratio = noncoherent_effective_snr(
+            snr=tone.energy.item() - n_channels, n_channels=n_channels
+        )
         squared.append(
             [
                 (tone.slow.item() - slow) ** 2 / frequency_variance(snr=ratio, n_points=n_chirps),
@@ -117,13 +119,13 @@ def test_errors_of_weak_targets_before_twelve_channels_are_as_told(radar):
     radar = replace(radar, frame=frame, array=array)
     scene = dc.Scene(targets=[dc.Target(position_m=(9.37, 0, 0), velocity_m_per_s=(-7.3, 0, 0))])
     clean, truth = dc.simulate(scene, radar, impairments=()), dc.truth(scene, radar)
-    snr_db, rng = 20 - decibels(radar.integration_gain), np.random.default_rng(43)
+    snr_db, rng = 20 - to_decibels(radar.integration_gain), np.random.default_rng(43)
     chain = dc.Chain(
-        angle=None, cfar=dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-3)
+        angle=None, cfar=dc.Cfar(estimator=dc.cfar.CellAveraging(), false_alarm_probability=1e-3)
     )
     squared, n_lost = [], 0
     for cube in looks(clean, snr_db, rng, 1200):
-        found = detected_columns([cube], radar, chain)
+        found = detect_columns([cube], radar, chain)
         off = [found[name] - truth[name].item() for name in ("range", "velocity")]
         near = abs(off[0]) < frame.chirp.range_resolution_m
         near &= abs(off[1]) < frame.velocity_resolution_m_per_s
@@ -145,7 +147,7 @@ def test_errors_of_weak_targets_before_twelve_channels_are_as_told(radar):
 def test_without_noise_range_and_velocity_are_exact(radar, range_m, velocity):
     target = dc.Target(position_m=(range_m, 0, 0), velocity_m_per_s=(velocity, 0, 0))
     scene = dc.Scene(targets=[target])
-    cube = dc.simulate(scene, radar, impairments=[dc.WhiteNoise(snr=1e4)], seed=1)
+    cube = dc.simulate(scene, radar, impairments=[dc.impairments.WhiteNoise(snr=1e4)], seed=1)
     truth = dc.truth(scene, radar)
 
     found = dc.detect(cube, radar).isel(detection=0)
@@ -192,7 +194,7 @@ def test_a_fast_strong_target_does_not_pull_one_80_db_below_it():
         walk = growth * over_chirps * (m - (n_chirps - 1) / 2) * (n - (n_samples - 1) / 2)
         samples += amplitude * np.exp(1j * (over_chirps * m + over_samples * n + walk))
 
-    tones = refine(
+    tones = refine_tones(
         samples.astype(np.complex64),
         slow + 0.2 * bins[0],
         fast - 0.2 * bins[1],
@@ -215,7 +217,7 @@ def test_odd_numbers_of_chirps_samples_and_bins_move_nothing(radar, bins, veloci
     scene = dc.Scene(
         targets=[dc.Target(position_m=(31.4, 0, 0), velocity_m_per_s=(velocity, 0, 0))]
     )
-    cube = dc.simulate(scene, radar, impairments=[dc.WhiteNoise(snr=100.0)], seed=1)
+    cube = dc.simulate(scene, radar, impairments=[dc.impairments.WhiteNoise(snr=100.0)], seed=1)
     truth = dc.truth(scene, radar)
     chain = dc.Chain(n_range_bins=bins[0], n_velocity_bins=bins[1])
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.maps import power_of
-from dechirp.process.spectrum import independent_rows, noise_gain
+from dechirp.processing.range_doppler_map import range_doppler_power
+from dechirp.processing.spectrum import independent_rows, noise_gain
 from dechirp.theory.windows import Window
 from nightly import nightly
 from noise import noise_cube
@@ -28,20 +28,20 @@ def chain_at(window, n_range_bins, pfa, **cfar):
         range_window=window,
         doppler_window=window,
         n_range_bins=n_range_bins,
-        cfar=dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=pfa, **cfar),
+        cfar=dc.Cfar(estimator=dc.cfar.CellAveraging(), false_alarm_probability=pfa, **cfar),
     )
 
 
 def alarms(radar, chain, n_maps, seed):
     """Alarms in each cell over so many maps of noise, and the number of rows searched."""
     rng = np.random.default_rng(seed)
-    noise = chain.noise(radar)
-    rows = independent_rows(radar.frame.chirp, noise.over_range)
+    noise = chain.map_noise(radar)
+    rows = independent_rows(radar.frame.chirp, noise.range_transform)
     counts = 0
     for _ in range(n_maps):
-        power = power_of(noise_cube(radar, rng).values[0], radar, chain)
+        power = range_doppler_power(noise_cube(radar, rng).values[0], radar, chain)
         over = np.zeros(power.shape, bool)
-        over[:, rows] = chain.cfar.exceeds(np.ascontiguousarray(power[:, rows]), noise)
+        over[:, rows] = chain.cfar.exceeds_threshold(np.ascontiguousarray(power[:, rows]), noise)
         counts = counts + over
     return counts, rows.stop - rows.start
 
@@ -79,11 +79,11 @@ def test_alarms_on_the_reference_map_come_as_often_as_designed(radar, window, n_
 def test_every_edge_row_and_column_has_the_rate_that_was_designed(radar, window):
     radar = with_size(radar, 64, 64)
     chain, rng, n_maps = chain_at(window, None, 1e-3), np.random.default_rng(22), 600
-    noise = chain.noise(radar)
-    mean = noise_gain(noise.over_range, noise.over_velocity, radar.frame.chirp)
+    noise = chain.map_noise(radar)
+    mean = noise_gain(noise.range_transform, noise.doppler_transform, radar.frame.chirp)
     rates = np.zeros((64, 64))
     for _ in range(n_maps):
-        power = power_of(noise_cube(radar, rng).values[0], radar, chain)
+        power = range_doppler_power(noise_cube(radar, rng).values[0], radar, chain)
         rates += np.exp(-chain.cfar.threshold(power, noise).astype(float) / mean)
     rates /= n_maps * 1e-3
     # A threshold is 5 % off, and the rate seven times that; two rings fit side by side into a
@@ -164,7 +164,7 @@ def test_rings_of_any_shape_keep_the_rate(radar, n_training, n_guard):
 
 def test_an_offset_is_a_ratio_of_powers(radar):
     radar = with_size(radar, 128, 64)
-    cfar = dc.Cfar(estimator=dc.CellAveraging(), offset=10.0)
+    cfar = dc.Cfar(estimator=dc.cfar.CellAveraging(), offset=10.0)
     chain = dc.Chain(range_window="rectangular", doppler_window="rectangular", cfar=cfar)
     counts, _ = alarms(radar, chain, 2000, seed=6)
     # Ten times the mean of N = 644 cells is exceeded with probability (1 + 10 / N)^-N, more at
@@ -175,11 +175,11 @@ def test_an_offset_is_a_ratio_of_powers(radar):
 def test_a_strong_target_leaves_the_noise_beside_it_whole(radar):
     rng = np.random.default_rng(8)
     power = rng.exponential(size=(64, 128)).astype(np.float32)
-    ring = dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-4).ring
-    calm = dc.CellAveraging().threshold(power, ring, np.ones(power.shape[1], np.float32))
+    ring = dc.Cfar(estimator=dc.cfar.CellAveraging(), false_alarm_probability=1e-4).training_window
+    calm = dc.cfar.CellAveraging().threshold(power, ring, np.ones(power.shape[1], np.float32))
     struck = power.copy()
     struck[30, 60] = 1e12  # 120 dB over the noise
-    level = dc.CellAveraging().threshold(struck, ring, np.ones(power.shape[1], np.float32))
+    level = dc.cfar.CellAveraging().threshold(struck, ring, np.ones(power.shape[1], np.float32))
 
     apart = np.ones(power.shape, bool)
     apart[30 - 12 : 30 + 13, 60 - 14 : 60 + 15] = False
@@ -199,10 +199,10 @@ def test_the_level_is_the_mean_of_the_ring_cell_by_cell():
     ]:
         cells = [dc.Cells(range=r, velocity=v) for r, v in (training, guard)]
         ring = dc.Cfar(
-            estimator=dc.CellAveraging(), n_training=cells[0], n_guard=cells[1], offset=1.0
-        ).ring
-        found = dc.CellAveraging().threshold(power, ring, np.ones(power.shape[1], np.float32))
-        places = ring.places(40)
+            estimator=dc.cfar.CellAveraging(), n_training=cells[0], n_guard=cells[1], offset=1.0
+        ).training_window
+        found = dc.cfar.CellAveraging().threshold(power, ring, np.ones(power.shape[1], np.float32))
+        places = ring.box_rows(40)
         for v in range(26):
             for j in range(40):
                 rows = j - places[j] + np.arange(2 * ring.half_range + 1)

@@ -9,23 +9,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dechirp as dc
-from dechirp.core.normal import add_white_noise
-from dechirp.core.units import decibels
-from dechirp.process.fixed_point.agreement import agreement, agreement_over_bits
-from dechirp.process.fixed_point.cfar import thresholds
-from dechirp.process.fixed_point.chain import fixed_point_map
-from dechirp.process.fixed_point.coefficients import logarithms
-from dechirp.process.fixed_point.fft import fft
-from dechirp.process.fixed_point.noise import (
-    full_scale,
-    quantisation_noise,
-    quantisation_ratio,
-    ratios_over_bits,
+from dechirp.core.gaussian_noise import add_white_noise
+from dechirp.core.units import to_decibels
+from dechirp.processing.fixed_point.cfar import cell_averaging_thresholds
+from dechirp.processing.fixed_point.chain import fixed_point_map, log2_of_powers, max_log2_error
+from dechirp.processing.fixed_point.coefficients import log2_table
+from dechirp.processing.fixed_point.comparison import (
+    compare_detections,
+    compare_detections_over_bits,
 )
-from dechirp.process.fixed_point.power import log2_error, log2_words
-from dechirp.process.fixed_point.tables import padded
-from dechirp.process.fixed_point.words import WordLengths
-from dechirp.process.peaks import peaks
+from dechirp.processing.fixed_point.fft import fft
+from dechirp.processing.fixed_point.lookup_tables import pad_to_powers_of_two
+from dechirp.processing.fixed_point.quantisation_noise import (
+    make_full_scale_signal,
+    predict_quantisation_noise,
+    signal_to_quantisation_noise,
+    signal_to_quantisation_noise_over_bits,
+)
+from dechirp.processing.fixed_point.word_lengths import WordLengths
+from dechirp.processing.peaks import find_peaks
+from dechirp.simulation.adc_codes import extract_adc_codes
 from noise import noise_cube
 
 NO_SCALING = WordLengths(scaling="none")
@@ -52,7 +55,7 @@ def corners(n_blocks: int, n: int, bits: int, rng: np.random.Generator) -> np.nd
 def test_a_16_bit_transform_of_256_points_keeps_60_db_at_full_scale(signal):
     rng = np.random.default_rng(1)
     if signal == "noise":
-        points = full_scale("noise", 500, 256, 16, rng)
+        points = make_full_scale_signal("noise", 500, 256, 16, rng)
     else:
         cycles = np.arange(256.0) if signal == "on bins" else rng.uniform(0, 256, 2000)
         points = tones(cycles, 256, 16, rng)
@@ -60,7 +63,7 @@ def test_a_16_bit_transform_of_256_points_keeps_60_db_at_full_scale(signal):
 
     found = fft(points, 16, WordLengths())
 
-    assert quantisation_ratio(points, found).min() > 1e6
+    assert signal_to_quantisation_noise(points, found).min() > 1e6
     assert not found.overflows.any()
 
 
@@ -72,7 +75,9 @@ def test_a_16_bit_transform_of_256_points_keeps_60_db_at_full_scale(signal):
 @pytest.mark.parametrize("n", [64, 256, 1024])
 def test_the_noise_of_rounding_white_noise_is_that_of_theory(n, bits, scaling):
     words = WordLengths(scaling=scaling, twiddle_bits=bits)
-    measured = ratios_over_bits((bits,), n_points=n, words=words, n_trials=400, seed=n + bits)
+    measured = signal_to_quantisation_noise_over_bits(
+        (bits,), n_points=n, words=words, n_trials=400, seed=n + bits
+    )
 
     one = measured.sel(bits=bits, signal="noise")
     assert 0.96 < float(one.measured / one.predicted) < 1.12
@@ -82,7 +87,9 @@ def test_the_noise_of_rounding_white_noise_is_that_of_theory(n, bits, scaling):
 # of 1.3 %, and 8 % is 6 of them.
 @pytest.mark.parametrize("bits", [12, 16, 22])
 def test_the_noise_of_rounding_tones_is_that_of_theory_in_the_mean(bits):
-    one = ratios_over_bits((bits,), n_trials=1500, seed=bits).sel(signal="tone")
+    one = signal_to_quantisation_noise_over_bits((bits,), n_trials=1500, seed=bits).sel(
+        signal="tone"
+    )
 
     assert 0.92 < one.measured.item() / one.predicted.item() < 1.17
 
@@ -91,13 +98,15 @@ def test_the_noise_of_rounding_tones_is_that_of_theory_in_the_mean(bits):
 # sees it, not in last bits, where tones of larger exponents count a quarter. 1.5 dB apart.
 def test_the_mean_noise_of_tones_is_that_of_the_samples():
     n = 1500
-    points = full_scale("tone", n, 256, 16, np.random.default_rng(7))
+    points = make_full_scale_signal("tone", n, 256, 16, np.random.default_rng(7))
     found = fft(points, 16, WordLengths())
     exact = np.fft.fft(points @ [1, 1j])
     words = np.ldexp(found.points, found.shifts.sum(axis=-1)[:, None, None]) @ [1, 1j]
     ratio = np.sum(abs(exact) ** 2) / np.sum(abs(words - exact) ** 2)
 
-    one = ratios_over_bits((16,), n_trials=n, seed=8).sel(bits=16, signal="tone")
+    one = signal_to_quantisation_noise_over_bits((16,), n_trials=n, seed=8).sel(
+        bits=16, signal="tone"
+    )
 
     assert one.measured.item() == pytest.approx(ratio, rel=0.11)  # 6 times 1.3 %, of both
 
@@ -109,10 +118,10 @@ def test_the_noise_of_halving_at_every_stage_is_a_geometric_sum():
     sums = sum(2 * (q / 8 + (1 - q) / 12) / 2 ** (7 - j) for j, q in enumerate(shares))
 
     exact = WordLengths(scaling="halving", twiddle_bits=24)
-    law = quantisation_noise(np.ones(8), np.array(0.0), exact)
+    law = predict_quantisation_noise(np.ones(8), np.array(0.0), exact)
 
     assert law == pytest.approx(sums, rel=1e-12)
-    points = full_scale("noise", 400, 256, 16, np.random.default_rng(2))
+    points = make_full_scale_signal("noise", 400, 256, 16, np.random.default_rng(2))
     found = fft(points, 16, exact)
     error = found.points @ [1, 1j] - np.fft.fft(points @ [1, 1j]) / 256
     assert np.mean(abs(error) ** 2) == pytest.approx(sums, rel=0.03)
@@ -120,25 +129,28 @@ def test_the_noise_of_halving_at_every_stage_is_a_geometric_sum():
 
 # 100 trials of noise: 0.6 % or 0.03 dB at each end.
 def test_each_bit_adds_6_02_db():
-    over_bits = ratios_over_bits((12, 22), seed=3).sel(signal="noise").measured
+    over_bits = (
+        signal_to_quantisation_noise_over_bits((12, 22), seed=3).sel(signal="noise").measured
+    )
 
-    assert decibels(over_bits[1] / over_bits[0]) / 10 == pytest.approx(6.02, abs=0.02)
+    assert to_decibels(over_bits[1] / over_bits[0]) / 10 == pytest.approx(6.02, abs=0.02)
 
 
 def test_block_scaling_keeps_weak_signals_that_halving_loses():
-    weak = full_scale("tone", 200, 256, 16, np.random.default_rng(4)) // 100
+    weak = make_full_scale_signal("tone", 200, 256, 16, np.random.default_rng(4)) // 100
 
     block, halving = (
-        quantisation_ratio(weak, fft(weak, 16, words)) for words in (WordLengths(), HALVING)
+        signal_to_quantisation_noise(weak, fft(weak, 16, words))
+        for words in (WordLengths(), HALVING)
     )
 
     # Halving costs the 40 dB; blocks are shifted 6 or 7 bits fewer, as far as there is noise.
-    assert decibels(np.median(block / halving)) > 30
-    assert decibels(block.min()) > 60
+    assert to_decibels(np.median(block / halving)) > 30
+    assert to_decibels(block.min()) > 60
 
 
 def test_truncation_moves_numbers_by_half_a_word_and_convergent_rounding_by_none():
-    points = full_scale("noise", 400, 256, 16, np.random.default_rng(5))
+    points = make_full_scale_signal("noise", 400, 256, 16, np.random.default_rng(5))
     exact = np.fft.fft(points @ [1, 1j])
 
     def mean_error(rounding):
@@ -171,7 +183,7 @@ def test_nothing_overflows_under_block_scaling(bits, twiddle_bits, stages, seed)
 
 
 def test_tones_of_full_scale_overflow_without_scaling_and_not_by_halving():
-    points = full_scale("tone", 100, 256, 16, np.random.default_rng(6))
+    points = make_full_scale_signal("tone", 100, 256, 16, np.random.default_rng(6))
 
     assert fft(points, 16, NO_SCALING).overflows.all()  # every stage doubles the tone
     assert not fft(points, 16, HALVING).overflows.any()
@@ -198,12 +210,12 @@ def test_logarithms_are_within_their_bound_and_reach_it(table_bits, fraction_bit
     words = WordLengths(log_table_bits=table_bits, log_fraction_bits=fraction_bits)
     powers = np.concatenate([np.arange(1, 2**15), 2 ** np.arange(48), 2 ** np.arange(1, 49) - 1])
 
-    table = logarithms(table_bits, fraction_bits)
-    found = log2_words(powers[None], table, table_bits, fraction_bits)[0]
+    table = log2_table(table_bits, fraction_bits)
+    found = log2_of_powers(powers[None], table, table_bits, fraction_bits)[0]
 
     error = abs(found / 2**fraction_bits - np.log2(powers.astype(float)))
-    assert 0.5 * log2_error(words) < error.max() <= log2_error(words)
-    assert log2_words(np.zeros((1, 1), int), table, table_bits, fraction_bits) == 0
+    assert 0.5 * max_log2_error(words) < error.max() <= max_log2_error(words)
+    assert log2_of_powers(np.zeros((1, 1), int), table, table_bits, fraction_bits) == 0
 
 
 # --- The chain against floating point ----------------------------------------------------------
@@ -247,9 +259,11 @@ def test_16_bits_find_in_the_reference_scenario_what_floating_point_finds(scenar
     threshold = dc.threshold_map(power, radar, chain)
 
     assert (found.detected.values == (power.values > threshold.values)).all()
-    cells = peaks(power.values, threshold.values, chain.noise(radar))
-    same = peaks(
-        found.power.values.astype(float), found.threshold.values.astype(float), chain.noise(radar)
+    cells = find_peaks(power.values, threshold.values, chain.map_noise(radar))
+    same = find_peaks(
+        found.power.values.astype(float),
+        found.threshold.values.astype(float),
+        chain.map_noise(radar),
     )
     assert len(cells) == 1
     assert (cells == same).all()
@@ -260,7 +274,7 @@ def test_cells_that_words_turn_over_are_next_to_their_threshold(scenario, frame)
     # Of 524,288 cells at 1e-2, 5,200 are over it, and as many within 1 dB of it. Noise 76 dB over
     # what rounding adds moves the power of a cell by 0.003 dB, two bits less by four times that.
     radar, chain = scenario.radar, at(scenario.chain, 1e-2)
-    over_bits = agreement_over_bits(frame, radar, chain, (12, 14, 16))
+    over_bits = compare_detections_over_bits(frame, radar, chain, (12, 14, 16))
 
     assert (over_bits.n_float > 4000).all()
     assert over_bits.n_only_one.values[-1] < 30
@@ -280,21 +294,23 @@ def test_powers_in_words_are_those_of_the_float_map(radar, clean_frame, sampling
 
     strong = power.values > power.values.max() / 1e4
     ratio = (found.power.values * found.power.attrs["scale"])[strong] / power.values[strong]
-    assert abs(decibels(ratio)).max() < 0.05
+    assert abs(to_decibels(ratio)).max() < 0.05
     assert np.argmax(found.power.values) == np.argmax(power.values)
     assert found.range.equals(power.range)
     assert found.velocity.equals(power.velocity)
     log2 = found.log_power.values / 2 ** found.log_power.attrs["fraction_bits"]
-    assert abs(log2[strong] - np.log2(found.power.values[strong])).max() < log2_error(WordLengths())
+    assert abs(log2[strong] - np.log2(found.power.values[strong])).max() < max_log2_error(
+        WordLengths()
+    )
 
 
 def test_codes_of_a_converter_are_taken_as_they_are(radar):
     scene = dc.Scene(targets=[dc.Target(position_m=(30, 0, 0), rcs_m2=10)])
-    converter = dc.Quantisation(bits=12, full_scale_w=1e-9)
-    cube = dc.simulate(scene, radar, seed=1, impairments=(dc.ThermalNoise(), converter))
+    converter = dc.impairments.Quantisation(bits=12, full_scale_w=1e-9)
+    cube = dc.simulate(scene, radar, seed=1, impairments=(dc.impairments.ThermalNoise(), converter))
     words = WordLengths(sample_bits=12)
 
-    from_codes = fixed_point_map(dc.codes(cube).isel(frame=0), radar, words=words)
+    from_codes = fixed_point_map(extract_adc_codes(cube).isel(frame=0), radar, words=words)
     from_cube = fixed_point_map(cube.isel(frame=0), radar, words=words)
 
     assert from_codes.equals(from_cube)
@@ -302,7 +318,7 @@ def test_codes_of_a_converter_are_taken_as_they_are(radar):
 
 
 def test_time_slots_are_channels_as_in_the_float_chain(radar):
-    frame = replace(radar.frame, multiplexing=dc.Tdm(order=(0, 1)), n_chirps=64)
+    frame = replace(radar.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1)), n_chirps=64)
     array = replace(radar.array, tx_m=[(0, 0, 0), (0, 3.8e-3, 0)])
     radar = replace(radar, frame=frame, array=array)
     scene = dc.Scene(targets=[dc.Target(position_m=(30, 3, 0), rcs_m2=10)])
@@ -310,7 +326,9 @@ def test_time_slots_are_channels_as_in_the_float_chain(radar):
 
     found, power = fixed_point_map(cube, radar), dc.power_map(cube, radar, dc.Chain())
 
-    result = agreement(found, power, dc.threshold_map(power, radar, dc.Chain().fitted(radar)))
+    result = compare_detections(
+        found, power, dc.threshold_map(power, radar, dc.Chain().fit_to_radar(radar))
+    )
     assert found.sizes["channel"] == 4
     assert result.n_float > 5
     assert result.n_only_one == 0
@@ -326,7 +344,9 @@ def test_noise_alone_gives_its_false_alarms_down_to_8_bits(radar):
     rng = np.random.default_rng(8)
     chain = at(dc.Chain(), 1e-2)
     frames = [noise_cube(radar, rng).isel(frame=0) for _ in range(6)]
-    over_bits = sum(agreement_over_bits(frame, radar, chain, (8, 10, 16)) for frame in frames)
+    over_bits = sum(
+        compare_detections_over_bits(frame, radar, chain, (8, 10, 16)) for frame in frames
+    )
 
     rate = over_bits.n_fixed / (6 * 128 * 256)
     assert ((rate > 0.73e-2) & (rate < 1.27e-2)).all()
@@ -355,7 +375,7 @@ def test_words_too_short_for_a_strong_echo_make_alarms_of_the_noise_beside_it(ra
     noise = noise_cube(radar, np.random.default_rng(10)).isel(frame=0)
     frame = (noise + 10 ** (50 / 20) * tone).astype(np.complex64)
 
-    over_bits = agreement_over_bits(frame, radar, at(dc.Chain(), 1e-3), (10, 20))
+    over_bits = compare_detections_over_bits(frame, radar, at(dc.Chain(), 1e-3), (10, 20))
 
     assert over_bits.n_fixed.sel(bits=10) > 5 * over_bits.n_float.sel(bits=10)
     assert over_bits.n_only_one.sel(bits=20) <= 2
@@ -368,15 +388,17 @@ def test_words_too_short_for_a_strong_echo_make_alarms_of_the_noise_beside_it(ra
 def test_lengths_that_are_no_power_of_two_are_refused_with_the_next_one(reference, clean):
     with pytest.raises(dc.InvalidSetting, match="set n_range_bins to 4096"):
         fixed_point_map(clean.isel(frame=0), reference.radar, reference.chain)
-    with pytest.raises(dc.InvalidSetting, match="Pad them with zeros"):
+    with pytest.raises(dc.InvalidSetting, match="pad them with zeros"):
         fft(np.zeros((3, 12, 2), int), 16, WordLengths())
 
 
 def test_transforms_are_padded_where_nothing_else_was_asked_for(reference, radar):
-    assert padded(reference.chain, reference.radar) == replace(reference.chain, n_range_bins=4096)
-    assert padded(dc.Chain(), radar) == dc.Chain()
+    assert pad_to_powers_of_two(reference.chain, reference.radar) == replace(
+        reference.chain, n_range_bins=4096
+    )
+    assert pad_to_powers_of_two(dc.Chain(), radar) == dc.Chain()
     asked = dc.Chain(n_range_bins=300)
-    assert padded(asked, radar) == asked
+    assert pad_to_powers_of_two(asked, radar) == asked
 
 
 @pytest.mark.parametrize(
@@ -385,8 +407,8 @@ def test_transforms_are_padded_where_nothing_else_was_asked_for(reference, radar
         (dc.Chain(n_velocity_bins=200), "set n_velocity_bins to 128"),
         (dc.Chain(range_walk="keystone"), "range_walk"),
         (
-            dc.Chain(cfar=dc.Cfar(estimator=dc.OrderedStatistic(), offset=10.0)),
-            "ordered-statistic, but must be cell-averaging",
+            dc.Chain(cfar=dc.Cfar(estimator=dc.cfar.OrderedStatistic(), offset=10.0)),
+            "ordered-statistic; expected cell-averaging",
         ),
     ],
 )
@@ -398,7 +420,7 @@ def test_what_whole_numbers_have_not_is_refused(radar, clean_frame, chain, match
 @pytest.mark.parametrize(
     ("words", "match"),
     [
-        ({"range_bits": 3}, "range_bits is 3"),
+        ({"range_bits": 3}, "range_bits: 3"),
         ({"sample_bits": 16.0}, "sample_bits"),
         ({"power_bits": 49}, "at most|to 48"),
         ({"scaling": "always"}, "block or halving or none"),
@@ -412,12 +434,12 @@ def test_words_that_no_machine_has_are_refused(words, match):
 
 def test_sums_that_63_bits_do_not_hold_are_refused(radar, clean_frame):
     wide = dc.Cfar(
-        estimator=dc.CellAveraging(),
+        estimator=dc.cfar.CellAveraging(),
         n_training=dc.Cells(range=600, velocity=50),
         n_guard=dc.Cells(range=1, velocity=1),
         offset=10.0,
     )
-    with pytest.raises(dc.InvalidSetting, match="power_bits is 48, but must be at most 46"):
+    with pytest.raises(dc.InvalidSetting, match="power_bits: 48; expected at most 46"):
         fixed_point_map(clean_frame, radar, dc.Chain(n_range_bins=2048, cfar=wide))
 
 
@@ -427,7 +449,7 @@ def test_thresholds_are_whole_products_and_never_wrap(shift):
     factors = np.full(7, 2**24 - 1)
 
     starts = np.clip(np.arange(7) - 1, 0, 4)
-    found = thresholds(power, factors, shift, starts, (1, 0, 0, 0))
+    found = cell_averaging_thresholds(power, factors, shift, starts, (1, 0, 0, 0))
 
     beside = [[k for k in range(first, first + 3) if k != j] for j, first in enumerate(starts)]
     sums = [[sum(int(row[k]) for k in places) for places in beside] for row in power]
@@ -438,12 +460,12 @@ def test_thresholds_are_whole_products_and_never_wrap(shift):
 
 def test_a_factor_larger_than_its_word_is_refused(radar, clean_frame):
     few = dc.Cfar(
-        estimator=dc.CellAveraging(),
+        estimator=dc.cfar.CellAveraging(),
         n_training=dc.Cells(range=1, velocity=0),
         n_guard=dc.Cells(range=0, velocity=0),
         offset=1e4,
     )
-    with pytest.raises(dc.InvalidSetting, match="factor_bits is 8, but must be at least 13"):
+    with pytest.raises(dc.InvalidSetting, match="factor_bits: 8; expected at least 13"):
         fixed_point_map(clean_frame, radar, dc.Chain(cfar=few), WordLengths(factor_bits=8))
 
 
@@ -470,14 +492,14 @@ def test_points_that_are_no_words_are_refused():
 def test_tables_over_no_words_at_all_are_refused(radar, clean_frame):
     for wrong in ({"bits": ()}, {"n_points": 0}, {"n_points": 100}, {"n_trials": 0}):
         with pytest.raises(dc.InvalidSetting):
-            ratios_over_bits(**{"bits": (16,), **wrong})
+            signal_to_quantisation_noise_over_bits(**{"bits": (16,), **wrong})
     with pytest.raises(dc.InvalidSetting, match="number of bits"):
-        agreement_over_bits(clean_frame, radar, dc.Chain(), ())
+        compare_detections_over_bits(clean_frame, radar, dc.Chain(), ())
 
 
 def test_the_law_of_noise_is_refused_for_roundings_it_does_not_know():
     with pytest.raises(dc.InvalidSetting, match="convergent"):
-        quantisation_noise(np.zeros((1, 4)), np.ones(1), WordLengths(rounding="truncate"))
+        predict_quantisation_noise(np.zeros((1, 4)), np.ones(1), WordLengths(rounding="truncate"))
 
 
 def test_no_samples_at_all_are_no_detection(radar, clean_frame):

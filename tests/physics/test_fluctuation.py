@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 import dechirp as dc
-from dechirp.scene.bodies.cloud import Cloud
-from dechirp.scene.fluctuation import power_factors
+from dechirp.scene.bodies.point_cloud import PointCloud
+from dechirp.scene.fluctuation import draw_power_factors
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 
@@ -22,13 +22,13 @@ PER_FRAME, PER_CHIRP = ("swerling-1", "swerling-3"), ("swerling-2", "swerling-4"
 
 
 def cloud(n, kind):
-    body = Cloud(positions_m=np.zeros((n, 3)), rcs_m2=np.ones(n))
+    body = PointCloud(positions_m=np.zeros((n, 3)), rcs_m2=np.ones(n))
     return Target(position_m=(20, 0, 0), body=body, fluctuation=kind)
 
 
 def factors(kind, n_scatterers, n_chirps, seed):
     rng = np.random.default_rng(seed)
-    return power_factors(Scene(targets=[cloud(n_scatterers, kind)]), n_chirps, rng)
+    return draw_power_factors(Scene(targets=[cloud(n_scatterers, kind)]), n_chirps, rng)
 
 
 def must_follow(sample, law):
@@ -49,7 +49,7 @@ def test_from_frame_to_frame_powers_follow_their_law(kind):
     assert per_chirp is None
     must_follow(per_frame, LAWS[kind])
     rng, scene = np.random.default_rng(82), Scene(targets=[cloud(1, kind)])
-    frames = np.array([power_factors(scene, 4, rng)[0][0] for _ in range(2000)])
+    frames = np.array([draw_power_factors(scene, 4, rng)[0][0] for _ in range(2000)])
     must_follow(frames, LAWS[kind])
     # Frames do not depend on each other: five standard errors of a correlation.
     assert abs(np.corrcoef(frames[1:], frames[:-1])[0, 1]) < 5 / np.sqrt(2000)
@@ -70,7 +70,7 @@ def test_from_chirp_to_chirp_powers_follow_their_law(kind):
 def test_each_scatterer_follows_the_law_of_its_own_target():
     kinds = ("swerling-4", "steady", "swerling-1", "swerling-2", "swerling-3")
     scene = Scene(targets=[cloud(3, kind) for kind in kinds])
-    per_frame, per_chirp = power_factors(scene, 16, np.random.default_rng(84))
+    per_frame, per_chirp = draw_power_factors(scene, 16, np.random.default_rng(84))
 
     varies_by_frame = np.repeat([kind in PER_FRAME for kind in kinds], 3)
     varies_by_chirp = np.repeat([kind in PER_CHIRP for kind in kinds], 3)
@@ -83,12 +83,12 @@ def test_each_scatterer_follows_the_law_of_its_own_target():
 def test_steady_targets_draw_nothing():
     rng = np.random.default_rng(85)
     before = rng.bit_generator.state
-    per_frame, per_chirp = power_factors(Scene(targets=[cloud(5, "steady")]), 16, rng)
+    per_frame, per_chirp = draw_power_factors(Scene(targets=[cloud(5, "steady")]), 16, rng)
 
     assert (per_frame == 1).all()
     assert per_chirp is None
     assert rng.bit_generator.state == before
-    assert power_factors(Scene(), 16, rng)[0].shape == (0,)
+    assert draw_power_factors(Scene(), 16, rng)[0].shape == (0,)
 
 
 def test_the_same_seed_gives_the_same_fading():
@@ -99,5 +99,5 @@ def test_the_same_seed_gives_the_same_fading():
 
 @pytest.mark.parametrize("kind", ["swerling-5", "Swerling-1", None, 1])
 def test_a_case_that_swerling_does_not_have_is_refused(kind):
-    with pytest.raises(dc.InvalidSetting, match=r"Target\.fluctuation .*one of steady, swerling-1"):
+    with pytest.raises(dc.InvalidSetting, match=r"Target\.fluctuation.*one of steady, swerling-1"):
         Target(position_m=(20, 0, 0), fluctuation=kind)

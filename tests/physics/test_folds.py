@@ -8,9 +8,13 @@ import pytest
 from scipy.stats import binom
 
 import dechirp as dc
-from dechirp.process.angle.aperture import aperture
-from dechirp.process.folds.ambiguity import CERTAIN, folds, responses
-from dechirp.process.virtual import elements, turns
+from dechirp.processing.angle.aperture import radar_aperture
+from dechirp.processing.velocity_ambiguity.by_transmitters import (
+    ambiguity_probabilities,
+    channel_responses,
+)
+from dechirp.processing.velocity_ambiguity.hypotheses import MIN_CONFIDENCE
+from dechirp.processing.virtual_array import element_amplitudes, slot_phases
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.ddma import Ddma
@@ -47,8 +51,10 @@ def mimo(radar, code, n_rx):
 def echoes(radar, sines, doppler_hz):
     """Amplitudes of far targets of unit power in all channels, (n, n_slots * n_rx)."""
     frame, n_rx = radar.frame, radar.array.n_rx
-    steering = aperture(radar).steering(np.arcsin(sines)).reshape(len(sines), -1, n_rx)
-    by_slot = np.einsum("lt,ntr,nl->nlr", frame.weights, steering, turns(frame, doppler_hz))
+    steering = (
+        radar_aperture(radar).steering_vectors(np.arcsin(sines)).reshape(len(sines), -1, n_rx)
+    )
+    by_slot = np.einsum("lt,ntr,nl->nlr", frame.weights, steering, slot_phases(frame, doppler_hz))
     return by_slot.reshape(len(sines), -1)
 
 
@@ -74,12 +80,12 @@ def drawn(radar, snr, rng, *, n_sources=1):
 def judged(radar, snr, rng, **options):
     """Whether the likeliest fold of each is wrong, and its confidence."""
     seen, principal_hz, fold = drawn(radar, snr, rng, **options)
-    answers = responses(radar, aperture(radar))
-    found = folds(seen, radar.frame, principal_hz, answers, np.ones(len(snr)))
+    answers = channel_responses(radar, radar_aperture(radar))
+    found = ambiguity_probabilities(seen, radar.frame, principal_hz, answers, np.ones(len(snr)))
     best = found.probability.argmax(axis=1)
-    likeliest = found.fold[np.arange(len(snr)), best]
-    told = np.where(found.confidence >= CERTAIN, likeliest, np.nan)
-    np.testing.assert_array_equal(found.certain, told)
+    likeliest = found.number[np.arange(len(snr)), best]
+    told = np.where(found.confidence >= MIN_CONFIDENCE, likeliest, np.nan)
+    np.testing.assert_array_equal(found.certain_number, told)
     return likeliest != fold, found.confidence
 
 
@@ -90,7 +96,7 @@ def test_at_20_db_folds_are_told_and_seldom_wrong(radar, code, n_rx):
 
     # 9 to 20 dB in one element, 20 over all of them. The bars are 1 %, 2 % and, of what is
     # certain, most: measured are 0.05 % at the most, none, and 99.4 % or more.
-    certain = confidence >= CERTAIN
+    certain = confidence >= MIN_CONFIDENCE
     assert wrong.sum() <= 0.01 * 2000
     assert wrong[certain].sum() <= 0.02 * certain.sum()
     assert certain.mean() > 0.98
@@ -115,7 +121,7 @@ def test_confidence_is_how_often_it_is_right(radar, code, n_rx):
 def test_certain_folds_are_right_from_8_to_25_db(radar, code, n_rx):
     radar, rng = mimo(radar, code, n_rx), np.random.default_rng(3)
     wrong, confidence = judged(radar, 10 ** rng.uniform(0.8, 2.5, 10_000), rng)
-    certain = confidence >= CERTAIN
+    certain = confidence >= MIN_CONFIDENCE
 
     assert wrong[certain].mean() <= 0.02
     # At equal numbers of each ratio confidence is too low rather than too high.
@@ -129,7 +135,7 @@ def test_what_a_receiver_alone_sees_of_equal_steps_may_be_any_fold(radar, code, 
     radar = mimo(radar, code, 1)
     _, confidence = judged(radar, np.full(1000, 10 ** (snr_db / 10)), np.random.default_rng(4))
 
-    assert np.mean(confidence < CERTAIN) > 0.99
+    assert np.mean(confidence < MIN_CONFIDENCE) > 0.99
 
 
 @pytest.mark.parametrize("code", [Bpm(order=(0, 1)), Ddma(order=(0, 1, 2), n_sub_bands=3)], ids=str)
@@ -137,13 +143,15 @@ def test_without_empty_sub_bands_some_directions_have_no_certain_fold(radar, cod
     # A fold then makes of each transmitter another: where both see the same, nothing tells.
     radar = mimo(radar, code, 4)
     wrong, confidence = judged(radar, np.full(4000, 100.0), np.random.default_rng(5))
-    certain = confidence >= CERTAIN
+    certain = confidence >= MIN_CONFIDENCE
 
     assert 0.5 < certain.mean() < 0.9
     assert wrong[certain].sum() <= 0.02 * certain.sum()
     ahead = echoes(radar, np.zeros(1), np.zeros(1)) * 10
-    told = folds(ahead, radar.frame, np.zeros(1), responses(radar, aperture(radar)), np.ones(1))
-    assert np.isnan(told.certain[0])
+    told = ambiguity_probabilities(
+        ahead, radar.frame, np.zeros(1), channel_responses(radar, radar_aperture(radar)), np.ones(1)
+    )
+    assert np.isnan(told.certain_number[0])
 
 
 @pytest.mark.parametrize("snr_db", [20, 35])
@@ -151,7 +159,7 @@ def test_without_empty_sub_bands_some_directions_have_no_certain_fold(radar, cod
 def test_two_equal_sources_in_a_cell_make_folds_uncertain_rather_than_wrong(radar, code, snr_db):
     radar, rng = mimo(radar, code, 4), np.random.default_rng(6)
     wrong, confidence = judged(radar, np.full(4000, 10 ** (snr_db / 10)), rng, n_sources=2)
-    certain = confidence >= CERTAIN
+    certain = confidence >= MIN_CONFIDENCE
 
     # The likeliest fold is wrong in 9 to 16 % of them; 1.2 % are certain and wrong at 20 dB,
     # where noise hides what one source leaves, and none of 4,000 at 35 dB.
@@ -171,15 +179,15 @@ def test_gains_that_are_calibrated_do_not_move_folds(radar):
             gain=[(g.real, g.imag) for g in gain],
         ),
     )
-    told = folds(
+    told = ambiguity_probabilities(
         seen / gain,
         radar.frame,
         principal_hz,
-        responses(calibrated, aperture(calibrated)),
+        channel_responses(calibrated, radar_aperture(calibrated)),
         np.full(500, np.mean(abs(gain) ** -2)),
     )
 
-    assert np.mean(told.certain == fold) > 0.99
+    assert np.mean(told.certain_number == fold) > 0.99
 
 
 @pytest.mark.parametrize(("code", "n_rx"), TOLD, ids=str)
@@ -187,6 +195,8 @@ def test_elements_are_what_each_pair_of_antennas_sees(radar, code, n_rx):
     radar, rng = mimo(radar, code, n_rx), np.random.default_rng(8)
     sines, doppler_hz = rng.uniform(-1, 1, 50), rng.uniform(-0.5, 0.5, 50) / radar.frame.interval_s
 
-    seen = elements(echoes(radar, sines, doppler_hz), radar.frame, doppler_hz)
+    seen = element_amplitudes(echoes(radar, sines, doppler_hz), radar.frame, doppler_hz)
 
-    np.testing.assert_allclose(seen, aperture(radar).steering(np.arcsin(sines)), atol=1e-12)
+    np.testing.assert_allclose(
+        seen, radar_aperture(radar).steering_vectors(np.arcsin(sines)), atol=1e-12
+    )

@@ -5,12 +5,12 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.echoes.frame_by_frame import FrameByFrame
+from dechirp.simulation.frame_by_frame import FrameSimulator
 from radars import SHORT_CHIRP
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 
-IMBALANCE = dc.IqImbalance(gain=1.1, phase_rad=0.03)
+IMBALANCE = dc.impairments.IqImbalance(gain=1.1, phase_rad=0.03)
 SCENE = dc.Scene(
     targets=[
         dc.Target(position_m=(20.0, 1.0, 0), velocity_m_per_s=(30.0, -4.0, 0), rcs_m2=10.0),
@@ -32,24 +32,24 @@ def radar_of(interval_s: object = 15e-6) -> dc.Radar:
 def test_without_chance_a_frame_is_to_the_bit_that_of_the_whole(interval_s, impairments):
     radar = radar_of(interval_s)
     whole = dc.simulate(SCENE, radar, impairments=impairments, n_frames=4)
-    frames = FrameByFrame(SCENE, radar, impairments=impairments, n_frames=4)
+    frames = FrameSimulator(SCENE, radar, impairments=impairments, n_frames=4)
     for number in (3, 0, 2, 1):
-        alone = frames.cube(number, np.random.default_rng(number))
+        alone = frames.simulate_frame(number, np.random.default_rng(number))
         xr.testing.assert_identical(alone, whole.isel(frame=[number]))
 
 
 def test_the_first_has_the_noise_of_a_frame_simulated_alone_and_others_their_own():
     radar = radar_of()
-    frames = FrameByFrame(SCENE, radar, n_frames=2)
-    first = frames.cube(0, np.random.default_rng(7))
+    frames = FrameSimulator(SCENE, radar, n_frames=2)
+    first = frames.simulate_frame(0, np.random.default_rng(7))
     xr.testing.assert_identical(first, dc.simulate(SCENE, radar, seed=7))
-    again = frames.cube(1, np.random.default_rng(8))
-    np.testing.assert_array_equal(again, frames.cube(1, np.random.default_rng(8)))
-    assert not np.any(again.values == frames.cube(1, np.random.default_rng(9)).values)
+    again = frames.simulate_frame(1, np.random.default_rng(8))
+    np.testing.assert_array_equal(again, frames.simulate_frame(1, np.random.default_rng(8)))
+    assert not np.any(again.values == frames.simulate_frame(1, np.random.default_rng(9)).values)
 
 
 @pytest.mark.parametrize("number", [-1, 2, 1.0])
 def test_a_frame_that_the_scene_has_not_is_refused(number):
-    frames = FrameByFrame(SCENE, radar_of(), n_frames=2)
+    frames = FrameSimulator(SCENE, radar_of(), n_frames=2)
     with pytest.raises(dc.DechirpError, match=r"number"):
-        frames.cube(number, np.random.default_rng(0))
+        frames.simulate_frame(number, np.random.default_rng(0))

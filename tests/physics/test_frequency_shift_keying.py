@@ -7,13 +7,13 @@ import pytest
 from scipy.stats import binom
 
 import dechirp as dc
-from dechirp.process.folds import ramps
-from dechirp.process.refine import Tones
-from dechirp.scene.folding import Place, frequencies
+from dechirp.processing.refine import Tones
+from dechirp.processing.velocity_ambiguity import by_ramps
+from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
 
 # 2 of 7 and 3 of 10 repetitions from slot to slot: 7 and 10 folds.
-KEYED = dc.FrequencyShiftKeying(step_hz=3e8)
-STAGGERED = dc.Staggered(pauses_s=(0, 10e-6))
+KEYED = dc.modulations.FrequencyShiftKeying(step_hz=3e8)
+STAGGERED = dc.modulations.Staggered(pauses_s=(0, 10e-6))
 
 
 def with_ramps(radar, modulation, **frame):
@@ -31,7 +31,7 @@ def test_slots_tell_velocities_beyond_those_of_their_interval(radar, modulation,
     truth = dc.truth(scene, radar).isel(target=0, frame=0)
 
     assert found.sizes["detection"] == 1
-    assert found.fold_confidence.item() > 0.99
+    assert found.ambiguity_confidence.item() > 0.99
     # Six standard errors: at 60 m/s the echo walks through half of a range cell.
     for name in ("range", "velocity"):
         assert abs(found[name] - truth[name]).item() < 6 * found[f"{name}_std"].item() + 1e-4
@@ -40,10 +40,10 @@ def test_slots_tell_velocities_beyond_those_of_their_interval(radar, modulation,
 def echoes(radar, velocity, snr, rng):
     """Tones of targets at 30 m, with noise of the bound in beats and amplitudes."""
     frame, chirp, n = radar.frame, radar.frame.chirp, len(velocity)
-    at = frequencies(Place(np.full(n, 30.0), velocity), radar)
+    at = echo_frequencies(RangeVelocity(np.full(n, 30.0), velocity), radar)
     n_channels = frame.n_slots * radar.array.n_rx
-    slots_s = np.array([0, frame.repetition_s - frame.only_interval_s])
-    if isinstance(frame.modulation, dc.Staggered):
+    slots_s = np.array([0, frame.repetition_s - frame.single_interval_s])
+    if isinstance(frame.modulation, dc.modulations.Staggered):
         slots_s = np.array([0, 35e-6])
     shift_hz = np.array([ramp.shift_hz for ramp in frame.ramps])
     delay_s = (at.beat_hz - at.doppler_hz)[:, None] / chirp.slope_hz_per_s
@@ -66,10 +66,10 @@ def echoes(radar, velocity, snr, rng):
 @pytest.mark.parametrize(
     ("modulation", "n_folds"),
     [
-        (dc.FrequencyShiftKeying(step_hz=350e6), 4),  # a quarter of a repetition
-        (dc.FrequencyShiftKeying(step_hz=-233.3333e6), 3),  # two thirds
-        (dc.Staggered(pauses_s=(0, 35e-6)), 3),
-        (dc.Staggered(pauses_s=(0, 17.5e-6)), 5),
+        (dc.modulations.FrequencyShiftKeying(step_hz=350e6), 4),  # a quarter of a repetition
+        (dc.modulations.FrequencyShiftKeying(step_hz=-233.3333e6), 3),  # two thirds
+        (dc.modulations.Staggered(pauses_s=(0, 35e-6)), 3),
+        (dc.modulations.Staggered(pauses_s=(0, 17.5e-6)), 5),
         (STAGGERED, 16),
     ],
     ids=str,
@@ -77,13 +77,15 @@ def echoes(radar, velocity, snr, rng):
 def test_folds_are_told_as_surely_as_is_said(radar, modulation, n_folds, snr_db):
     radar, rng = with_ramps(radar, modulation), np.random.default_rng(2)
     frame, snr = radar.frame, 10 ** (snr_db / 10)
-    assert frame.n_folds == n_folds
+    assert frame.n_resolvable_ambiguities == n_folds
     span = n_folds * frame.max_velocity_m_per_s
     tones, principal_hz, truth = echoes(radar, rng.uniform(-span, span, 3000), snr, rng)
-    amplitudes = ramps.unshifted(tones.amplitude, tones.fast, frame)
-    told = ramps.folds(amplitudes, frame, principal_hz, np.full(3000, snr), np.ones(3000))
-    best = told.fold[np.arange(3000), told.probability.argmax(axis=1)]
-    right, sure = best == truth, np.isfinite(told.certain)
+    amplitudes = by_ramps.remove_beat_phase(tones.amplitude, tones.fast, frame)
+    told = by_ramps.ambiguity_probabilities(
+        amplitudes, frame, principal_hz, np.full(3000, snr), np.ones(3000)
+    )
+    best = told.number[np.arange(3000), told.probability.argmax(axis=1)]
+    right, sure = best == truth, np.isfinite(told.certain_number)
 
     assert binom.sf((~right & sure).sum() - 1, sure.sum(), 0.02) > 1e-6
     if snr_db == 20:
@@ -100,24 +102,34 @@ def test_amplitudes_that_are_no_one_echo_are_not_certain(radar):
     radar, rng = with_ramps(radar, STAGGERED), np.random.default_rng(3)
     tones, principal_hz, _ = echoes(radar, rng.uniform(-20, 20, 500), 100.0, rng)
     turned = tones.amplitude * np.exp(2j * np.pi * rng.random(tones.amplitude.shape))
-    told = ramps.folds(turned, radar.frame, principal_hz, np.full(500, 100.0), np.ones(500))
-    assert np.isfinite(told.certain).mean() < 0.05
+    told = by_ramps.ambiguity_probabilities(
+        turned, radar.frame, principal_hz, np.full(500, 100.0), np.ones(500)
+    )
+    assert np.isfinite(told.certain_number).mean() < 0.05
 
 
 @pytest.mark.parametrize(
-    ("member", "settings", "need"),
+    ("member", "settings", "expected"),
     [
-        (dc.FrequencyShiftKeying, {"step_hz": 0.0}, "without one the sequences are one"),
-        (dc.FrequencyShiftKeying, {"step_hz": 7e8}, "bandwidth of the ramp"),
-        (dc.FrequencyShiftKeying, {"step_hz": np.nan}, "one finite number"),
-        (dc.Staggered, {"pauses_s": (5e-6, 5e-6)}, "equal ones are a longer interval"),
-        (dc.Staggered, {"pauses_s": ()}, "two or more that differ"),
-        (dc.Staggered, {"pauses_s": (0, -5e-6)}, "at least 0"),
-        (dc.Staggered, {"pauses_s": 5e-6}, "a list of numbers"),
+        (
+            dc.modulations.FrequencyShiftKeying,
+            {"step_hz": 0.0},
+            "a step other than 0",
+        ),
+        (dc.modulations.FrequencyShiftKeying, {"step_hz": 7e8}, "bandwidth of the ramp"),
+        (dc.modulations.FrequencyShiftKeying, {"step_hz": np.nan}, "one finite number"),
+        (
+            dc.modulations.Staggered,
+            {"pauses_s": (5e-6, 5e-6)},
+            "equal pauses are a longer interval",
+        ),
+        (dc.modulations.Staggered, {"pauses_s": ()}, "two or more pauses that differ"),
+        (dc.modulations.Staggered, {"pauses_s": (0, -5e-6)}, "at least 0"),
+        (dc.modulations.Staggered, {"pauses_s": 5e-6}, "a list of numbers"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(radar, member, settings, need):
-    with pytest.raises(dc.InvalidSetting, match=need) as error:
+def test_settings_that_cannot_be_are_refused(radar, member, settings, expected):
+    with pytest.raises(dc.InvalidSetting, match=expected) as error:
         with_ramps(radar, member(**settings))
     # What the frame must hold against it is told of the frame: there it has its place in a file.
     assert error.value.mistakes[0].setting.startswith((member.__name__, "Frame.modulation."))

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import dechirp as dc
-from dechirp.process.health.findings import findings
-from dechirp.process.health.measures import measure
-from dechirp.radar.cube import labelled_cube
+from dechirp.processing.quality.findings import recording_findings
+from dechirp.processing.quality.measures import measure_frame
+from dechirp.radar.cube import label_cube
 from noise import noise_cube
 
 STEP = 2.0**-15  # of a converter of 16 bits, full scale 1
@@ -33,7 +33,7 @@ def radar_of(n_rx=4, *, n_tx=1, sampling="complex", n_samples=256, n_chirps=64):
             chirp=chirp,
             n_chirps=n_chirps,
             interval_s=35e-6 * max(1, n_samples // 256),
-            multiplexing=dc.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None,
+            multiplexing=dc.multiplexing.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None,
         ),
         array=dc.Array(
             tx_m=[(0, n_rx * half_m * k, 0) for k in range(n_tx)],
@@ -76,7 +76,7 @@ def recorded(radar, targets=STREET, *, n_frames=2, seed=0, peak=0.5, bits=16):
 def measured(cube, radar):
     """Measure frame by frame, as recordings larger than memory are read."""
     frames = [
-        measure(cube.isel(frame=slice(index, index + 1)), radar)
+        measure_frame(cube.isel(frame=slice(index, index + 1)), radar)
         for index in range(cube.sizes["frame"])
     ]
     return xr.concat(frames, "frame")
@@ -84,7 +84,7 @@ def measured(cube, radar):
 
 def judged(cube, radar):
     """Findings by setting; of several of the same setting, the first."""
-    found = findings(measured(cube, radar), radar)
+    found = recording_findings(measured(cube, radar), radar)
     return {finding.setting: finding for finding in reversed(found)}
 
 
@@ -148,7 +148,7 @@ def test_noise_alone_is_called_noise_and_nothing_else(sampling):
 
     assert list(found) == ["recording"]
     assert found["recording"].level == "warning"
-    assert "noise alone" in found["recording"].got
+    assert "noise only" in found["recording"].value
 
 
 def test_an_echo_that_only_integration_shows_is_an_echo():
@@ -168,7 +168,9 @@ def test_an_echo_that_only_integration_shows_is_an_echo():
 def test_bursts_in_noise_stay_as_rare_as_their_law_says(sampling, n_samples):
     radar = radar_of(1, sampling=sampling, n_samples=n_samples, n_chirps=1000)
     rng = np.random.default_rng(7)
-    highest = max(float(measure(noise_cube(radar, rng), radar).burst.max()) for _ in range(10))
+    highest = max(
+        float(measure_frame(noise_cube(radar, rng), radar).burst.max()) for _ in range(10)
+    )
 
     # Once in 1e12 chirps it exceeds 1. Tails fall as exponentials of the energy, so that 1e4
     # chirps of 256 samples reach (ln 1e4 + ln 1e3) / (ln 1e12 + ln 1e3), 0.47 of it; less
@@ -190,9 +192,9 @@ def test_clipping_is_counted_exactly():
 
     assert clipped > 30
     assert found.level == "warning"
-    assert found.got.startswith(f"{clipped} of {numbers.size} numbers")
-    assert "receiver 1, frame 1;" in found.got
-    assert f"{clipped / numbers[1, :, 1].size:.3%}" in found.got
+    assert found.value.startswith(f"{clipped} of {numbers.size} values")
+    assert "receiver 1, frame 1;" in found.value
+    assert f"{clipped / numbers[1, :, 1].size:.3%}" in found.value
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -207,7 +209,7 @@ def test_a_converter_with_a_lower_end_is_known_by_its_pile(sampling):
     found = judged(cube, radar)["recording.clipping"]
 
     assert clipped > 100
-    assert found.got.startswith(f"{clipped} of {numbers.size} ")
+    assert found.value.startswith(f"{clipped} of {numbers.size} ")
 
 
 def test_one_number_at_the_end_is_a_note():
@@ -218,7 +220,7 @@ def test_one_number_at_the_end_is_a_note():
     found = judged(cube, radar)["recording.clipping"]
 
     assert found.level == "note"
-    assert found.got.startswith("1 of ")
+    assert found.value.startswith("1 of ")
 
 
 def test_the_crest_of_a_slow_echo_is_no_clipping():
@@ -226,7 +228,7 @@ def test_the_crest_of_a_slow_echo_is_no_clipping():
     # Runs of 8 equal numbers at the crests, where some tenths of a step are several samples.
     slow = np.round(500 * np.cos(2 * np.pi * 1.37 * np.arange(1024) / 1024)) / 2048
     samples = np.broadcast_to(slow.astype(np.float32), (1, 64, 1, 1024)).copy()
-    cube = labelled_cube(samples, radar, units="full scale")
+    cube = label_cube(samples, radar, units="full scale")
 
     assert np.count_nonzero(slow == slow.max()) > 10
     assert "recording.clipping" not in judged(cube, radar)
@@ -243,7 +245,7 @@ def test_the_offset_of_a_receiver_is_measured(offset, level):
     # The echoes' own mean is far below 1e-3: they have many periods in a chirp.
     assert measures["mean"].values[:, 2] == pytest.approx(offset, abs=1e-3)
     assert found.level == level
-    assert f"receiver 2: {measures['mean'].values[:, 2].mean():.4g} of full scale" in found.got
+    assert f"receiver 2: {measures['mean'].values[:, 2].mean():.4g} of full scale" in found.value
 
 
 # The mixer
@@ -262,9 +264,11 @@ def test_the_level_of_an_image_is_measured(velocity, level_db, level):
     assert np.isnan(image[:, 0]).all()
     assert 10 * np.log10(image[:, 1]) == pytest.approx(level_db, abs=0.5)
     assert found.level == level
-    assert f"an image of {10 * np.log10(np.median(image[:, 1])):.1f} dB in receiver 1:" in found.got
+    assert (
+        f"an image of {10 * np.log10(np.median(image[:, 1])):.1f} dB in receiver 1:" in found.value
+    )
     # The nearest bin of the window, 0.29 m each.
-    assert float(found.got.split("at ")[1].split(" m")[0]) == pytest.approx(6.3, abs=0.3)
+    assert float(found.value.split("at ")[1].split(" m")[0]) == pytest.approx(6.3, abs=0.3)
 
 
 def test_an_echo_that_moves_otherwise_is_no_image():
@@ -285,7 +289,7 @@ def test_real_samples_are_found_however_each_chirp_is_turned_in_phase():
     found = judged(turned, radar)["recording.iq"]
 
     assert found.level == "warning"
-    assert "its own mirror image to 100.00%" in found.got
+    assert "its own mirror image to 100.00%" in found.value
 
 
 def test_parts_in_the_wrong_order_are_found():
@@ -296,8 +300,8 @@ def test_parts_in_the_wrong_order_are_found():
     found = judged(swapped, radar)["recording.iq"]
 
     assert found.level == "warning"
-    assert "at negative beat frequencies" in found.got
-    share = float(found.got.split("%")[0])
+    assert "at negative beat frequencies" in found.value
+    share = float(found.value.split("%")[0])
     assert share > 99
     assert "recording.iq" not in judged(cube, radar)
 
@@ -311,9 +315,9 @@ def test_real_samples_stored_as_complex_are_found(factor):
     found = judged(cube, radar)["recording.iq"]
 
     assert found.level == "warning"
-    assert "mirror image to 100.00%" in found.got
-    said = {1: "the Q part gives nothing", 1j: "the I part gives nothing"}
-    assert said.get(factor, "in proportion") in found.got
+    assert "mirror image to 100.00%" in found.value
+    said = {1: "the Q part has no signal", 1j: "the I part has no signal"}
+    assert said.get(factor, "proportional") in found.value
 
 
 # The receivers
@@ -324,7 +328,9 @@ def test_receivers_that_give_nothing_are_named():
     cube = recorded(radar)
     cube.values[:, :, 1] *= 0.01
     cube.values[:, :, 3] = 0.25
-    got = [f.got for f in findings(measured(cube, radar), radar) if f.level == "warning"]
+    got = [
+        f.value for f in recording_findings(measured(cube, radar), radar) if f.level == "warning"
+    ]
 
     assert got[0] == "the same number always in receiver 3"
     # Receivers of one scene differ by less than 1 dB; 40 dB were taken.
@@ -340,7 +346,7 @@ def test_a_receiver_that_is_stuck_at_times_is_named_with_its_frames():
 
     found = judged(cube, radar)["recording.receivers"]
 
-    assert found.got == "the same number always in receiver 0 of frames 1 to 2"
+    assert found.value == "the same number always in receiver 0 of frames 1 to 2"
 
 
 def test_a_copied_receiver_is_named():
@@ -348,8 +354,8 @@ def test_a_copied_receiver_is_named():
     cube = recorded(radar)
     cube.values[:, :, 2] = cube.values[:, :, 0]
 
-    assert judged(cube, radar)["recording.receivers"].got == (
-        "receiver 2 the same as receiver 0, to the bit"
+    assert judged(cube, radar)["recording.receivers"].value == (
+        "receiver 2 bit-identical to receiver 0"
     )
 
 
@@ -372,7 +378,7 @@ def test_exchanged_receivers_are_found(n_rx, order, sampling):
     # Recorded receiver i is number order[i] of the line: the line is the inverse, or reversed.
     along = [order.index(k) for k in range(n_rx)]
     named = {" ".join(map(str, along)), " ".join(map(str, along[::-1]))}
-    assert any(f"; {name} has " in found.got for name in named)
+    assert any(f"; {name} has " in found.value for name in named)
     assert found.level == "warning"
     assert "recording.receiver_order" not in judged(cube, radar)
 
@@ -421,7 +427,7 @@ def test_bursts_are_found_in_exactly_their_chirps(sampling, n_tx, over_noise_db)
     measures, found = measured(hit, radar), judged(hit, radar)
 
     assert np.argwhere(measures.burst.values > 1).tolist() == [list(place) for place in places]
-    said = found["recording.interference"].got
+    said = found["recording.interference"].value
     assert said.startswith(f"bursts in 6 of {3 * cube.sizes['chirp']} chirps")
     assert said.endswith("chirps 0 and 17 to 19 of frame 0; chirps 5 and 63 of frame 2")
     # 20 of 256 samples; those that the predictor lags behind, 16, may count at 60 dB, and at
@@ -449,7 +455,7 @@ def test_a_damaged_first_chirp_is_named_with_its_frames(sampling):
     found = judged(cube, radar)
 
     assert list(found) == ["recording.chirps"]
-    assert found["recording.chirps"].got.endswith("chirp 0 of frames 1 to 2")
+    assert found["recording.chirps"].value.endswith("chirp 0 of frames 1 to 2")
 
 
 def test_a_chirp_of_zeros_is_named_even_in_noise():
@@ -457,7 +463,7 @@ def test_a_chirp_of_zeros_is_named_even_in_noise():
     cube = noise_cube(radar, np.random.default_rng(10)).assign_attrs(units="sqrt(W)")
     cube.values[0, 40] = 0
 
-    assert judged(cube, radar)["recording.chirps"].got.endswith("chirp 40 of frame 0")
+    assert judged(cube, radar)["recording.chirps"].value.endswith("chirp 40 of frame 0")
 
 
 # What is lost, and what is silent
@@ -470,10 +476,10 @@ def test_lost_chirps_count_for_nothing():
     gap[0, [3, 4, 100]] = gap[1] = True
     marked = cube.assign_coords(gap=(("frame", "chirp"), gap))
     marked.values[gap] = 0
-    noted = findings(measured(marked, radar), radar)
+    noted = recording_findings(measured(marked, radar), radar)
     marked.values[gap] = 7 + 1j
 
-    assert findings(measured(marked, radar), radar) == noted
+    assert recording_findings(measured(marked, radar), radar) == noted
     assert [finding for finding in noted if finding.level != "note"] == []
 
 
@@ -481,19 +487,21 @@ def test_lost_chirps_count_for_nothing():
 def test_silence_is_said_once(number, what):
     radar = radar_of(2)
     samples = np.full((2, 64, 2, 256), number, np.complex64)
-    (found,) = findings(measured(labelled_cube(samples, radar, units="full scale"), radar), radar)
+    (found,) = recording_findings(
+        measured(label_cube(samples, radar, units="full scale"), radar), radar
+    )
 
     assert found.level == "warning"
-    assert found.got.startswith(f"silent in all frames: every sample is {what}")
+    assert found.value.startswith(f"silent in all frames: every sample is {what}")
 
 
 def test_frames_keep_their_numbers_when_the_first_are_not_read():
     radar = radar_of(1)
     samples = recorded(radar, n_frames=3).values
     samples[1] = 0
-    cube = labelled_cube(samples, radar, units="full scale", first_frame=10)
+    cube = label_cube(samples, radar, units="full scale", first_frame=10)
 
-    assert judged(cube, radar)["recording"].got.startswith("silent in frame 11:")
+    assert judged(cube, radar)["recording"].value.startswith("silent in frame 11:")
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e12])
@@ -508,8 +516,8 @@ def test_the_unit_of_samples_does_not_matter(scale):
     here, there = judged(cube, radar), judged(scaled, radar)
 
     assert set(here) == {"recording.iq_image", "recording.chirps"}
-    assert {name: found.got for name, found in here.items()} == {
-        name: found.got for name, found in there.items()
+    assert {name: found.value for name, found in here.items()} == {
+        name: found.value for name, found in there.items()
     }
 
 
@@ -530,9 +538,9 @@ def test_no_finite_samples_stop_it(data):
     samples = data.draw(numbers).view(kind)
     gap = data.draw(hnp.arrays(bool, shape[:2]))
     units = data.draw(st.sampled_from(["full scale", "sqrt(W)"]))
-    cube = labelled_cube(samples, radar, units=units)
+    cube = label_cube(samples, radar, units=units)
     cube = cube.assign_coords(gap=(("frame", "chirp"), gap))
 
-    found = findings(measured(cube, radar), radar)
+    found = recording_findings(measured(cube, radar), radar)
 
     assert all(finding.level in ("note", "warning") for finding in found)

@@ -9,8 +9,8 @@ from scipy.signal import lsim, step
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.echoes.impairments.pll import Pll
-from dechirp.echoes.parts import window
+from dechirp.simulation.echo_groups import sample_window
+from dechirp.simulation.impairments.pll import Pll
 
 STILL = dc.Scene(targets=[dc.Target(position_m=(40, 0, 0), rcs_m2=10)])
 STEP_S = 10e-9
@@ -55,7 +55,7 @@ def test_the_loop_filters_what_three_chirps_before_did(radar, damping, gain_chan
     last = (number == n_chirps - 1) & sweeps
 
     # 600 MHz are swept; the steps of 10 ns err by a few hertz.
-    found_hz = pll.frequency_hz(since_s[last], radar)
+    found_hz = pll.frequency_error_hz(since_s[last], radar)
     np.testing.assert_allclose(found_hz, expected_hz[last], atol=100.0)
 
 
@@ -64,10 +64,10 @@ def test_cycles_are_the_sum_of_the_frequency(radar, damping):
     pll = Pll(natural_frequency_hz=250e3, damping=damping, gain_change=(-0.3, 0.1))
     times_s = np.linspace(0, 30e-6, 30001)
 
-    frequency_hz = pll.frequency_hz(times_s, radar)
+    frequency_hz = pll.frequency_error_hz(times_s, radar)
 
     summed = np.cumsum(frequency_hz[1:] + frequency_hz[:-1]) / 2 * 1e-9
-    np.testing.assert_allclose(pll.cycles(times_s, radar)[1:], summed, atol=1e-4)
+    np.testing.assert_allclose(pll.phase_error_cycles(times_s, radar)[1:], summed, atol=1e-4)
 
 
 def test_a_faster_loop_leaves_less_of_the_tuning_curve(radar):
@@ -78,7 +78,7 @@ def test_a_faster_loop_leaves_less_of_the_tuning_curve(radar):
         natural = 2 * np.pi * natural_frequency_hz
         # f = B (u - 0.2 u^2) / 0.8, u = t / T.
         expected_hz = -0.5 * 600e6 / (30e-6 * natural) ** 2
-        np.testing.assert_allclose(pll.frequency_hz(times_s, radar), expected_hz, rtol=1e-3)
+        np.testing.assert_allclose(pll.frequency_error_hz(times_s, radar), expected_hz, rtol=1e-3)
 
 
 def test_a_pause_and_a_late_start_let_the_loop_settle(radar):
@@ -88,7 +88,7 @@ def test_a_pause_and_a_late_start_let_the_loop_settle(radar):
         frame = replace(radar.frame, interval_s=interval_s, chirp=chirp)
         times_s = adc_start_s + np.arange(256) / 10e6
         pll = Pll(natural_frequency_hz=300e3)
-        left_hz.append(abs(pll.frequency_hz(times_s, replace(radar, frame=frame))).max())
+        left_hz.append(abs(pll.frequency_error_hz(times_s, replace(radar, frame=frame))).max())
 
     assert left_hz[0] > 10 * left_hz[1] > 10 * left_hz[2]
 
@@ -99,8 +99,8 @@ def test_echoes_have_the_phase_that_the_loop_leaves(radar):
     clean = dc.simulate(STILL, radar, impairments=(), dtype=np.complex128)
 
     delay_s = 80 / SPEED_OF_LIGHT
-    times_s = window(radar, 0).times_s
-    left = pll.cycles(times_s, radar) - pll.cycles(times_s - delay_s, radar)
+    times_s = sample_window(radar, 0).times_s
+    left = pll.phase_error_cycles(times_s, radar) - pll.phase_error_cycles(times_s - delay_s, radar)
     expected = clean.values[0, :, 0] * np.exp(2j * np.pi * left)
 
     # The first samples are 0.3 us after an error of megahertz.
@@ -116,7 +116,7 @@ def test_a_loop_that_has_not_settled_warns(radar):
 
 
 def test_a_loop_slower_than_the_ramp_is_refused(radar):
-    with pytest.raises(InvalidSetting, match=r"natural_frequency is 1000 Hz, but must be"):
+    with pytest.raises(InvalidSetting, match=r"natural_frequency: 1000 Hz; expected"):
         Pll(natural_frequency_hz=1e3).check(STILL, radar)
 
 

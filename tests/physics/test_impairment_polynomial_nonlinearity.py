@@ -8,8 +8,8 @@ import pytest
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.echoes.impairments.polynomial_nonlinearity import PolynomialNonlinearity
-from dechirp.echoes.parts import window
+from dechirp.simulation.echo_groups import sample_window
+from dechirp.simulation.impairments.polynomial_nonlinearity import PolynomialNonlinearity
 
 STILL = dc.Scene(targets=[dc.Target(position_m=(40, 0, 0), rcs_m2=10)])
 
@@ -39,7 +39,7 @@ def test_a_parabola_sweeps_the_beat_frequency_by_its_derivative_times_the_delay(
 
     # The derivative 2 e t / T^2 half a delay ago, summed over time: 5 rad in all.
     delay_s = 80 / SPEED_OF_LIGHT
-    middle_s = window(radar, 0).times_s - delay_s / 2
+    middle_s = sample_window(radar, 0).times_s - delay_s / 2
     expected_rad = 2 * np.pi * error_hz / chirp.ramp_duration_s**2 * delay_s * middle_s**2
     left_rad -= left_rad[128] - expected_rad[128]
     np.testing.assert_allclose(left_rad, expected_rad, atol=1e-4)
@@ -48,10 +48,12 @@ def test_a_parabola_sweeps_the_beat_frequency_by_its_derivative_times_the_delay(
 def test_outside_the_ramp_the_error_of_its_ends_holds(radar):
     bent = PolynomialNonlinearity(error_hz=(1e5, 0.0, 2e5))
     ramp_s = radar.frame.chirp.ramp_duration_s
-    around = window(radar, 0)._replace(first_s=-1e-6, n_times=int((ramp_s + 2e-6) * 1e9))
+    around = sample_window(radar, 0)._replace(
+        first_sample_s=-1e-6, n_times=int((ramp_s + 2e-6) * 1e9)
+    )
     around = around._replace(rate_hz=1e9)
 
-    phase_rad = bent.phase_rad(around, radar, np.random.default_rng(0))
+    phase_rad = bent.phase_error_rad(around, radar, np.random.default_rng(0))
 
     frequency_hz = np.diff(phase_rad[0]) * 1e9 / (2 * np.pi)
     np.testing.assert_allclose(frequency_hz[:999], 1e5, rtol=1e-6)

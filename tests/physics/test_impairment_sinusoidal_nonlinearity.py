@@ -6,8 +6,8 @@ from scipy.special import j0, j1
 
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.units import SPEED_OF_LIGHT, decibels
-from dechirp.echoes.impairments.sinusoidal_nonlinearity import SinusoidalNonlinearity
+from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
+from dechirp.simulation.impairments.sinusoidal_nonlinearity import SinusoidalNonlinearity
 
 BIN_HZ = 10e6 / 256
 
@@ -31,7 +31,7 @@ def pairs_db(radar, ranges_m, ripple, *, bins):
         tones = np.exp(-2j * np.pi * np.multiply.outer(around, times_s)) * np.hanning(256)
         # Other echoes leak a little, with the ripple and without.
         low, carrier, high = abs(tones @ (cubes[1] - [0, 1][bins == 0] * cubes[0]))
-        levels.append((2 * decibels(low / carrier), 2 * decibels(high / carrier)))
+        levels.append((2 * to_decibels(low / carrier), 2 * to_decibels(high / carrier)))
     return levels
 
 
@@ -45,7 +45,7 @@ def test_paired_echoes_are_at_their_level(radar, range_m, deviation_hz, bins):
 
     delay_s = 2 * range_m / SPEED_OF_LIGHT
     beta = 2 * deviation_hz / rate_hz * np.sin(np.pi * rate_hz * delay_s)
-    expected_db = 2 * decibels(abs(j1(beta) / j0(beta)))
+    expected_db = 2 * to_decibels(abs(j1(beta) / j0(beta)))
     assert below_db == pytest.approx(expected_db, abs=0.2)
     assert above_db == pytest.approx(expected_db, abs=0.2)
 
@@ -77,7 +77,7 @@ def test_each_of_several_echoes_has_the_pairs_of_its_own_delay(radar):
 
 
 def test_a_rate_above_half_the_sample_rate_is_refused(radar):
-    with pytest.raises(InvalidSetting, match=r"rate is 5 MHz, but must be below 5 MHz"):
+    with pytest.raises(InvalidSetting, match=r"rate: 5 MHz; expected below 5 MHz"):
         SinusoidalNonlinearity(deviation_hz=1e3, rate_hz=5e6).check(None, radar)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
-from dechirp.echoes.impairments.slope_drift import SlopeDrift
+from dechirp.simulation.impairments.slope_drift import SlopeDrift
 
 STILL = dc.Scene(targets=[dc.Target(position_m=(40, 0, 0), rcs_m2=10)])
 

@@ -8,11 +8,11 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.echoes import echo
-from dechirp.echoes.impairments.interference import Interference, Interferer
-from dechirp.echoes.impairments.radome import Radome
-from dechirp.echoes.parts import window
 from dechirp.radar.patterns.cosine import CosinePattern
+from dechirp.simulation import simulate
+from dechirp.simulation.echo_groups import sample_window
+from dechirp.simulation.impairments.interference import Interference, Interferer
+from dechirp.simulation.impairments.radome import Radome
 
 NOTHING = dc.Scene()
 
@@ -98,7 +98,7 @@ def test_an_interferer_looks_where_it_goes(radar):
 def test_parallel_slopes_make_a_ghost_at_half_of_the_delay(radar):
     # 40 m away and 100 ns late; approaching at 8 m/s: half of that one way.
     other = like_the_victim(offset_s=100e-9, velocity_m_per_s=(-8, 0, 0), transmit_power_w=1e-4)
-    impairments = [Interference(interferers=[other]), dc.ThermalNoise()]
+    impairments = [Interference(interferers=[other]), dc.impairments.ThermalNoise()]
     found = dc.detect(dc.simulate(NOTHING, radar, impairments=impairments, seed=1), radar)
     assert found.sizes["detection"] == 1
     way_m = 40 - 8 * radar.frame.mid_frame_s
@@ -109,7 +109,7 @@ def test_parallel_slopes_make_a_ghost_at_half_of_the_delay(radar):
 def test_a_clock_that_drifts_gives_the_ghost_a_velocity(radar):
     # Each ramp 0.5 ps later than the one before: c 0.5 ps / 2 in 35 us, 2.14 m/s.
     other = like_the_victim(interval_s=35e-6 + 0.5e-12, transmit_power_w=1e-4)
-    impairments = [Interference(interferers=[other]), dc.ThermalNoise()]
+    impairments = [Interference(interferers=[other]), dc.impairments.ThermalNoise()]
     found = dc.detect(dc.simulate(NOTHING, radar, impairments=impairments, seed=1), radar)
     drift = SPEED_OF_LIGHT * 0.5e-12 / 2 / 35e-6
     assert found.sizes["detection"] == 1
@@ -139,7 +139,9 @@ def test_crossing_slopes_make_a_burst_of_the_passband_over_their_difference(
     radar = radar if sampling == "complex" else real(radar)
     impairment = Interference(interferers=[crossing(slope_hz_per_s)])
     samples = np.zeros((128, 2, 256), np.complex128)
-    impairment.add(samples, window(radar, 0), NOTHING, radar, np.random.default_rng(0))
+    impairment.add_signals(
+        samples, sample_window(radar, 0), NOTHING, radar, np.random.default_rng(0)
+    )
     power = abs(samples[:, 0]) ** 2
     # 0 to 10 MHz, or plus and minus 5 MHz.
     expected = 10e6 / abs(20e12 - slope_hz_per_s) * 10e6
@@ -187,7 +189,9 @@ def test_a_burst_has_the_shape_of_one_that_is_sampled_fast_and_low_passed(
     moving = dc.Scene(ego=dc.Ego(velocity_m_per_s=(15, 0, 0), turn_rate_rad_per_s=0.4))
     samples = np.zeros((128, 2, 256), np.complex128)
     impairment = Interference(interferers=[other], filter_order=6)
-    impairment.add(samples, window(radar, 0), moving, radar, np.random.default_rng(0))
+    impairment.add_signals(
+        samples, sample_window(radar, 0), moving, radar, np.random.default_rng(0)
+    )
     for chirp_index, receiver in ((0, 1), (77, 0)):
         expected = brute_force(
             radar, other, moving, 6, chirp_index=chirp_index, receiver=receiver, over=16
@@ -204,7 +208,9 @@ def test_a_ghost_equals_the_brute_force_sample_by_sample(radar):
     moving = dc.Scene(ego=dc.Ego(velocity_m_per_s=(15, 0, 0), turn_rate_rad_per_s=0.4))
     samples = np.zeros((128, 2, 256), np.complex128)
     impairment = Interference(interferers=[other])
-    impairment.add(samples, window(radar, 0), moving, radar, np.random.default_rng(0))
+    impairment.add_signals(
+        samples, sample_window(radar, 0), moving, radar, np.random.default_rng(0)
+    )
     for m in (1, 100):
         expected = brute_force(radar, other, moving, 8, chirp_index=m, receiver=1, over=8)
         inside = slice(20, 236)
@@ -217,7 +223,9 @@ def test_a_tone_and_a_down_ramp_are_heard_as_they_cross(radar):
     for slope_hz_per_s in (0.0, -20e12):
         impairment = Interference(interferers=[crossing(slope_hz_per_s)])
         samples = np.zeros((128, 2, 256), np.complex128)
-        impairment.add(samples, window(radar, 0), NOTHING, radar, np.random.default_rng(0))
+        impairment.add_signals(
+            samples, sample_window(radar, 0), NOTHING, radar, np.random.default_rng(0)
+        )
         energy = (abs(samples[:, 0]) ** 2).sum(axis=1)
         # As many samples as the passage takes, 5 and 2.5, within the one that they may miss.
         each_w = friis_w(radar, crossing(0.0), 40.0)
@@ -287,24 +295,26 @@ def test_several_interferers_add_up(radar):
 def test_chirps_are_the_same_however_they_are_taken_apart(radar):
     impairment = Interference(interferers=[crossing(18.7e12, interval_s=34.3e-6)])
     whole, pieces = np.zeros((2, 128, 2, 256), np.complex128)
-    impairment.add(whole, window(radar, 1), NOTHING, radar, np.random.default_rng(0))
+    impairment.add_signals(whole, sample_window(radar, 1), NOTHING, radar, np.random.default_rng(0))
     for rows in (slice(0, 50), slice(50, 51), slice(51, 128)):
-        part = window(radar, 1).of(rows)
-        impairment.add(pieces[rows], part, NOTHING, radar, np.random.default_rng(0))
+        part = sample_window(radar, 1).select_chirps(rows)
+        impairment.add_signals(pieces[rows], part, NOTHING, radar, np.random.default_rng(0))
     assert abs(whole).max() > 0
     # Ramps that begin 9 ms after time zero: roundings turn them by 1e-7.
     assert abs(whole - pieces).max() < 1e-6 * abs(whole).max()
     wider = np.zeros((128, 2, 300), np.complex128)
-    impairment.add(wider, window(radar, 1).wider(4, 40), NOTHING, radar, np.random.default_rng(0))
+    impairment.add_signals(
+        wider, sample_window(radar, 1).widen(4, 40), NOTHING, radar, np.random.default_rng(0)
+    )
     assert abs(whole - wider[..., 4:260]).max() < 1e-6 * abs(whole).max()
 
 
 def test_a_ramp_has_one_drawn_phase_however_the_chirps_are_taken_apart(radar, monkeypatch):
     # A tone through all chirps: their echoes are summed some at a time where phases are turned.
     tone = crossing(0.0, coherent=False, ramp_duration_s=20e-3, interval_s=20e-3, offset_s=-1e-3)
-    impairments = [dc.SlopeDrift(relative_drift=1e-6), Interference(interferers=[tone])]
+    impairments = [dc.impairments.SlopeDrift(relative_drift=1e-6), Interference(interferers=[tone])]
     whole = dc.simulate(NOTHING, radar, impairments=impairments, seed=5)
-    monkeypatch.setattr(echo, "_AT_ONCE", 9 * 2 * 256)
+    monkeypatch.setattr(simulate, "_COPY_BLOCK_SAMPLES", 9 * 2 * 256)
     pieces = dc.simulate(NOTHING, radar, impairments=impairments, seed=5)
     assert abs(whole).max() > 0
     assert abs(whole - pieces).max() < 1e-6 * abs(whole).max()
@@ -314,7 +324,7 @@ def test_ramps_that_do_not_fit_into_memory_are_refused(radar):
     chirp = replace(radar.frame.chirp, slope_hz_per_s=1e3, ramp_duration_s=1e6)
     slow = replace(radar, frame=replace(radar.frame, chirp=chirp, interval_s=1e6))
     fast = {"slope_hz_per_s": 0.0, "ramp_duration_s": 1e-7, "interval_s": 1e-7}
-    with pytest.raises(dc.NotEnoughMemory, match="interference is .* GiB of memory"):
+    with pytest.raises(dc.NotEnoughMemory, match="interference: .* GiB of memory"):
         dc.simulate(
             NOTHING, slow, impairments=[Interference(interferers=[like_the_victim(**fast)])]
         )
@@ -344,7 +354,11 @@ def test_an_interferer_that_is_never_in_the_band_is_told_of(radar):
 
 
 def test_an_interferer_on_the_radar_is_refused(radar):
-    with pytest.raises(dc.InvalidSetting, match=r"interferers.car.position is on the radar"):
+    with pytest.raises(
+        dc.InvalidSetting,
+        match=r"interferers.car.position: at the position of"
+        r" the radar",
+    ):
         here = like_the_victim(position_m=(0, 0, 0), name="car")
         Interference(interferers=[here]).check(NOTHING, radar)
 
@@ -355,11 +369,11 @@ def test_an_interferer_on_the_radar_is_refused(radar):
         ({"name": ""}, "name"),
         ({"start_frequency_hz": 77.0}, "start_frequency_hz"),
         ({"slope_hz_per_s": math.nan}, "slope_hz_per_s"),
-        ({"slope_hz_per_s": -1e16}, "slope_hz_per_s .* stays above 0 Hz"),
+        ({"slope_hz_per_s": -1e16}, "slope_hz_per_s.* stays above 0 Hz"),
         ({"ramp_duration_s": 0.0}, "ramp_duration_s"),
         ({"interval_s": 20e-6}, "interval_s"),
         ({"n_chirps": 0}, "n_chirps"),
-        ({"period_s": 1e-3}, "n_chirps is none, with a period"),
+        ({"period_s": 1e-3}, "n_chirps: none, with a period"),
         ({"period_s": 1e-3, "n_chirps": 128}, "period_s"),
         ({"offset_s": math.inf}, "offset_s"),
         ({"coherent": "no"}, "coherent"),

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.cfar.base import Cells, Cfar, Noise
-from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.interpolation import between_bins, offsets
-from dechirp.process.refine import refine
-from dechirp.process.spectrum import Transform
+from dechirp.processing.cfar.base import Cells, Cfar, MapNoise
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.peak_interpolation import bin_offsets, interpolate_peaks
+from dechirp.processing.refine import refine_tones
+from dechirp.processing.spectrum import Transform
 from dechirp.theory.windows import Window
 from noise import noisy
 
 N_CHIRPS, N_SAMPLES = 32, 64
 
 
-def map_of(samples: np.ndarray, noise: Noise) -> np.ndarray:
+def map_of(samples: np.ndarray, noise: MapNoise) -> np.ndarray:
     """Power (velocity, range), velocities ascending."""
-    over_range, over_velocity = noise.over_range, noise.over_velocity
+    over_range, over_velocity = noise.range_transform, noise.doppler_transform
     tapered = samples[:, 0] * np.outer(over_velocity.weights, over_range.weights)
     transform = np.fft.fft if np.iscomplexobj(samples) else np.fft.rfft
     spectrum = np.fft.fft(transform(tapered, over_range.n_bins), over_velocity.n_bins, axis=0)
@@ -43,7 +43,7 @@ def tone(slow: float, fast: float, sampling: str) -> np.ndarray:
 def test_a_tone_between_bins_is_found_where_it_is(window, sampling, n_range, n_velocity):
     over_range = Transform(window=window, n_points=N_SAMPLES, n_bins=n_range)
     over_velocity = Transform(window=window, n_points=N_CHIRPS, n_bins=n_velocity)
-    noise = Noise(over_range=over_range, over_velocity=over_velocity)
+    noise = MapNoise(range_transform=over_range, doppler_transform=over_velocity)
     # At 8 and 5 bins of the transforms without padding, and fine steps from there.
     at_range, at_velocity = 8 * n_range // N_SAMPLES, 5 * n_velocity // N_CHIRPS
     off = np.linspace(-0.5, 0.5, 21)
@@ -53,7 +53,7 @@ def test_a_tone_between_bins_is_found_where_it_is(window, sampling, n_range, n_v
         slow = -2 * np.pi * (at_velocity + d_velocity) / n_velocity
         power = map_of(tone(slow, fast, sampling), noise)
         top = np.array(np.unravel_index(power.argmax(), power.shape))[None]
-        at_slow, at_fast = between_bins(power, top, noise)
+        at_slow, at_fast = interpolate_peaks(power, top, noise)
         found.append(
             [
                 (at_slow[0] - slow) * n_velocity / (2 * np.pi),
@@ -70,10 +70,10 @@ def test_a_single_chirp_and_an_empty_map_have_no_between():
     three = Transform(window="hann", n_points=8, n_bins=8)
     power = np.array([1.0, 0.0])
 
-    assert offsets(power, power, power, one).tolist() == [0, 0]
-    assert offsets(power * 0, power * 0, power * 0, three).tolist() == [0, 0]
+    assert bin_offsets(power, power, power, one).tolist() == [0, 0]
+    assert bin_offsets(power * 0, power * 0, power * 0, three).tolist() == [0, 0]
     # Half a bin where both cells are as strong, on the side of the stronger.
-    assert offsets(*np.array([[0.2], [1.0], [1.0]]), three)[0] == pytest.approx(0.5)
+    assert bin_offsets(*np.array([[0.2], [1.0], [1.0]]), three)[0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("start", [(0.5, 0.5), (-0.5, 0.5), (0.48, -0.02), (-0.5, -0.5)], ids=str)
@@ -84,7 +84,7 @@ def test_refining_comes_to_the_top_from_anywhere_within_half_a_bin(start):
         np.array([fast + 2 * np.pi * start[1] / N_SAMPLES]),
     )
 
-    found = refine(tone(slow, fast, "complex"), *begun, np.array([1e-9]))
+    found = refine_tones(tone(slow, fast, "complex"), *begun, np.array([1e-9]))
 
     # Blocks of samples turn as wholes: within 1e-4 of a bin of the top of the whole sum.
     assert found.slow[0] == pytest.approx(slow, abs=1e-4 * 2 * np.pi / N_CHIRPS)

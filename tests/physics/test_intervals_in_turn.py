@@ -7,13 +7,14 @@ import pytest
 from scipy.stats import binom
 
 import dechirp as dc
-from dechirp.process.folds import intervals
-from dechirp.process.folds.ambiguity import Folds, unknown
-from dechirp.process.folds.intervals import Alone
-from dechirp.process.sources import snapshots
-from dechirp.radar.accuracy import standard_errors
-from dechirp.scene.folding import Place, folded
-from dechirp.scene.surprises import surprises
+from dechirp.processing.direction_finding import element_snapshots
+from dechirp.processing.velocity_ambiguity import by_frame_intervals
+from dechirp.processing.velocity_ambiguity.by_frame_intervals import FrameEstimates
+from dechirp.processing.velocity_ambiguity.hypotheses import AmbiguityHypotheses, unresolved
+from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.recordings.settings.write_ti_cfg import format_ti_cfg
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity
+from dechirp.scene.scene_warnings import scene_findings
 
 INTERVALS_S = (31e-6, 35e-6, 38e-6)
 
@@ -34,20 +35,20 @@ def measured(radar, range_m, velocity, snr, n_frames, rng, is_found=1.0):
     """
     frames, folds = [], []
     for number in range(n_frames):
-        one = radar.at(number)
-        time_s = radar.frame.start_s(number) + one.frame.mid_frame_s
-        truth = Place(range_m + velocity * time_s, velocity)
-        at = folded(truth, one)
+        one = radar.for_frame(number)
+        time_s = radar.frame.frame_start_s(number) + one.frame.mid_frame_s
+        truth = RangeVelocity(range_m + velocity * time_s, velocity)
+        at = alias_range_velocity(truth, one)
         kept = rng.random(len(range_m)) < is_found
-        std = [np.full(kept.sum(), float(of)) for of in standard_errors(one.frame, snr=snr)]
+        std = [np.full(kept.sum(), float(of)) for of in crlb_standard_errors(one.frame, snr=snr)]
         frames.append(
-            Alone(
+            FrameEstimates(
                 number,
                 time_s,
                 at.range_m[kept] + std[0] * rng.standard_normal(kept.sum()),
                 at.velocity_m_per_s[kept] + std[1] * rng.standard_normal(kept.sum()),
                 *std,
-                unknown(kept.sum()),
+                unresolved(kept.sum()),
             )
         )
         span = 2 * one.frame.max_velocity_m_per_s
@@ -69,7 +70,7 @@ def test_each_frame_is_that_of_a_radar_with_its_interval(radar):
     )
     for number in range(4):
         later = dc.Scene(targets=[ahead(20 + 5 * starts_s[number], 5)])
-        alone = dc.simulate(later, radar.at(number), **options)
+        alone = dc.simulate(later, radar.for_frame(number), **options)
         own = cube.isel(frame=number)
         # Positions are rounded at 20 m in double precision, 1e-11 rad of phase.
         np.testing.assert_allclose(
@@ -88,9 +89,11 @@ def test_a_velocity_beyond_the_span_of_each_frame_is_told(radar, velocity):
     found, truth = dc.detect(cube, radar), dc.truth(scene, radar, n_frames=3).isel(target=0)
 
     assert found.frame.values.tolist() == [0, 1, 2]
-    assert np.all(found.fold_confidence >= 0.99)
-    expected = [round(velocity / (2 * radar.at(k).frame.max_velocity_m_per_s)) for k in range(3)]
-    assert found.fold.values.tolist() == expected
+    assert np.all(found.ambiguity_confidence >= 0.99)
+    expected = [
+        round(velocity / (2 * radar.for_frame(k).frame.max_velocity_m_per_s)) for k in range(3)
+    ]
+    assert found.ambiguity_number.values.tolist() == expected
     # Five standard errors; within a frame fast ones walk through half of a range cell.
     assert np.all(abs(found.velocity - truth.velocity.values) < 6 * found.velocity_std)
     assert np.all(abs(found.range - truth.range.values) < 6 * found.range_std)
@@ -101,11 +104,13 @@ def decided(radar, spread, snr, n_frames, n_trials, rng):
     trials = certain = wrong = 0
     for _ in range(n_trials):
         frames, truth = measured(radar, *spread(), snr, n_frames, rng, is_found=0.9)
-        for told, true in zip(intervals.folds(frames, radar.frame), truth, strict=True):
+        for told, true in zip(
+            by_frame_intervals.ambiguity_probabilities(frames, radar.frame), truth, strict=True
+        ):
             sure = told.confidence >= 0.99
-            assert np.array_equal(sure, np.isfinite(told.certain))
+            assert np.array_equal(sure, np.isfinite(told.certain_number))
             trials, certain = trials + len(true), certain + sure.sum()
-            wrong += (told.certain[sure] != true[sure]).sum()
+            wrong += (told.certain_number[sure] != true[sure]).sum()
     return trials, certain, wrong
 
 
@@ -134,13 +139,13 @@ def test_one_frame_alone_and_equal_intervals_tell_no_fold(radar):
     rng = np.random.default_rng(4)
     radar = in_turn(radar, *INTERVALS_S)
     frames, _ = measured(radar, np.array([20.0]), np.array([40.0]), 1000.0, 1, rng)
-    (told,) = intervals.folds(frames, radar.frame)
-    assert np.isnan(told.certain).all()
+    (told,) = by_frame_intervals.ambiguity_probabilities(frames, radar.frame)
+    assert np.isnan(told.certain_number).all()
     assert told.confidence.item() < 0.2  # 31, 35 or 38 folds
 
 
 @pytest.mark.parametrize(
-    ("interval_s", "where", "need"),
+    ("interval_s", "where", "expected"),
     [
         ((35e-6,), "Frame.interval_s", "two or more"),
         ((), "Frame.interval_s", "two or more"),
@@ -148,8 +153,8 @@ def test_one_frame_alone_and_equal_intervals_tell_no_fold(radar):
         ((35e-6, "40 us"), "Frame.interval_s.1", "finite number"),
     ],
 )
-def test_lists_that_cannot_be_are_refused(radar, interval_s, where, need):
-    with pytest.raises(dc.InvalidSetting, match=need) as error:
+def test_lists_that_cannot_be_are_refused(radar, interval_s, where, expected):
+    with pytest.raises(dc.InvalidSetting, match=expected) as error:
         replace(radar.frame, interval_s=interval_s)
     assert error.value.mistakes[0].setting == where
 
@@ -157,11 +162,14 @@ def test_lists_that_cannot_be_are_refused(radar, interval_s, where, need):
 def test_what_is_about_one_frame_asks_which(radar):
     radar = in_turn(radar, 31e-6, 35e-6)
     cube = dc.simulate(dc.Scene(), radar, n_frames=2)
-    with pytest.raises(dc.InvalidSetting, match=r"radar\.at"):
+    with pytest.raises(dc.InvalidSetting, match=r"radar\.for_frame"):
         dc.power_map(cube.isel(frame=0), radar, dc.Chain(angle=None))
-    assert dc.power_map(cube.isel(frame=1), radar.at(1), dc.Chain(angle=None)).shape == (32, 256)
+    assert dc.power_map(cube.isel(frame=1), radar.for_frame(1), dc.Chain(angle=None)).shape == (
+        32,
+        256,
+    )
     with pytest.raises(dc.InvalidSetting, match="one profile"):
-        dc.ti_cfg_text(radar, device="xwr1843")
+        format_ti_cfg(radar, device="xwr1843")
 
 
 @pytest.mark.parametrize(
@@ -174,16 +182,16 @@ def test_intervals_from_which_nothing_is_gained_are_told(radar, intervals_s, n_f
 
 
 def test_a_frame_that_is_too_short_for_one_of_its_intervals_is_refused(radar):
-    with pytest.raises(dc.InvalidSetting, match="time the chirps take"):
+    with pytest.raises(dc.InvalidSetting, match="duration of the chirps"):
         replace(radar.frame, interval_s=(31e-6, 80e-6), period_s=128 * 40e-6)
 
 
 SHARED = {
-    "turns": {"multiplexing": dc.Tdm(order=(0, 1, 2))},
+    "turns": {"multiplexing": dc.multiplexing.Tdm(order=(0, 1, 2))},
     "one": {},
-    "steps": {"modulation": dc.FrequencyShiftKeying(step_hz=3e6)},
-    "pauses": {"modulation": dc.Staggered(pauses_s=(0, 5e-6))},
-    "triangles": {"modulation": dc.Triangular()},
+    "steps": {"modulation": dc.modulations.FrequencyShiftKeying(step_hz=3e6)},
+    "pauses": {"modulation": dc.modulations.Staggered(pauses_s=(0, 5e-6))},
+    "triangles": {"modulation": dc.modulations.Triangular()},
 }
 
 
@@ -215,7 +223,7 @@ def test_directions_are_those_of_the_fold_that_frames_agree_on(radar, how, veloc
     found, truth = dc.detect(cube, radar), dc.truth(scene, radar, n_frames=3).isel(target=0)
 
     assert found.frame.values.tolist() == [0, 1, 2]
-    assert np.all(found.fold_confidence >= 0.99)
+    assert np.all(found.ambiguity_confidence >= 0.99)
     # Six standard errors; the bend of the wave and the walk within a frame add 0.05 degrees.
     assert np.all(abs(found.azimuth - azimuth) < 6 * found.azimuth_std + np.radians(0.05))
     assert np.all(abs(found.velocity - truth.velocity.values) < 6 * found.velocity_std)
@@ -234,7 +242,7 @@ def test_one_frame_tells_what_it_would_of_a_radar_with_its_interval_alone(radar,
     )
     cube = dc.simulate(dc.Scene(targets=[target]), radar, n_frames=1, seed=1)
     found = dc.detect(cube, radar)
-    assert found.identical(dc.detect(cube, radar.at(0)))
+    assert found.identical(dc.detect(cube, radar.for_frame(0)))
     assert abs(found.azimuth.item() - azimuth) < 6 * found.azimuth_std.item() + np.radians(0.05)
     assert abs(found.velocity.item() - 12) < 6 * found.velocity_std.item()
 
@@ -242,10 +250,10 @@ def test_one_frame_tells_what_it_would_of_a_radar_with_its_interval_alone(radar,
 @pytest.mark.parametrize(
     ("how", "n_frames", "velocity", "level", "says"),
     [
-        ("one", 1, 40.0, "warning", "read the folded velocity"),
+        ("one", 1, 40.0, "warning", "expect the aliased velocity"),
         ("one", 2, 40.0, "note", "frames of other intervals tell velocities up to"),
         ("turns", 1, 12.0, "note", "by how they turn against each other"),
-        ("turns", 1, 40.0, "warning", "read the folded velocity"),
+        ("turns", 1, 40.0, "warning", "expect the aliased velocity"),
         ("pauses", 1, 20.0, None, ""),
         ("triangles", 1, 20.0, None, ""),
     ],
@@ -255,7 +263,7 @@ def test_of_a_velocity_that_folds_is_told_what_becomes_of_it(
 ):
     """Of 31 us; three transmitters in turn tell 31.4 m/s, one 31.4 m/s without a fold."""
     radar = row_in_turn(radar, **SHARED[how])
-    found = surprises(dc.Scene(targets=[ahead(20, velocity)]), radar, n_frames=n_frames)
+    found = scene_findings(dc.Scene(targets=[ahead(20, velocity)]), radar, n_frames=n_frames)
     told = [one for one in found if one.setting.endswith("velocity")]
 
     assert [one.level for one in told] == ([] if level is None else [level])
@@ -265,27 +273,29 @@ def test_of_a_velocity_that_folds_is_told_what_becomes_of_it(
 def test_what_one_frame_half_knows_counts(radar):
     """Nine in ten for one of three folds of the slots are nine in ten for all that turn alike."""
     rng = np.random.default_rng(5)
-    radar = row_in_turn(radar, multiplexing=dc.Tdm(order=(0, 1, 2)))
+    radar = row_in_turn(radar, multiplexing=dc.multiplexing.Tdm(order=(0, 1, 2)))
     (given,), _ = measured(radar, np.array([20.0]), np.array([2.0]), 300.0, 1, rng)
-    half = given._replace(folds=Folds(np.array([[0.05, 0.9, 0.05]]), np.array([[-1.0, 0.0, 1.0]])))
-    (told,) = intervals.folds([half], radar.frame)
+    half = given._replace(
+        hypotheses=AmbiguityHypotheses(np.array([[0.05, 0.9, 0.05]]), np.array([[-1.0, 0.0, 1.0]]))
+    )
+    (told,) = by_frame_intervals.ambiguity_probabilities([half], radar.frame)
 
-    alike = told.fold[0] % 3 == 0
+    alike = told.number[0] % 3 == 0
     # Of 31 folds, 11 turn alike and 20 otherwise: 0.908.
     assert told.probability[0, alike].sum() == pytest.approx(0.9, abs=0.01)
-    assert np.isnan(told.certain).all()
+    assert np.isnan(told.certain_number).all()
 
 
 def test_receivers_before_one_transmitter_are_not_turned_by_a_fold(radar):
     """Slots half a cycle apart would cancel if a wrong fold were taken off."""
-    radar = row_in_turn(radar, modulation=dc.Staggered(pauses_s=(0, 5e-6))).at(0)
+    radar = row_in_turn(radar, modulation=dc.modulations.Staggered(pauses_s=(0, 5e-6))).for_frame(0)
     rng = np.random.default_rng(6)
     heard = np.exp(1j * np.array([0.0, 1.1, 2.2, 3.3]))
     slots = np.exp(1j * rng.uniform(-np.pi, np.pi, (50, 2, 1)))
     noise = rng.standard_normal((2, 50, 8)) * 1e-3
     given = (slots * heard).reshape(50, 8) + noise[0] + 1j * noise[1]
     doppler_hz = rng.uniform(-1e5, 1e5, 50)
-    seen, of_noise = snapshots(given, doppler_hz, np.full(50, 2e-6), radar)
+    seen, of_noise = element_snapshots(given, doppler_hz, np.full(50, 2e-6), radar)
 
     alike = seen[:, 0] / seen[:, :1, 0] * heard[0]
     # The mean of two slots: sqrt(2) of 1e-3, and the first element's own, five times and a half.

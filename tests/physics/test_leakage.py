@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
-from dechirp.config.texts import dump
-from dechirp.echoes.impairments.base import Impairment
-from dechirp.echoes.impairments.bumper import Bumper
-from dechirp.echoes.impairments.leakage import Leakage
-from dechirp.echoes.parts import window
+from dechirp.config.dumping import dump
+from dechirp.config.loading import parse_settings
 from dechirp.radar.patterns.cosine import CosinePattern
+from dechirp.simulation.echo_groups import sample_window
+from dechirp.simulation.impairments.base import Impairment
+from dechirp.simulation.impairments.bumper import Bumper
+from dechirp.simulation.impairments.leakage import Leakage
 
 LIGHT = 299_792_458.0
 EMPTY = dc.Scene()
@@ -22,7 +22,7 @@ EMPTY = dc.Scene()
 def mimo(radar) -> dc.Radar:
     """Three transmitters that take turns, two receivers, nine rounds."""
     tx_m = [(0, 0.05, 0), (0, 0.058, 0.002), (0.001, 0.066, 0)]
-    frame = replace(radar.frame, n_chirps=3, multiplexing=dc.Tdm(order=(2, 0, 1)))
+    frame = replace(radar.frame, n_chirps=3, multiplexing=dc.multiplexing.Tdm(order=(2, 0, 1)))
     return replace(radar, frame=frame, array=replace(radar.array, tx_m=tx_m))
 
 
@@ -54,7 +54,7 @@ def test_leakage_is_a_tone_of_each_pair_at_its_distance(mimo):
 
 def test_leakage_of_transmitters_that_send_together_adds_with_their_codes(radar):
     array = replace(radar.array, tx_m=[(0, 0.05, 0), (0, 0.06, 0)])
-    frame = replace(radar.frame, n_chirps=2, multiplexing=dc.Bpm(order=(0, 1)))
+    frame = replace(radar.frame, n_chirps=2, multiplexing=dc.multiplexing.Bpm(order=(0, 1)))
     radar = replace(radar, frame=frame, array=array)
     found = samples(radar, Leakage(isolation=100.0))
     amplitude = np.sqrt(radar.hardware.transmit_power_w / 100)
@@ -67,10 +67,10 @@ def test_leakage_of_transmitters_that_send_together_adds_with_their_codes(radar)
 def test_leakage_of_some_chirps_is_that_of_all(mimo):
     leakage = Leakage(isolation=100.0)
     whole = samples(mimo, leakage)
-    kept = window(mimo, 0)
+    kept = sample_window(mimo, 0)
     for rows in (slice(0, 1), slice(1, 3), slice(4, 9)):
         some = np.zeros_like(whole[rows])
-        leakage.add(some, kept.of(rows), EMPTY, mimo, np.random.default_rng(0))
+        leakage.add_signals(some, kept.select_chirps(rows), EMPTY, mimo, np.random.default_rng(0))
         np.testing.assert_array_equal(some, whole[rows])
 
 
@@ -136,7 +136,7 @@ def test_a_leakage_that_cannot_be_is_refused(wrong, named):
 
 def test_a_bumper_behind_an_antenna_or_brighter_than_a_mirror_is_refused(radar):
     forward = replace(radar, array=replace(radar.array, tx_m=[(0.05, 0, 0)]))
-    with pytest.raises(dc.InvalidSetting, match="distance is 0.04 m, with an antenna at x = 0.05"):
+    with pytest.raises(dc.InvalidSetting, match="distance: 0.04 m, with an antenna at x = 0.05"):
         samples(forward, Bumper(distance_m=0.04, reflectivity=0.1))
     with pytest.raises(dc.InvalidSetting, match="Bumper.reflectivity"):
         Bumper(distance_m=0.04, reflectivity=2)
@@ -156,5 +156,5 @@ def test_a_bumper_behind_an_antenna_or_brighter_than_a_mirror_is_refused(radar):
     ],
 )
 def test_settings_files_say_both(text, made):
-    assert parse(text, Impairment) == made
-    assert parse(dump(made), Impairment) == made
+    assert parse_settings(text, Impairment) == made
+    assert parse_settings(dump(made), Impairment) == made

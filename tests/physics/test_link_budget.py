@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.units import decibels, from_decibels
-from dechirp.radar.budget import noise_power_w, received_power_w, snr
+from dechirp.core.units import from_decibels, to_decibels
+from dechirp.radar.budget import noise_power_w, received_power_w, sample_snr
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
-from dechirp.theory.bounds import range_std_m, uncoupled_range_std_m, velocity_std_m_per_s
-from dechirp.theory.detection import detection_probability, required_snr, threshold
+from dechirp.theory.bounds import decoupled_range_std_m, range_std_m, velocity_std_m_per_s
+from dechirp.theory.detection import detection_probability, detection_threshold, required_snr
 from radars import REFERENCE_FRAME
 
 FRAME, CHIRP = REFERENCE_FRAME, REFERENCE_FRAME.chirp
@@ -33,18 +33,18 @@ def test_the_radar_equation_in_watts():
 def test_twice_the_range_costs_twelve_decibels():
     near, far = received_power_w(RADAR, range_m=[10.0, 20.0], rcs_m2=1.0)
 
-    assert decibels(near / far) == pytest.approx(12.04, abs=0.01)
+    assert to_decibels(near / far) == pytest.approx(12.04, abs=0.01)
 
 
 def test_noise_is_minus_174_dbm_per_hertz_times_noise_factor_and_sample_rate():
-    noise_dbm = decibels(noise_power_w(RADAR)) + 30
+    noise_dbm = to_decibels(noise_power_w(RADAR)) + 30
 
     # kT0 = -173.975 dBm/Hz, 300 MHz = 84.771 dB Hz, 12 dB of noise figure.
     assert noise_dbm == pytest.approx(-173.975 + 84.771 + 12.0, abs=0.001)
 
 
 def test_signal_over_noise_is_the_ratio_of_both():
-    ratio = snr(RADAR, range_m=50.0, rcs_m2=10.0)
+    ratio = sample_snr(RADAR, range_m=50.0, rcs_m2=10.0)
 
     assert ratio * noise_power_w(RADAR) == pytest.approx(
         received_power_w(RADAR, range_m=50.0, rcs_m2=10.0)
@@ -52,7 +52,7 @@ def test_signal_over_noise_is_the_ratio_of_both():
 
 
 def test_integration_of_the_reference_frame_gains_54_5_decibels():
-    assert decibels(RADAR.integration_gain) == pytest.approx(54.496, abs=0.001)
+    assert to_decibels(RADAR.integration_gain) == pytest.approx(54.496, abs=0.001)
 
 
 def test_powers_of_a_radar_with_unknown_hardware_are_refused():
@@ -67,12 +67,12 @@ def test_a_target_at_no_distance_has_no_echo_power(range_m):
 
 
 def test_noise_alone_exceeds_the_threshold_with_the_false_alarm_probability():
-    assert threshold(1e-6) == pytest.approx(13.8155, abs=1e-4)
+    assert detection_threshold(1e-6) == pytest.approx(13.8155, abs=1e-4)
     assert detection_probability(0.0, 1e-6) == pytest.approx(1e-6, rel=1e-9)
 
 
 def test_nine_looks_in_ten_at_1e_6_take_13_2_decibels():
-    assert decibels(required_snr(0.9, 1e-6)) == pytest.approx(13.183, abs=0.0005)
+    assert to_decibels(required_snr(0.9, 1e-6)) == pytest.approx(13.183, abs=0.0005)
 
 
 @pytest.mark.parametrize("false_alarm_probability", [1e-3, 1e-6, 1e-9])
@@ -101,7 +101,7 @@ def test_the_required_ratio_gives_the_wanted_probability(wanted):
 
 
 def test_the_reference_target_at_minus_41_3_decibels_is_detected_nine_times_in_ten():
-    per_sample_db = decibels(required_snr(0.9, 1e-6) / RADAR.integration_gain)
+    per_sample_db = to_decibels(required_snr(0.9, 1e-6) / RADAR.integration_gain)
 
     assert per_sample_db == pytest.approx(-41.31, abs=0.005)
 
@@ -168,7 +168,7 @@ def test_the_bounds_in_bins_are_those_of_a_long_tone():
 
 
 def test_removing_the_coupling_adds_a_tenth_of_a_millimetre_at_minus_24_decibels():
-    with_velocity = uncoupled_range_std_m(
+    with_velocity = decoupled_range_std_m(
         range_std_m=0.0,
         velocity_std_m_per_s=0.0241,
         mid_window_frequency_hz=CHIRP.mid_window_frequency_hz,
@@ -176,7 +176,7 @@ def test_removing_the_coupling_adds_a_tenth_of_a_millimetre_at_minus_24_decibels
     )
 
     assert with_velocity == pytest.approx(0.09e-3, rel=0.01)
-    both = uncoupled_range_std_m(
+    both = decoupled_range_std_m(
         range_std_m=0.0116,
         velocity_std_m_per_s=0.0241,
         mid_window_frequency_hz=CHIRP.mid_window_frequency_hz,
@@ -206,7 +206,7 @@ def test_powers_of_several_receivers_are_detected_as_marcum_says(n_summed):
     # Poisson mixture of gamma tails, term by term, in forty digits.
     with mpmath.workdps(40):
         snr, pfa = mpmath.mpf(10) ** mpmath.mpf("0.7"), mpmath.mpf("1e-6")
-        start = mpmath.mpf(threshold(1e-6, n_summed=n_summed))
+        start = mpmath.mpf(detection_threshold(1e-6, n_summed=n_summed))
         t = mpmath.findroot(lambda x: mpmath.gammainc(n_summed, x, regularized=True) - pfa, start)
         mean = n_summed * snr
         exact = mpmath.nsum(
@@ -219,4 +219,4 @@ def test_powers_of_several_receivers_are_detected_as_marcum_says(n_summed):
     needed = required_snr(found, 1e-6, n_summed=n_summed)
     assert needed == pytest.approx(float(snr), rel=1e-6)
     # PHYSICS: ten looks added need 5.267 dB each for 0.9 at 1e-6.
-    assert decibels(required_snr(0.9, 1e-6, n_summed=10)) == pytest.approx(5.267, abs=5e-4)
+    assert to_decibels(required_snr(0.9, 1e-6, n_summed=10)) == pytest.approx(5.267, abs=5e-4)

@@ -7,12 +7,12 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.evaluate import match as matching
-from dechirp.evaluate.match import CELLS, Matcher, match
-from dechirp.radar.cells import in_cells, in_one_fold
+from dechirp.evaluation import association as matching
+from dechirp.evaluation.association import GATE_CELLS, Associator, associate_detections
 from dechirp.radar.multiplexing.tdm import Tdm
+from dechirp.radar.resolution_cells import alias_doppler_cells, to_resolution_cells
+from dechirp.scene.aliasing import apparent_truth
 from dechirp.scene.bodies.points import Oscillation, Points, Scatterer
-from dechirp.scene.folding import seen
 
 CHIRP = dc.Chirp(
     start_frequency_hz=77e9,
@@ -33,7 +33,7 @@ CELL_M, CELL_M_PER_S = CHIRP.range_resolution_m, RADAR.frame.velocity_resolution
 
 def rows(**columns) -> xr.Dataset:
     n = max(np.size(column) for column in columns.values())
-    columns = {"frame": 0, "fold": np.nan, **columns}
+    columns = {"frame": 0, "ambiguity_number": np.nan, **columns}
     return xr.Dataset(
         {name: ("detection", np.broadcast_to(column, n)) for name, column in columns.items()}
     )
@@ -44,7 +44,7 @@ def test_a_detection_two_cells_away_is_not_the_targets():
     for name, cell in (("range", CELL_M), ("velocity", CELL_M_PER_S)):
         at = {"range": known.range.item(), "velocity": 10.0}
         at[name] = at[name] + cell * np.array([0.1, 1.9, 2.1])
-        assert match(rows(**at), known, RADAR).target.tolist() == [0, 0, -1]
+        assert associate_detections(rows(**at), known, RADAR).target.tolist() == [0, 0, -1]
 
 
 def pair_of_points(**of_far) -> dc.Scene:
@@ -62,12 +62,12 @@ def test_a_detection_of_any_scatterer_is_the_bodys():
     known = dc.truth(scene, RADAR)
     found = rows(range=known.range.item() + np.array([0, 6.1, 3.0]), velocity=10.0)
 
-    matched = match(found, known, RADAR, scene)
+    matched = associate_detections(found, known, RADAR, scene)
 
     # 3 m lie between the two, five cells from each; without the scene only the origin counts.
     assert matched.target.tolist() == [0, 0, -1]
     assert np.isnan(matched.range_error_m).all()
-    assert match(found, known, RADAR).target.tolist() == [0, -1, -1]
+    assert associate_detections(found, known, RADAR).target.tolist() == [0, -1, -1]
 
 
 def test_a_part_that_moves_is_looked_for_at_its_own_velocity():
@@ -78,7 +78,7 @@ def test_a_part_that_moves_is_looked_for_at_its_own_velocity():
     known = dc.truth(scene, RADAR)
     found = rows(range=known.range.item() + 6, velocity=[10 - 0.1 * 2 * np.pi * 20, 10.0])
 
-    assert match(found, known, RADAR, scene).target.tolist() == [0, -1]
+    assert associate_detections(found, known, RADAR, scene).target.tolist() == [0, -1]
 
 
 def test_velocities_are_near_each_other_across_the_end_of_the_map():
@@ -87,7 +87,7 @@ def test_velocities_are_near_each_other_across_the_end_of_the_map():
     scene = dc.Scene(targets=[fast])
     known = dc.truth(scene, RADAR)
 
-    matched = match(
+    matched = associate_detections(
         rows(range=known.range.item(), velocity=[-most + CELL_M_PER_S]), known, RADAR, scene
     )
 
@@ -99,7 +99,7 @@ def test_a_frame_that_the_truth_has_not_is_refused():
     known = dc.truth(dc.Scene(targets=[CAR]), RADAR)
 
     with pytest.raises(dc.InvalidSetting, match=r"detections.frame is 1"):
-        match(rows(range=50.0, velocity=10.0, frame=[1]), known, RADAR)
+        associate_detections(rows(range=50.0, velocity=10.0, frame=[1]), known, RADAR)
 
 
 def other_radar(n_tx: int, interval_s, sampling: str) -> dc.Radar:
@@ -130,9 +130,9 @@ def random_case(rng: np.random.Generator, radar: dc.Radar) -> tuple[xr.Dataset, 
     ]
     known = dc.truth(dc.Scene(targets=targets), radar, n_frames=3)
     of, frame, n = rng.integers(0, 6, 80), rng.integers(0, 3, 80), 80
-    at = seen(known, radar)
+    at = apparent_truth(known, radar)
     fold = np.where(rng.random(n) < 0.5, np.nan, rng.integers(-1, 2, n))
-    speed = radar.at(0).frame.velocity_resolution_m_per_s
+    speed = radar.for_frame(0).frame.velocity_resolution_m_per_s
     return known, {
         "frame": frame,
         "range": at.range_m[of, frame] + rng.normal(0, 1.2, n) * CELL_M,
@@ -141,25 +141,27 @@ def random_case(rng: np.random.Generator, radar: dc.Radar) -> tuple[xr.Dataset, 
             rng.random(n) < 0.3, np.nan, known.azimuth.values[of, frame] + rng.normal(0, 0.3, n)
         ),
         "elevation": np.full(n, np.nan),
-        "fold": fold,
+        "ambiguity_number": fold,
     }
 
 
 def by_hand(known: xr.Dataset, columns: dict, radar: dc.Radar) -> list[int]:
     """The nearest target, looked for in one pair after another."""
     out = []
-    expected = seen(known, radar)
+    expected = apparent_truth(known, radar)
     for i, number in enumerate(columns["frame"]):
-        one = radar.at(int(number))
+        one = radar.for_frame(int(number))
         angles = [columns["azimuth"][i], columns["elevation"][i]]
         nearest = (np.inf, -1)
         for turned in (False, True):  # then without its direction, where that goes with a fold
-            if turned and (nearest[0] <= CELLS or len(radar.array.tx_m) == 1):
+            if turned and (nearest[0] <= GATE_CELLS or len(radar.array.tx_m) == 1):
                 continue
-            if turned and np.isfinite(columns["fold"][i]):
+            if turned and np.isfinite(columns["ambiguity_number"][i]):
                 continue
             told = [columns["range"][i], columns["velocity"][i], *angles]
-            own = in_one_fold(in_cells(*(np.array([x]) for x in told), one), one.frame.n_chirps)[0]
+            own = alias_doppler_cells(
+                to_resolution_cells(*(np.array([x]) for x in told), one), one.frame.n_chirps
+            )[0]
             if turned:
                 own[2:] = np.nan
             for target in range(known.sizes["target"]):
@@ -173,10 +175,13 @@ def by_hand(known: xr.Dataset, columns: dict, radar: dc.Radar) -> list[int]:
                         float(place.elevation),
                     )
                 ]
-                apart = abs(own - in_one_fold(in_cells(*there, one), one.frame.n_chirps)[0])
+                apart = abs(
+                    own
+                    - alias_doppler_cells(to_resolution_cells(*there, one), one.frame.n_chirps)[0]
+                )
                 apart[1] = min(apart[1], one.frame.n_chirps - apart[1])
                 nearest = min(nearest, (np.nanmax(apart), target))
-        out.append(nearest[1] if nearest[0] <= CELLS else -1)
+        out.append(nearest[1] if nearest[0] <= GATE_CELLS else -1)
     return out
 
 
@@ -187,13 +192,13 @@ def by_hand(known: xr.Dataset, columns: dict, radar: dc.Radar) -> list[int]:
 def test_many_trials_are_matched_as_one_is_pair_by_pair(monkeypatch, n_tx, interval_s, sampling):
     radar = other_radar(n_tx, interval_s, sampling)
     known, columns = random_case(np.random.default_rng(n_tx), radar)
-    matcher, hand = Matcher(known, radar), by_hand(known, columns, radar)
+    matcher, hand = Associator(known, radar), by_hand(known, columns, radar)
 
     every = matcher(columns)
     one_by_one = [
         matcher({name: column[i : i + 1] for name, column in columns.items()}) for i in range(80)
     ]
-    monkeypatch.setattr(matching, "_FEW_PAIRS", -1)
+    monkeypatch.setattr(matching, "_MAX_BRUTE_FORCE_PAIRS", -1)
     by_tree = matcher(columns)
 
     assert 20 < np.count_nonzero(np.array(hand) >= 0) < 80

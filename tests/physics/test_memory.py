@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.angle.base import DirectionEstimator
-from dechirp.process.cfar.base import NoiseEstimator, Ring
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from looks import line, rectangle, snapshots, turns
 from noise import noise_cube
 
@@ -28,9 +28,11 @@ def peak_bytes(work):
 @pytest.mark.parametrize("kind", [*NoiseEstimator.members()])
 def test_thresholds_and_masks_hold_three_maps(kind):
     estimator = NoiseEstimator.members()[kind]()
-    ring = Ring(n_training=dc.Cells(range=10, velocity=8), n_guard=dc.Cells(range=4, velocity=4))
+    ring = TrainingWindow(
+        n_training=dc.Cells(range=10, velocity=8), n_guard=dc.Cells(range=4, velocity=4)
+    )
     factors = np.full(2200, 10.0, np.float32)
-    for work in (estimator.threshold, estimator.exceeds):
+    for work in (estimator.threshold, estimator.exceeds_threshold):
         held = peak_bytes(lambda work=work: work(POWER, ring, factors))
         assert held < 3 * POWER.nbytes
 
@@ -43,7 +45,7 @@ def test_directions_of_many_detections_take_bounded_memory(kind, array):
     n = 30 if kind == "iterative-adaptive" else 1000
     x = snapshots(array, turns((n, 1, 1), rng), 0.01, rng, rng.uniform(-0.8, 0.8, (n, 1)))
     estimator = DirectionEstimator.members()[kind]()
-    held = peak_bytes(lambda: estimator.directions(x, array, np.full(n, 0.01)))
+    held = peak_bytes(lambda: estimator.find_directions(x, array, np.full(n, 0.01)))
     print(f"{kind}: {held / MIB:.0f} MiB over {x.nbytes / MIB:.1f}")
     assert held < 3 * x.nbytes + 64 * MIB
 

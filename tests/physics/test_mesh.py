@@ -9,12 +9,12 @@ import pytest
 import trimesh
 
 import dechirp as dc
-from dechirp.config.files import parse
+from dechirp.config.loading import parse_settings
 from dechirp.core.errors import InvalidFile
 from dechirp.scene.bodies.mesh import Mesh
 from dechirp.scene.mesh_files import read_mesh
-from dechirp.scene.rays import Rays, Surface, rcs_m2
-from dechirp.scene.rcs import cross_sections_m2
+from dechirp.scene.rays import Rays, Surface, compute_rcs_m2
+from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
 
 WAVELENGTH_M = 0.0039  # 77 GHz
@@ -68,7 +68,7 @@ def test_a_plate_reflects_as_its_aperture_over_the_main_lobe(polarisation):
     rays = Rays(polarisation=polarisation)
 
     for directions in (towards(angle), towards(0, angle)):
-        found_m2 = rcs_m2(surface(plate()), directions, WAVELENGTH_M, rays)
+        found_m2 = compute_rcs_m2(surface(plate()), directions, WAVELENGTH_M, rays)
         assert off_db(found_m2, expected_m2) == pytest.approx(0, abs=0.2)
 
 
@@ -79,13 +79,13 @@ def test_a_dihedral_reflects_as_the_aperture_it_shows(polarisation):
     shown_m2 = EDGE_M * 2 * EDGE_M * np.sin(np.radians(45 - abs(angle)))
     expected_m2 = 4 * np.pi * shown_m2**2 / WAVELENGTH_M**2
     rays = Rays(polarisation=polarisation)
-    found_m2 = rcs_m2(surface(dihedral()), towards(angle), WAVELENGTH_M, rays)
+    found_m2 = compute_rcs_m2(surface(dihedral()), towards(angle), WAVELENGTH_M, rays)
     assert off_db(found_m2, expected_m2) == pytest.approx(0, abs=0.3)
 
     # Along the seam it is as a plate.
     angle = np.array([0.3, 0.6, 0.8])
     lobe = np.sinc(2 * EDGE_M / WAVELENGTH_M * np.sin(np.radians(angle))) ** 2
-    found_m2 = rcs_m2(surface(dihedral()), towards(0, angle), WAVELENGTH_M, rays)
+    found_m2 = compute_rcs_m2(surface(dihedral()), towards(0, angle), WAVELENGTH_M, rays)
     assert off_db(found_m2, expected_m2[2] * lobe) == pytest.approx(0, abs=0.3)
 
 
@@ -102,7 +102,7 @@ def test_a_trihedral_reflects_as_the_aperture_it_shows(polarisation):
     assert expected_m2[0] == pytest.approx(4 * np.pi * EDGE_M**4 / 3 / WAVELENGTH_M**2)
 
     rays = Rays(polarisation=polarisation)
-    found_m2 = rcs_m2(surface(trihedral()), directions, WAVELENGTH_M, rays)
+    found_m2 = compute_rcs_m2(surface(trihedral()), directions, WAVELENGTH_M, rays)
     assert off_db(found_m2, expected_m2) == pytest.approx(0, abs=0.3)
 
 
@@ -110,7 +110,7 @@ def test_a_sphere_reflects_as_its_disc_from_all_sides():
     # Facets of half a wavelength: they are at most 0.005 wavelengths off the sphere.
     ball = surface(trimesh.creation.icosphere(subdivisions=6, radius=EDGE_M))
     directions = [(1, 0, 0), (1, 0.3, 0.2), (0.2, 0.1, 1), (0, 0, -1)]
-    found_m2 = rcs_m2(ball, directions, WAVELENGTH_M)
+    found_m2 = compute_rcs_m2(ball, directions, WAVELENGTH_M)
     assert off_db(found_m2, np.pi * EDGE_M**2) == pytest.approx(0, abs=0.7)
 
 
@@ -118,7 +118,7 @@ def test_flat_parts_bear_tubes_of_several_wavelengths():
     # A point in the middle of each tube would see the lobes of a grating: of tubes two wavelengths
     # wide at 14.5 deg, as strong as the main lobe. Tubes have linear phase, and see none.
     rays = Rays(spacing_m=2 * WAVELENGTH_M)
-    straight_m2, tilted_m2, grating_m2 = rcs_m2(
+    straight_m2, tilted_m2, grating_m2 = compute_rcs_m2(
         surface(plate()), towards([0, 0.6, 14.4775]), WAVELENGTH_M, rays
     )
     most_m2 = 4 * np.pi * EDGE_M**4 / WAVELENGTH_M**2
@@ -131,10 +131,10 @@ def test_flat_parts_bear_tubes_of_several_wavelengths():
 def test_a_dihedral_on_its_side_by_45_degrees_turns_the_polarisation():
     tilted = dihedral()
     tilted.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, (1, 0, 0)))
-    upright_m2 = rcs_m2(surface(dihedral()), towards(0), WAVELENGTH_M)
+    upright_m2 = compute_rcs_m2(surface(dihedral()), towards(0), WAVELENGTH_M)
     for polarisation in POLARISATIONS:
         rays = Rays(polarisation=polarisation)
-        assert rcs_m2(surface(tilted), towards(0), WAVELENGTH_M, rays) < 1e-3 * upright_m2
+        assert compute_rcs_m2(surface(tilted), towards(0), WAVELENGTH_M, rays) < 1e-3 * upright_m2
 
 
 def test_two_bounces_turn_the_sign_along_the_seam_and_keep_it_across():
@@ -143,9 +143,10 @@ def test_two_bounces_turn_the_sign_along_the_seam_and_keep_it_across():
     beside = plate(2 * half_m)
     beside.apply_translation((0, 0.3, 0))
     both = surface(trimesh.util.concatenate([dihedral(), beside]))
-    alone_m2 = rcs_m2(surface(dihedral()), (1, 0, 0), WAVELENGTH_M)
+    alone_m2 = compute_rcs_m2(surface(dihedral()), (1, 0, 0), WAVELENGTH_M)
     along_m2, across_m2 = (
-        rcs_m2(both, (1, 0, 0), WAVELENGTH_M, Rays(polarisation=name)) for name in POLARISATIONS
+        compute_rcs_m2(both, (1, 0, 0), WAVELENGTH_M, Rays(polarisation=name))
+        for name in POLARISATIONS
     )
     assert along_m2 < 0.01 * alone_m2
     assert off_db(across_m2, 4 * alone_m2) == pytest.approx(0, abs=0.3)
@@ -156,14 +157,14 @@ def test_what_cannot_leave_towards_the_radar_does_not_come_back():
     w, h = 2 * EDGE_M, EDGE_M
     screen = sheet((w, 0, -h), (0.75 * w, w, -h), (0.75 * w, w, h), (w, 0, h))
     covered = surface(trimesh.util.concatenate([dihedral(), screen]))
-    open_m2 = rcs_m2(surface(dihedral()), (1, 0, 0), WAVELENGTH_M)
-    assert rcs_m2(covered, (1, 0, 0), WAVELENGTH_M) < 0.01 * open_m2
+    open_m2 = compute_rcs_m2(surface(dihedral()), (1, 0, 0), WAVELENGTH_M)
+    assert compute_rcs_m2(covered, (1, 0, 0), WAVELENGTH_M) < 0.01 * open_m2
 
 
 def test_corners_take_as_many_bounces_as_they_have_faces():
     for mesh, direction, needed in ((dihedral(), (1, 0, 0), 2), (trihedral(), (1, 1, 1), 3)):
         found_m2 = [
-            rcs_m2(surface(mesh), direction, WAVELENGTH_M, Rays(n_bounces=n))
+            compute_rcs_m2(surface(mesh), direction, WAVELENGTH_M, Rays(n_bounces=n))
             for n in range(1, needed + 2)
         ]
         assert max(found_m2[: needed - 1]) < 0.1 * found_m2[needed - 1]
@@ -172,10 +173,10 @@ def test_corners_take_as_many_bounces_as_they_have_faces():
 
 def test_one_direction_gives_one_number_and_more_their_shape():
     small = surface(plate(0.02))
-    assert rcs_m2(small, (1, 0, 0), WAVELENGTH_M).shape == ()
-    assert rcs_m2(small, np.ones((2, 3, 3)), WAVELENGTH_M).shape == (2, 3)
-    with pytest.raises(dc.InvalidSetting, match="direction"):
-        rcs_m2(small, (0, 0, 0), WAVELENGTH_M)
+    assert compute_rcs_m2(small, (1, 0, 0), WAVELENGTH_M).shape == ()
+    assert compute_rcs_m2(small, np.ones((2, 3, 3)), WAVELENGTH_M).shape == (2, 3)
+    with pytest.raises(dc.InvalidSetting, match="positive length"):
+        compute_rcs_m2(small, (0, 0, 0), WAVELENGTH_M)
 
 
 @pytest.fixture
@@ -201,7 +202,7 @@ def test_each_ball_is_a_scatterer_with_its_own_cross_section(saved):
     places_m = np.array([(-0.04, -0.3, 0), (-0.06, 0, 0), (-0.05, 0.3, 0)])
     path = saved(balls(places_m, radii_m, subdivisions=5))
     body = Mesh(path=path, cell_size_m=0.25, rays=Rays(n_bounces=1))
-    found_m2 = body.seen_from_m2(np.array([(30.0, 0, 0)]), WAVELENGTH_M)[0]
+    found_m2 = body.cross_sections_towards_m2(np.array([(30.0, 0, 0)]), WAVELENGTH_M)[0]
 
     at_m = body.offsets_m(np.zeros(1))[0]
     order = np.argsort(at_m[:, 1])
@@ -218,8 +219,8 @@ def test_the_sum_over_cells_is_the_cross_section_averaged_over_phases(saved):
     mesh = balls(places_m, np.full(12, 0.03), subdivisions=4)
     body = Mesh(path=saved(mesh), cell_size_m=0.1)
     directions = towards(rng.uniform(-180, 180, 20), rng.uniform(40, 80, 20))
-    together_m2 = rcs_m2(surface(mesh), directions, WAVELENGTH_M)
-    apart_m2 = body.seen_from_m2(30 * directions, WAVELENGTH_M).sum(axis=1)
+    together_m2 = compute_rcs_m2(surface(mesh), directions, WAVELENGTH_M)
+    apart_m2 = body.cross_sections_towards_m2(30 * directions, WAVELENGTH_M).sum(axis=1)
     assert off_db(apart_m2.mean(), together_m2.mean()) == pytest.approx(0, abs=2)
     # Cells keep what does not depend on those phases: it varies less.
     assert apart_m2.std() / apart_m2.mean() < 0.5 * together_m2.std() / together_m2.mean()
@@ -230,7 +231,7 @@ def test_the_sum_over_cells_is_the_cross_section_averaged_over_phases(saved):
 def test_the_return_of_a_corner_comes_from_its_apex(saved, make):
     body = Mesh(path=saved(make()), cell_size_m=0.02)
     radar_m = np.array([(10.0, 10, 10) if make is trihedral else (20, 0, 0)])
-    found_m2 = body.seen_from_m2(radar_m, WAVELENGTH_M)[0]
+    found_m2 = body.cross_sections_towards_m2(radar_m, WAVELENGTH_M)[0]
     at_m = body.offsets_m(np.zeros(1))[0, found_m2 > 0.01 * found_m2.max()]
     # Along the line of sight: within a cell of the seam or of the apex, not of the faces.
     depth_m = at_m @ radar_m[0] / np.linalg.norm(radar_m)
@@ -242,7 +243,9 @@ def test_what_is_behind_is_hidden(saved):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
     ball.apply_translation((-0.5, 0, 0))
     body = Mesh(path=saved(trimesh.util.concatenate([plate(), ball])), cell_size_m=0.1)
-    ahead, behind = body.seen_from_m2(np.array([(20.0, 0, 0), (-20.0, 0, 0)]), WAVELENGTH_M)
+    ahead, behind = body.cross_sections_towards_m2(
+        np.array([(20.0, 0, 0), (-20.0, 0, 0)]), WAVELENGTH_M
+    )
     is_ball = body.offsets_m(np.zeros(1))[0, :, 0] < -0.3
     assert ahead[is_ball].max() == 0 < behind[is_ball].max()
     assert ahead[~is_ball].max() > 0
@@ -253,15 +256,15 @@ def test_from_no_side_more_rays_are_traced_than_are_told(saved, monkeypatch):
         path=saved(trimesh.creation.box((0.8, 0.4, 0.3))),
         rays=Rays(spacing_m=0.02, n_bounces=1),
     )
-    traced, first_hit = [], Surface.first_hit
+    traced, first_hit = [], Surface.find_first_hits
 
     def counted(of, origins_m, directions):
         traced.append(len(origins_m))
         return first_hit(of, origins_m, directions)
 
-    monkeypatch.setattr(Surface, "first_hit", counted)
+    monkeypatch.setattr(Surface, "find_first_hits", counted)
     sides = 20 * towards(np.arange(0, 360, 20), np.linspace(-80, 80, 18))
-    body.seen_from_m2(sides, WAVELENGTH_M)
+    body.cross_sections_towards_m2(sides, WAVELENGTH_M)
     assert len(traced) == len(sides)  # one pass each
     assert 0.5 < max(traced) / body.n_rays(WAVELENGTH_M) <= 1
 
@@ -270,7 +273,7 @@ def test_places_near_each_other_see_the_same(saved):
     # A cell of 0.3 m changes over lambda / 0.6 m, 6.5 mrad; a twentieth of it is taken as one.
     body = Mesh(path=saved(trimesh.creation.box((0.2, 0.2, 0.2))), rays=Rays(spacing_m=0.01))
     angles = np.degrees([0.0, 0.0001, 0.01])
-    here, near, off = body.seen_from_m2(20 * towards(angles), WAVELENGTH_M)
+    here, near, off = body.cross_sections_towards_m2(20 * towards(angles), WAVELENGTH_M)
     assert (here == near).all()
     assert (here != off).any()
 
@@ -282,20 +285,20 @@ def test_a_plate_as_large_as_a_cell_keeps_its_main_lobe(saved):
     angle = np.linspace(0, 0.75, 16)
     lobe = np.sinc(2 * EDGE_M / WAVELENGTH_M * np.sin(np.radians(angle))) ** 2
     expected_m2 = 4 * np.pi * EDGE_M**4 / WAVELENGTH_M**2 * lobe
-    found_m2 = body.seen_from_m2(1e3 * towards(angle), WAVELENGTH_M).sum(axis=1)
+    found_m2 = body.cross_sections_towards_m2(1e3 * towards(angle), WAVELENGTH_M).sum(axis=1)
     assert off_db(found_m2, expected_m2) == pytest.approx(0, abs=1)
 
 
 def test_a_body_goes_to_another_process_with_what_it_knows(saved):
     body = Mesh(path=saved(trimesh.creation.box((0.2, 0.2, 0.2))), rays=Rays(spacing_m=0.01))
     ahead_m, aside_m = np.array([(20.0, 0, 0)]), np.array([(20.0, 1, 0)])
-    found_m2 = body.seen_from_m2(ahead_m, WAVELENGTH_M)
+    found_m2 = body.cross_sections_towards_m2(ahead_m, WAVELENGTH_M)
     sent = pickle.loads(pickle.dumps(body))
 
     assert sent == body
-    assert (sent.seen_from_m2(ahead_m, WAVELENGTH_M) == found_m2).all()
-    again_m2 = body.seen_from_m2(aside_m, WAVELENGTH_M)
-    assert sent.seen_from_m2(aside_m, WAVELENGTH_M) == pytest.approx(again_m2)
+    assert (sent.cross_sections_towards_m2(ahead_m, WAVELENGTH_M) == found_m2).all()
+    again_m2 = body.cross_sections_towards_m2(aside_m, WAVELENGTH_M)
+    assert sent.cross_sections_towards_m2(aside_m, WAVELENGTH_M) == pytest.approx(again_m2)
 
 
 @pytest.mark.parametrize("name", ["box.stl", "box.obj", "box.ply", "BOX.STL"])
@@ -325,13 +328,13 @@ def test_an_obj_is_read_without_what_it_names(tmp_path):
 
 def test_an_open_mesh_and_faces_without_area_are_warned_of(saved, tmp_path, radar):
     (finding,) = Mesh(path=saved(plate(2.0))).findings("body")
-    assert "body.stl is open" in finding.got
+    assert "body.stl is open" in finding.value
     box = trimesh.creation.box((2, 1, 1))
     (finding,) = Mesh(path=saved(box, "box.stl"), unit="mm", cell_size_m=0.001).findings("body")
-    assert finding.setting == "body.unit" and "box.stl is 2.45 mm in size" in finding.got
+    assert finding.setting == "body.unit" and "box.stl is 2.45 mm in size" in finding.value
     house = trimesh.creation.box((40, 1, 1))
     (finding,) = Mesh(path=saved(house, "house.stl"), cell_size_m=1.0).findings("body")
-    assert finding.setting == "body.unit" and "house.stl is 40.02 m in size" in finding.got
+    assert finding.setting == "body.unit" and "house.stl is 40.02 m in size" in finding.value
     doubled = trimesh.Trimesh(box.vertices, np.vstack([box.faces, [[0, 0, 1]]]), process=False)
     body = Mesh(path=saved(doubled, "box.ply"), cell_size_m=1.0, rays=Rays(spacing_m=0.05))
     # It is closed nevertheless; simulating says so, under the name of the target.
@@ -349,16 +352,16 @@ HEADER = (
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
-        ("none.stl", None, "not there"),
+        ("none.stl", None, "does not exist"),
         ("car.step", b"ISO-10303-21;", "STL, OBJ or PLY"),
         ("empty.stl", b"", "empty"),
         ("text.obj", b"\xff\xfe hello", "empty"),
-        ("points.obj", b"v 0 0 0\nv 1 0 0\n", "Export the mesh again"),
-        ("cut.ply", HEADER.encode() + b"0 0 0\n1 0", "no PLY that can be read"),
-        ("beyond.ply", HEADER.encode() + b"0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "beyond the 3"),
-        ("beyond.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "no OBJ that can be read"),
-        ("nan.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "not finite"),
-        ("huge.obj", b"v 0 0 -1e308\nv 1 0 1e308\nv 0 1 0\nf 1 2 3\n", "not finite"),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\n", "export the mesh again"),
+        ("cut.ply", HEADER.encode() + b"0 0 0\n1 0", "cannot be read as PLY"),
+        ("beyond.ply", HEADER.encode() + b"0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "beyond its 3"),
+        ("beyond.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "cannot be read as OBJ"),
+        ("nan.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "non-finite"),
+        ("huge.obj", b"v 0 0 -1e308\nv 1 0 1e308\nv 0 1 0\nf 1 2 3\n", "non-finite"),
         ("line.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no area"),
         ("car.obj", b"v 0 0 0\nv 4500 0 0\nv 0 1800 0\nf 1 2 3\n", "unit: mm: it would be 4.5 m"),
     ],
@@ -408,11 +411,11 @@ def test_settings_that_cannot_work_are_refused(saved):
 
 def test_a_scene_that_takes_too_many_rays_is_refused_with_their_number(saved):
     body = Mesh(path=saved(trimesh.creation.box((60, 60, 60))), cell_size_m=5.0)
-    with pytest.raises(dc.InvalidSetting, match=r"1\.95 mm between rays, .* 1.*e\+09 rays .*body"):
-        body.seen_from_m2(np.array([(100.0, 0, 0)]), WAVELENGTH_M)
+    with pytest.raises(dc.InvalidSetting, match=r"1\.95 mm, .* 1.*e\+09 rays .*body"):
+        body.cross_sections_towards_m2(np.array([(100.0, 0, 0)]), WAVELENGTH_M)
     scene = Scene(targets=[dc.Target(name="hall", position_m=(100, 0, 0), body=body)])
-    with pytest.raises(dc.InvalidSetting, match=r"^scene\.targets\.hall\.body\.rays\.spacing is"):
-        cross_sections_m2(scene, 0.0, WAVELENGTH_M)
+    with pytest.raises(dc.InvalidSetting, match=r"^scene\.targets\.hall\.body\.rays\.spacing: "):
+        scatterer_cross_sections_m2(scene, 0.0, WAVELENGTH_M)
 
 
 @pytest.mark.parametrize("missing", ["trimesh", "embreex"])
@@ -435,17 +438,17 @@ targets:
 
 def test_a_settings_file_names_a_mesh_beside_it(tmp_path, saved):
     saved(trimesh.creation.box((200, 100, 100)), "crate.stl")
-    scene = parse(SETTINGS.replace("UNIT", "mm"), Scene, base=tmp_path)
+    scene = parse_settings(SETTINGS.replace("UNIT", "mm"), Scene, base=tmp_path)
     # Its back, 0.1 m square and one cell, faces the radar.
     expected_m2 = 4 * np.pi * 0.1**4 / WAVELENGTH_M**2
-    found_m2 = cross_sections_m2(scene, 0.0, WAVELENGTH_M)
+    found_m2 = scatterer_cross_sections_m2(scene, 0.0, WAVELENGTH_M)
     assert found_m2.shape == (1,)
     assert off_db(found_m2, expected_m2) == pytest.approx(0, abs=0.3)
 
 
 def test_a_mistake_in_a_mesh_is_told_by_the_path_of_its_target(tmp_path, saved):
     saved(trimesh.creation.box((200, 100, 100)), "crate.stl")
-    with pytest.raises(InvalidFile, match=r"targets\.crate\.body\.unit is m, with which") as error:
-        parse(SETTINGS.replace("UNIT", "m"), Scene, base=tmp_path, file="scene.yaml")
+    with pytest.raises(InvalidFile, match=r"targets\.crate\.body\.unit: m, with which") as error:
+        parse_settings(SETTINGS.replace("UNIT", "m"), Scene, base=tmp_path, file="scene.yaml")
     (mistake,) = error.value.mistakes
     assert mistake.line == 5

@@ -8,9 +8,9 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.echoes.impairments.interference import Interference, Interferer
-from dechirp.process.health.recorded import Recorded
-from dechirp.process.health.walks import ghosts, walk
+from dechirp.processing.quality.recording_measures import RecordingMeasures
+from dechirp.processing.quality.synchronous_interference import find_ghost_track, ghost_findings
+from dechirp.simulation.impairments.interference import Interference, Interferer
 from noise import noise_cube
 
 
@@ -29,18 +29,22 @@ def other(clock, **fields):
 
 
 def has_none(found):
-    return np.isnan(found.velocity_m_per_s) and found.first == -1
+    return np.isnan(found.velocity_m_per_s) and found.first_chirp == -1
 
 
 def walks_of(samples, radar):
     """What is found in one frame, (chirp, rx, sample)."""
     lost = ~samples.any(axis=(1, 2))
-    return walk(samples, lost, radar.frame.at(0), float(abs(samples.view(np.float32)).max()))
+    return find_ghost_track(
+        samples, lost, radar.frame.for_frame(0), float(abs(samples.view(np.float32)).max())
+    )
 
 
 def seen(radar, targets=(), impairments=(), seed=1):
     scene = dc.Scene(targets=list(targets))
-    return dc.simulate(scene, radar, impairments=[*impairments, dc.ThermalNoise()], seed=seed)
+    return dc.simulate(
+        scene, radar, impairments=[*impairments, dc.impairments.ThermalNoise()], seed=seed
+    )
 
 
 def target(range_m, velocity, rcs_m2=10.0):
@@ -71,17 +75,17 @@ def test_a_ghost_walks_by_half_of_light_times_the_difference_of_the_clocks(
     way_m = (40.0 + SPEED_OF_LIGHT * start_s) / 2
     assert found.range_m == pytest.approx(way_m, abs=0.3)
     in_range = int(min(127, (chirp.max_range_m - way_m) / abs(SPEED_OF_LIGHT / 2 * clock) / 35e-6))
-    assert found.first <= 2 and found.last >= in_range - 3
+    assert found.first_chirp <= 2 and found.last_chirp >= in_range - 3
 
 
 def test_a_ghost_that_ends_within_the_frame_is_told_with_its_chirps(radar):
     samples = seen(radar, [target(25.0, 9.0, 0.1)], [other(8e-6, n_chirps=70)]).values[0]
     found = walks_of(samples, radar)
-    assert (found.first, found.last) == (0, pytest.approx(69, abs=2))
+    assert (found.first_chirp, found.last_chirp) == (0, pytest.approx(69, abs=2))
 
 
 def test_a_ghost_is_told_among_chirps_that_are_lost_and_transmitters_that_take_turns(radar):
-    frame = replace(radar.frame, n_chirps=64, multiplexing=dc.Tdm(order=(0, 1)))
+    frame = replace(radar.frame, n_chirps=64, multiplexing=dc.multiplexing.Tdm(order=(0, 1)))
     array = replace(radar.array, tx_m=((0, 0, 0), (0, 5e-3, 0)))
     radar = replace(radar, frame=frame, array=array)
     samples = seen(radar, [target(11.0, 0.0, 100.0)], [other(6.7e-6)]).values[0]
@@ -91,12 +95,12 @@ def test_a_ghost_is_told_among_chirps_that_are_lost_and_transmitters_that_take_t
 
 
 def test_among_ramps_that_fall_the_rising_ones_tell(radar):
-    frame = replace(radar.frame, n_chirps=64, modulation=dc.Triangular())
+    frame = replace(radar.frame, n_chirps=64, modulation=dc.modulations.Triangular())
     radar = replace(radar, frame=frame)
     samples = seen(radar, [target(11.0, 5.0)]).values[0]
     assert has_none(walks_of(samples, radar))
     n, m = np.arange(256), np.arange(0, 128, 2)
-    cells = 60 + 1000 * frame.chirps_s[::2] / frame.chirp.range_resolution_m
+    cells = 60 + 1000 * frame.chirp_starts_s[::2] / frame.chirp.range_resolution_m
     tone = 1e-5 * np.exp(2j * np.pi * (cells[:, None] * n / 256 + 0.37 * m[:, None] ** 2))
     samples[::2] += tone[:, None].astype(np.complex64)
     assert walks_of(samples, radar).velocity_m_per_s == pytest.approx(1000, abs=6)
@@ -116,7 +120,7 @@ def test_what_drives_is_no_ghost(radar, seed):
 def test_the_fastest_car_is_no_ghost_and_a_clock_a_part_in_a_million_off_is_not_told(radar):
     quick = replace(radar, frame=replace(radar.frame, n_chirps=1024))
     frame = quick.frame
-    n, since_s = np.arange(frame.chirp.n_samples), frame.chirps_s
+    n, since_s = np.arange(frame.chirp.n_samples), frame.chirp_starts_s
     for speed, is_ghost in ((100.0, False), (-140.0, False), (160.0, True), (-200.0, True)):
         cells = 60 + speed * since_s / frame.chirp.range_resolution_m
         samples = noise_cube(quick, np.random.default_rng(5)).values[0]
@@ -154,9 +158,9 @@ def test_the_finding_names_frame_chirps_and_clock(radar):
             "walk_chirps": (("frame", "end"), [[-1, -1], [0, 101], [4, 60]]),
         }
     )
-    (found,) = ghosts(Recorded(measures=measures, radar=radar))
+    (found,) = ghost_findings(RecordingMeasures(measures=measures, radar=radar))
     assert found.level == "warning" and found.setting == "recording.ghost"
-    assert "+1004 m/s, from 25.52 m on, in chirps 0 to 101 of frame 1" in found.got
-    assert "in frames 1 to 2" in found.got
+    assert "+1004 m/s, from 25.52 m on, in chirps 0 to 101 of frame 1" in found.value
+    assert "in frames 1 to 2" in found.value
     assert "6.7 parts in 1e6" in found.fix
-    assert ghosts(Recorded(measures=measures.isel(frame=[0]), radar=radar)) == []
+    assert ghost_findings(RecordingMeasures(measures=measures.isel(frame=[0]), radar=radar)) == []

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import dechirp as dc
-from dechirp.echoes.impairments.interference import Interference, Interferer
-from dechirp.process.mitigation.cleaned import cleaned, summary
-from dechirp.process.mitigation.disturbed import disturbed
-from dechirp.process.mitigation.interference_autoregression import InterferenceAutoregression
-from dechirp.process.mitigation.interference_zeroing import InterferenceZeroing
-from dechirp.process.mitigation.mean_subtraction import MeanSubtraction
+from dechirp.processing.mitigation.apply import apply_mitigation, mitigation_findings
+from dechirp.processing.mitigation.burst_detection import detect_bursts
+from dechirp.processing.mitigation.interference_autoregression import InterferenceAutoregression
+from dechirp.processing.mitigation.interference_zeroing import InterferenceZeroing
+from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.radar.budget import noise_power_w
+from dechirp.simulation.impairments.interference import Interference, Interferer
 from noise import noise_cube
 
 METHODS = [InterferenceZeroing(), InterferenceAutoregression()]
@@ -90,7 +90,9 @@ def test_after_bursts_of_15_db_over_the_target_floor_and_target_come_back(
     scene = street(rcs_m2, velocity)
     impairment = crossing(radar, scene, slope_hz_per_s, interval_s)
     clean = dc.simulate(scene, radar, seed=1).values[0]
-    hit = dc.simulate(scene, radar, impairments=[impairment, dc.ThermalNoise()], seed=1).values[0]
+    hit = dc.simulate(
+        scene, radar, impairments=[impairment, dc.impairments.ThermalNoise()], seed=1
+    ).values[0]
     expected, found, spoiled = (
         floor_and_target_db(samples, radar, velocity)
         for samples in (clean, method.clean(hit, radar.frame), hit)
@@ -102,7 +104,7 @@ def test_after_bursts_of_15_db_over_the_target_floor_and_target_come_back(
     if isinstance(method, InterferenceZeroing):
         # A target keeps (1 - share)^2 of its power, share of the window's weight being zeroed with
         # half of the taper on each side; that share of its power at most lies elsewhere then.
-        is_burst = disturbed(hit, radar.frame).is_burst
+        is_burst = detect_bursts(hit, radar.frame).is_burst
         half = np.ones(1 + method.n_taper)
         zeroed = np.array([np.convolve(row, half, "same") > 0 for row in is_burst])
         window = np.hanning(zeroed.shape[1])
@@ -119,7 +121,9 @@ def test_what_stands_still_is_kept_in_bursts_that_wander(radar, method):
     scene = street(WEAK_M2, 8.0)
     impairment = crossing(radar, scene, -20e12, 35.3e-6, over_target_db=30)
     still = dc.simulate(scene, radar, impairments=()).values[0].mean(axis=0)
-    hit = dc.simulate(scene, radar, impairments=[impairment, dc.ThermalNoise()], seed=1).values[0]
+    hit = dc.simulate(
+        scene, radar, impairments=[impairment, dc.impairments.ThermalNoise()], seed=1
+    ).values[0]
     errors = [
         np.mean(abs(samples.mean(axis=0) - still) ** 2) * 128 / noise_power_w(radar)
         for samples in (hit, method.clean(hit, radar.frame))
@@ -155,7 +159,9 @@ def test_autoregression_carries_a_strong_target_through_a_burst_and_zeroing_does
 @pytest.mark.parametrize("n_tx", [1, 2])
 def test_clean_frames_stay_as_they_are_to_the_bit(radar, method, sampling, n_tx):
     rng = np.random.default_rng(84)
-    frame = replace(radar.frame, multiplexing=dc.Tdm(order=(0, 1)) if n_tx > 1 else None)
+    frame = replace(
+        radar.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1)) if n_tx > 1 else None
+    )
     array = replace(radar.array, tx_m=((0, 0, 0), (0, 5e-3, 0))[:n_tx])
     radar = with_sampling(replace(radar, frame=frame, array=array), sampling)
     targets = [
@@ -190,7 +196,7 @@ def test_bursts_are_marked_where_they_are(radar, sampling, over_noise_db, length
         if sampling == "real":
             burst = np.sqrt(2) * burst.real
         samples[chirp, :, start : start + length] += burst.astype(samples.dtype)
-    is_burst = disturbed(samples, radar.frame).is_burst
+    is_burst = detect_bursts(samples, radar.frame).is_burst
 
     assert np.flatnonzero(is_burst.any(axis=1)).tolist() == sorted(places)
     for chirp, start in places.items():
@@ -206,7 +212,7 @@ def test_two_bursts_of_a_chirp_leave_what_is_between_them(radar):
     samples = noise_cube(radar, np.random.default_rng(86)).values[0]
     samples[9, :, 30:34] += 300
     samples[9, :, 200:204] -= 300j
-    is_burst = disturbed(samples, radar.frame).is_burst[9]
+    is_burst = detect_bursts(samples, radar.frame).is_burst[9]
 
     assert is_burst[30:34].all() and is_burst[200:204].all()
     assert not is_burst[60:180].any()
@@ -220,28 +226,28 @@ def test_what_was_taken_out_is_told_by_its_number_and_its_power(radar):
         samples = noise_cube(radar, rng).values[0] + np.complex64(10)
         for chirp in chirps:
             samples[chirp, :, 50:60] += 100
-        frames.append(cleaned(samples, radar.frame, methods))
+        frames.append(apply_mitigation(samples, radar.frame, methods))
     repaired, still = frames[0].removed
 
-    assert (repaired.kind, repaired.n_chirps, repaired.of_chirps) == (
+    assert (repaired.kind, repaired.n_changed_chirps, repaired.n_frame_chirps) == (
         "interference-zeroing",
         2,
         128,
     )
-    n_marked = disturbed_samples = round(repaired.share * 128 * 256)
-    assert 20 <= n_marked <= 36 and disturbed_samples == repaired.share * 128 * 256
+    n_marked = disturbed_samples = round(repaired.changed_share * 128 * 256)
+    assert 20 <= n_marked <= 36 and disturbed_samples == repaired.changed_share * 128 * 256
     # 100^2 in 20 of 128 x 256 samples, and noise in all of those.
-    assert repaired.power == pytest.approx(1e4 * 20 / (128 * 256), rel=0.05)
+    assert repaired.removed_power == pytest.approx(1e4 * 20 / (128 * 256), rel=0.05)
     # 10^2 and the noise of a mean over 128; 127 / 128 of the noise is left.
-    assert still.power == pytest.approx(100, rel=0.01)
-    assert still.left == pytest.approx(1, rel=0.05)
-    assert (still.n_chirps, still.share) == (128, 1)
-    said = [finding.got for finding in summary([one.removed for one in frames])]
+    assert still.removed_power == pytest.approx(100, rel=0.01)
+    assert still.remaining_power == pytest.approx(1, rel=0.05)
+    assert (still.n_changed_chirps, still.changed_share) == (128, 1)
+    said = [finding.value for finding in mitigation_findings([one.removed for one in frames])]
     assert said[0].startswith("2 of 256 chirps repaired, 0.0")
-    assert said[1] == "taken out: +20.0 dB of what is left"
-    nothing = summary([frames[1].removed])
-    assert nothing[0].got == "nothing to be repaired in 128 chirps"
-    assert np.array_equal(cleaned(samples, radar.frame, []).samples, samples)
+    assert said[1] == "removed power: +20.0 dB of the remaining power"
+    nothing = mitigation_findings([frames[1].removed])
+    assert nothing[0].value == "nothing to repair in 128 chirps"
+    assert np.array_equal(apply_mitigation(samples, radar.frame, []).samples, samples)
 
 
 @pytest.mark.parametrize("method", METHODS, ids=by_kind)
@@ -251,14 +257,14 @@ def test_frames_too_short_to_know_what_is_usual_are_left_alone(radar, method):
     samples[1, :, 40:50] += 1e3
 
     assert np.array_equal(method.clean(samples, short.frame), samples)
-    assert method.remark(short)[0].level == "warning"
-    assert "3 chirps" in method.remark(short)[0].got
-    assert method.remark(radar) == []
+    assert method.target_findings(short)[0].level == "warning"
+    assert "3 chirps" in method.target_findings(short)[0].value
+    assert method.target_findings(radar) == []
 
 
 @pytest.mark.parametrize("method", METHODS, ids=by_kind)
 def test_silence_and_half_chirps_of_interference_are_survived(radar, method):
-    shape = (radar.frame.n_sent, 2, radar.frame.chirp.n_samples)
+    shape = (radar.frame.n_chirps_total, 2, radar.frame.chirp.n_samples)
     silent = np.zeros(shape, np.complex64)
     assert np.array_equal(method.clean(silent, radar.frame), silent)
     samples = noise_cube(radar, np.random.default_rng(89)).values[0]
@@ -282,6 +288,6 @@ def test_any_finite_samples_give_finite_samples(radar, data):
     frame = replace(radar.frame, n_chirps=n_chirps, chirp=chirp)
     numbers = st.floats(-(2.0**99), 2.0**99, width=32)
     samples = data.draw(hnp.arrays(np.float32, (n_chirps, 2, n_samples), elements=numbers))
-    done = cleaned(samples, frame, METHODS)
+    done = apply_mitigation(samples, frame, METHODS)
     assert np.isfinite(done.samples).all()
-    assert all(np.isfinite([one.power, one.left]).all() for one in done.removed)
+    assert all(np.isfinite([one.removed_power, one.remaining_power]).all() for one in done.removed)

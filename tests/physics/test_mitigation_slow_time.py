@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.mitigation.leakage_subtraction import LeakageSubtraction
-from dechirp.process.mitigation.mean_subtraction import MeanSubtraction
-from dechirp.process.mitigation.moving_target_indication import MovingTargetIndication
-from dechirp.process.mitigation.noise import evened, noise_left, searched
-from dechirp.process.spectrum import Transform, mean_power
+from dechirp.processing.mitigation.leakage_subtraction import LeakageSubtraction
+from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
+from dechirp.processing.mitigation.moving_target_indication import MovingTargetIndication
+from dechirp.processing.mitigation.noise_loss import equalise, mitigation_noise_gain, usable_cells
+from dechirp.processing.spectrum import Transform, mean_power
 from noise import noise_cube
 
 FILTERS = [MeanSubtraction(), *(MovingTargetIndication(order=n) for n in (1, 2, 3))]
@@ -65,21 +65,21 @@ def test_what_stands_still_is_taken_out(radar, method, sampling):
 def test_a_moving_target_keeps_the_power_that_the_filter_passes(radar, method):
     frame = radar.frame
     doppler_hz = np.array([0.1, 0.44, 1.0, 7.3, 31.7, 64.0, 127.6, 130.2]) / frame.duration_s
-    turns = np.exp(2j * np.pi * doppler_hz[:, None] * frame.chirps_s)
-    series = np.ones((frame.n_sent, 1, frame.chirp.n_samples), np.complex64)
+    turns = np.exp(2j * np.pi * doppler_hz[:, None] * frame.chirp_starts_s)
+    series = np.ones((frame.n_chirps_total, 1, frame.chirp.n_samples), np.complex64)
     order = getattr(method, "order", 0)  # the first chirps of a canceller are zeros
     kept = [mean_square(method.clean(t[:, None, None] * series, frame)[order:]) for t in turns]
 
     # Sums of 128 numbers in single precision.
-    assert kept == pytest.approx(method.passed(doppler_hz, frame), rel=1e-4, abs=1e-10)
-    assert MeanSubtraction().passed(np.zeros(2), frame).tolist() == [0, 0]
+    assert kept == pytest.approx(method.doppler_gain(doppler_hz, frame), rel=1e-4, abs=1e-10)
+    assert MeanSubtraction().doppler_gain(np.zeros(2), frame).tolist() == [0, 0]
 
 
 def test_cancellers_have_binomial_weights_and_leave_white_noise_its_power(radar):
     for order, weights in ((1, [1, -1]), (2, [1, -2, 1]), (3, [1, -3, 3, -1])):
         pulse = np.zeros((radar.frame.n_chirps, 1))
         pulse[60] = 1
-        passed = MovingTargetIndication(order=order).over_chirps(pulse)[:, 0]
+        passed = MovingTargetIndication(order=order).filter_chirp_series(pulse)[:, 0]
         assert passed[60 : 61 + order] == pytest.approx(weights / np.linalg.norm(weights))
         assert np.count_nonzero(passed) == order + 1
 
@@ -88,9 +88,9 @@ def test_cancellers_have_binomial_weights_and_leave_white_noise_its_power(radar)
 def test_targets_below_the_speed_of_the_remark_lose_three_decibels_and_those_above_do_not(
     radar, method
 ):
-    (told,) = method.remark(radar)
-    slow = float(told.got.split("less than ")[1].split(" m/s")[0])
-    again = float(told.got.split("multiples of ")[1].split(" m/s")[0])
+    (told,) = method.target_findings(radar)
+    slow = float(told.value.split("less than ")[1].split(" m/s")[0])
+    again = float(told.value.split("multiples of ")[1].split(" m/s")[0])
 
     assert again == pytest.approx(2 * radar.frame.max_velocity_m_per_s, rel=1e-3)
     assert told.level == ("warning" if method == MovingTargetIndication(order=3) else "note")
@@ -110,7 +110,11 @@ def test_targets_below_the_speed_of_the_remark_lose_three_decibels_and_those_abo
 @pytest.mark.parametrize("method", FILTERS, ids=repr)
 @pytest.mark.parametrize(
     "multiplexing",
-    [dc.Tdm(order=(0, 1)), dc.Bpm(order=(0, 1)), dc.Ddma(order=(0, 1), n_sub_bands=4)],
+    [
+        dc.multiplexing.Tdm(order=(0, 1)),
+        dc.multiplexing.Bpm(order=(0, 1)),
+        dc.multiplexing.Ddma(order=(0, 1), n_sub_bands=4),
+    ],
     ids=lambda one: one.kind(),
 )
 def test_each_slot_of_a_round_is_filtered_by_itself(radar, method, multiplexing):
@@ -122,7 +126,7 @@ def test_each_slot_of_a_round_is_filtered_by_itself(radar, method, multiplexing)
     assert gain_db(method.clean(still, frame), still) < -110
     doppler_hz = 2 * 4.0 / frame.chirp.wavelength_m
     left = method.clean(moving, frame)[getattr(method, "order", 0) * frame.n_slots :]
-    passed_db = 10 * np.log10(float(method.passed(doppler_hz, frame)))
+    passed_db = 10 * np.log10(float(method.doppler_gain(doppler_hz, frame)))
     # It walks by a hundredth of a cell, and 1 % of the frequency is Doppler's own spread.
     assert gain_db(left, moving) == pytest.approx(passed_db, abs=0.1)
 
@@ -144,12 +148,12 @@ def test_the_leakage_goes_and_a_target_that_stops_farther_out_stays(radar):
     assert kept_db(mover) == pytest.approx(
         gain_db(MeanSubtraction().clean(mover, frame), mover), abs=0.01
     )
-    assert method.passed(np.zeros(3), frame).tolist() == [1, 1, 1]
-    assert f"nearer than {NEAR_M:.4g} m" in method.remark(radar)[0].got
+    assert method.doppler_gain(np.zeros(3), frame).tolist() == [1, 1, 1]
+    assert f"nearer than {NEAR_M:.4g} m" in method.target_findings(radar)[0].value
 
 
 def test_of_ramps_that_fall_the_near_ranges_are_the_near_ones(radar):
-    frame = replace(radar.frame, n_chirps=32, modulation=dc.Triangular())
+    frame = replace(radar.frame, n_chirps=32, modulation=dc.modulations.Triangular())
     radar, method = replace(radar, frame=frame), LeakageSubtraction(max_range_m=NEAR_M)
     near, far = echoes(radar, (2.0, 0)), echoes(radar, (30.0, 0))
     tapered = np.hanning(frame.chirp.n_samples)
@@ -189,7 +193,7 @@ def test_lost_chirps_stay_lost_and_spoil_nothing(radar, method):
 def test_noise_has_the_power_that_is_said_to_be_left(radar, methods, sampling, window):
     radar = small(with_chirp(radar, sampling=sampling))
     over = transforms(radar, window, 40)
-    left = noise_left(methods, radar.frame.chirp, *over)
+    left = mitigation_noise_gain(methods, radar.frame.chirp, *over)
     rng = np.random.default_rng(81)
     n_frames, total = 400, 0
     for _ in range(n_frames):
@@ -243,17 +247,17 @@ def test_false_alarms_are_as_asked_after_clean_up_under_hann(radar, method):
         frame=replace(radar.frame, n_chirps=64, chirp=replace(radar.frame.chirp, n_samples=128)),
         array=dc.Array(rx_m=[(0, 0, 0)]),
     )
-    chain = dc.Chain(cfar=dc.Cfar(estimator=dc.CellAveraging(), false_alarm_probability=1e-4))
-    noise = chain.noise(radar)
-    over = noise.over_range, noise.over_velocity
-    left = noise_left((method,), radar.frame.chirp, *over)
-    looked_at = searched(left)
+    chain = dc.Chain(cfar=dc.Cfar(estimator=dc.cfar.CellAveraging(), false_alarm_probability=1e-4))
+    noise = chain.map_noise(radar)
+    over = noise.range_transform, noise.doppler_transform
+    left = mitigation_noise_gain((method,), radar.frame.chirp, *over)
+    looked_at = usable_cells(left)
     rng = np.random.default_rng(82)
     n_frames, hits, plain = 2500, np.zeros(left.shape), 0
     for _ in range(n_frames):
         power = map_of(radar, rng, (method,), over)
-        plain += np.count_nonzero(chain.cfar.exceeds(power, noise) & looked_at)
-        hits += chain.cfar.exceeds(evened(power, left), noise) & looked_at
+        plain += np.count_nonzero(chain.cfar.exceeds_threshold(power, noise) & looked_at)
+        hits += chain.cfar.exceeds_threshold(equalise(power, left), noise) & looked_at
     rates = hits.sum(axis=1) / (n_frames * np.maximum(looked_at.sum(axis=1), 1) * 1e-4)
 
     # 1,400 alarms or more in clusters of at most 1.9: 3.7 % standard error, and of all in the
@@ -270,26 +274,26 @@ def test_false_alarms_are_as_asked_after_clean_up_under_hann(radar, method):
 
 def test_rows_with_less_than_a_tenth_of_the_noise_are_not_searched(radar):
     over = transforms(radar, "hann", radar.frame.n_chirps)
-    left = noise_left((MeanSubtraction(),), radar.frame.chirp, *over)
+    left = mitigation_noise_gain((MeanSubtraction(),), radar.frame.chirp, *over)
     middle = radar.frame.n_chirps // 2
 
     # The mean under a Hann taper is gone, and with it all of the row at zero velocity.
-    assert np.flatnonzero(~searched(left).any(axis=1)).tolist() == [middle]
+    assert np.flatnonzero(~usable_cells(left).any(axis=1)).tolist() == [middle]
     # Beside it half of that mean: 1 + 1 / 4 - 2 / 3, the correlation of neighbours under Hann.
     assert left[middle + 1] == pytest.approx(7 / 12, abs=2e-3)
     power = np.ones(left.shape, np.float32) * left
     power[middle] = 1e6  # rounding over nothing
-    assert evened(power, left) == pytest.approx(np.ones(left.shape))
+    assert equalise(power, left) == pytest.approx(np.ones(left.shape))
     # A rectangular window has noise there that the taper does not: 1 - 2 + 1.5.
     plain = transforms(radar, "rectangular", 128)
-    rectangular = noise_left((MeanSubtraction(),), radar.frame.chirp, *plain)
+    rectangular = mitigation_noise_gain((MeanSubtraction(),), radar.frame.chirp, *plain)
     assert rectangular[middle] == pytest.approx(1 / 2, abs=1e-6)
     assert rectangular[middle + 1] == pytest.approx(1, abs=1e-6)
 
 
 def test_without_filters_all_of_the_noise_is_left(radar):
     over = transforms(radar, "hann", radar.frame.n_chirps)
-    assert np.all(noise_left((), radar.frame.chirp, *over) == 1)
+    assert np.all(mitigation_noise_gain((), radar.frame.chirp, *over) == 1)
 
 
 # Wrong input
@@ -298,7 +302,7 @@ def test_without_filters_all_of_the_noise_is_left(radar):
 @pytest.mark.parametrize("method", [*FILTERS, LeakageSubtraction(max_range_m=NEAR_M)], ids=repr)
 def test_what_is_no_frame_of_the_radar_is_refused(radar, method):
     frame = radar.frame
-    samples = np.ones((frame.n_sent, 2, frame.chirp.n_samples), np.complex64)
+    samples = np.ones((frame.n_chirps_total, 2, frame.chirp.n_samples), np.complex64)
     for wrong, said in (
         (samples[:-1], "127"),
         (samples[:, :, 1:], "255"),
@@ -310,7 +314,7 @@ def test_what_is_no_frame_of_the_radar_is_refused(radar, method):
             method.clean(wrong, frame)
     short = replace(radar, frame=replace(frame, n_chirps=1))
     with pytest.raises(dc.InvalidSetting, match=method.kind()):
-        method.remark(short)
+        method.target_findings(short)
     given = samples.copy()
     method.clean(given, frame)
     assert (given == samples).all()
@@ -324,4 +328,4 @@ def test_settings_that_cannot_work_are_refused(radar):
         with pytest.raises(dc.InvalidSetting, match="max_range_m"):
             LeakageSubtraction(max_range_m=max_range_m)
     with pytest.raises(dc.InvalidSetting, match="mean-subtraction"):
-        LeakageSubtraction(max_range_m=radar.frame.chirp.max_range_m).remark(radar)
+        LeakageSubtraction(max_range_m=radar.frame.chirp.max_range_m).target_findings(radar)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
-from dechirp.scene.bodies.cloud import Cloud
+from dechirp.scene.bodies.point_cloud import PointCloud
 from dechirp.scene.bodies.points import Oscillation, Points, Rotation, Scatterer
 from dechirp.scene.ego import Ego
-from dechirp.scene.paths import paths
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
+from dechirp.scene.trajectories import fit_paths
 from dechirp.scene.truth import truth
 from dechirp.scene.waypoints import Waypoint
 
@@ -65,7 +65,9 @@ def test_a_radar_that_turns_goes_along_an_arc():
     for time_s in (0.3, 2.0, 8.0):
         times_s = time_s * (x + 1) / 2
         integral = time_s / 2 * weights @ IN_A_BEND.velocities_m_per_s(times_s)
-        assert IN_A_BEND.ways_m(np.array([time_s]))[0] == pytest.approx(integral, abs=1e-12)
+        assert IN_A_BEND.displacements_m(np.array([time_s]))[0] == pytest.approx(
+            integral, abs=1e-12
+        )
 
 
 def test_a_bend_of_hardly_any_rate_is_a_straight_line():
@@ -74,14 +76,16 @@ def test_a_bend_of_hardly_any_rate_is_a_straight_line():
     for rate in (1e-300, 1e-15, 1e-12):
         bend = replace(IN_A_BEND, turn_rate_rad_per_s=rate)
         # 18.4 m/s for 100 s turned by half of 1e-10 rad: 1e-7 m aside.
-        assert bend.ways_m(times_s) == pytest.approx(straight.ways_m(times_s), abs=1e5 * rate)
+        assert bend.displacements_m(times_s) == pytest.approx(
+            straight.displacements_m(times_s), abs=1e5 * rate
+        )
 
 
 def test_a_full_turn_comes_back_to_where_it_began():
     ego = replace(IN_A_BEND, velocity_m_per_s=(18, 4, 0))
     turn_s = 2 * np.pi / ego.turn_rate_rad_per_s
 
-    assert ego.ways_m(np.array([turn_s])) == pytest.approx(np.zeros((1, 3)), abs=1e-12)
+    assert ego.displacements_m(np.array([turn_s])) == pytest.approx(np.zeros((1, 3)), abs=1e-12)
     assert ego.axes(np.array([turn_s])) == pytest.approx(ego.axes(np.zeros(1)), abs=1e-14)
 
 
@@ -120,7 +124,7 @@ def test_what_a_radar_on_the_same_arc_carries_along_stays_where_it_is():
         velocity_m_per_s=tuple(IN_A_BEND.velocity_m_per_s + about_z),
     )
     times_s = np.linspace(0, 6, 7)
-    apart_m = carried.ways_m(times_s) - IN_A_BEND.ways_m(times_s) + lever
+    apart_m = carried.displacements_m(times_s) - IN_A_BEND.displacements_m(times_s) + lever
     seen_m = np.einsum("ti,tij->tj", apart_m, IN_A_BEND.axes(times_s))
 
     assert seen_m == pytest.approx(np.tile([5, 1, 0.3], (7, 1)), abs=1e-12)
@@ -136,7 +140,7 @@ def test_an_accelerated_target_goes_along_a_parabola():
 def test_a_path_goes_through_its_waypoints_without_jumps_up_to_the_acceleration():
     target = Target(position_m=(25, 3, 0.2), waypoints=SWERVING)
     for point in SWERVING:
-        way_m = target.ways_m(np.array([point.time_s]))[0]
+        way_m = target.displacements_m(np.array([point.time_s]))[0]
         assert target.position_m + way_m == pytest.approx(point.position_m, abs=1e-12)
     step_s = 1e-5
     for knot_s in (0.5, 1.2, 2.0):  # the last as well: straight on with acceleration 0
@@ -148,13 +152,18 @@ def test_a_path_goes_through_its_waypoints_without_jumps_up_to_the_acceleration(
     end, later = target.velocities_at_m_per_s(np.array([2.0, 7.0]))
     assert later == pytest.approx(end, abs=1e-12)
     last_m = np.array(SWERVING[-1].position_m) + 5 * end
-    assert target.position_m + target.ways_m(np.array([7.0]))[0] == pytest.approx(last_m, abs=1e-9)
+    assert target.position_m + target.displacements_m(np.array([7.0]))[0] == pytest.approx(
+        last_m, abs=1e-9
+    )
 
 
 def test_the_velocity_of_a_path_is_how_fast_it_goes():
     target = Target(position_m=(25, 3, 0.2), waypoints=SWERVING)
     times_s, step_s = np.linspace(0.1, 2.5, 13), 1e-6
-    ahead, behind = target.ways_m(times_s + step_s), target.ways_m(times_s - step_s)
+    ahead, behind = (
+        target.displacements_m(times_s + step_s),
+        target.displacements_m(times_s - step_s),
+    )
 
     # Roundings of 40 m over 2 us.
     numeric = (ahead - behind) / (2 * step_s)
@@ -281,7 +290,7 @@ IN_PARABOLAS = ("straight", "accelerated", "rigid body", "body of given heading 
 def test_paths_are_where_scatterers_are(radar, case, start_s):
     scene, frame = CASES[case], replace(radar.frame, n_chirps=256)
     rng = np.random.default_rng(71)
-    found = paths(scene, frame, start_s)
+    found = fit_paths(scene, frame, start_s)
     for path in found:
         chirps = rng.integers(path.chirps.start, path.chirps.stop, 20)
         # From the start of the ramp to the last sample.
@@ -299,8 +308,8 @@ def test_paths_are_where_scatterers_are(radar, case, start_s):
 @pytest.mark.parametrize("case", CASES)
 def test_each_scatterer_has_one_path_in_each_chirp(radar, case):
     scene, frame = CASES[case], radar.frame
-    times = np.zeros((frame.n_sent, scene.n_scatterers), int)
-    for path in paths(scene, frame, 0.49):
+    times = np.zeros((frame.n_chirps_total, scene.n_scatterers), int)
+    for path in fit_paths(scene, frame, 0.49):
         times[path.chirps, path.scatterers] += 1
 
     assert (times == 1).all()
@@ -311,7 +320,7 @@ def test_only_what_needs_it_has_short_paths(radar):
     wheel = Target(position_m=(30, 3, 0), body=Points(scatterers=(*BOX, *WHEEL)))
     frame = replace(radar.frame, n_chirps=512)
     for ego in (Ego(), IN_A_BEND):
-        found = paths(Scene(targets=[*far, wheel], ego=ego), frame, 0.0)
+        found = fit_paths(Scene(targets=[*far, wheel], ego=ego), frame, 0.0)
         everywhere = [path for path in found if path.chirps == slice(0, 512)]
 
         assert sum(len(path.scatterers) for path in everywhere) == 40 + len(BOX)
@@ -322,7 +331,7 @@ def test_only_what_needs_it_has_short_paths(radar):
 
 def test_a_scene_without_targets_has_no_paths(radar):
     for ego in (Ego(), IN_A_BEND):
-        assert paths(Scene(ego=ego), radar.frame, 0.0) == []
+        assert fit_paths(Scene(ego=ego), radar.frame, 0.0) == []
         assert Scene(ego=ego).positions_m([0.0, 1.0]).shape == (2, 0, 3)
 
 
@@ -330,12 +339,12 @@ def test_late_frames_and_far_coordinates_are_followed_as_far_as_doubles_go(radar
     # Five hours on, and 6,000 km from the origin of the scene: roundings of 1e-9 m.
     ego = replace(IN_A_BEND, position_m=(6e6, 3e6, 0))
     near = one(position_m=(6e6 + 30, 3e6, 0), velocity_m_per_s=(1, 1, 0), ego=ego)
-    assert len(paths(near, radar.frame, 0.0)) == 1
-    assert len(paths(near, radar.frame, 18000.0)) == 1
-    assert len(paths(one(waypoints=SWERVING, body=AHEAD), radar.frame, 18000.0)) == 1
+    assert len(fit_paths(near, radar.frame, 0.0)) == 1
+    assert len(fit_paths(near, radar.frame, 18000.0)) == 1
+    assert len(fit_paths(one(waypoints=SWERVING, body=AHEAD), radar.frame, 18000.0)) == 1
 
 
-@value
+@frozen_dataclass
 class Jumping(Body):
     """Two points, one of which is somewhere else from 2 ms on."""
 
@@ -351,11 +360,11 @@ class Jumping(Body):
 
 
 def test_a_body_that_jumps_or_is_nowhere_is_refused_by_the_name_of_its_target(radar):
-    with pytest.raises(dc.InvalidSetting, match=r"scene\.targets\.car is moving so wildly in the"):
-        paths(one(body=Jumping(to_m=0.1)), radar.frame, 0.0)
+    with pytest.raises(dc.InvalidSetting, match=r"scene\.targets\.car: a motion in the"):
+        fit_paths(one(body=Jumping(to_m=0.1)), radar.frame, 0.0)
     for ego in (Ego(), IN_A_BEND):
-        with pytest.raises(dc.InvalidSetting, match=r"targets\.car\.body is .* not finite"):
-            paths(one(body=Jumping(to_m=np.nan), ego=ego), radar.frame, 0.0)
+        with pytest.raises(dc.InvalidSetting, match=r"targets\.car\.body: .* not finite"):
+            fit_paths(one(body=Jumping(to_m=np.nan), ego=ego), radar.frame, 0.0)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -391,29 +400,32 @@ def test_the_truth_tells_directions_in_the_axes_of_the_radar(radar):
     [
         (
             {"waypoints": SWERVING[::-1]},
-            r"Target\.waypoints\.1\.time_s is 1\.2 s after 2 s: the path of car runs backwards",
+            r"Target\.waypoints\.1\.time_s: 1\.2 s after 2 s: the path of car goes back",
         ),
-        ({"waypoints": SWERVING[:1] * 2}, "path of car runs backwards in time"),
+        ({"waypoints": SWERVING[:1] * 2}, "path of car goes back in time"),
         ({"waypoints": [(1, 2, 3)]}, r"Target\.waypoints.* a Waypoint"),
         ({"waypoints": 5}, r"Target\.waypoints.* a Waypoint"),
         ({"waypoints": np.array(np.nan)}, r"Target\.waypoints.* a Waypoint"),
         ({"waypoints": np.zeros((2, 3))}, r"Target\.waypoints.* a Waypoint"),
-        ({"waypoints": SWERVING, "velocity_m_per_s": (1, 0, 0)}, "velocity_m_per_s is .* beside"),
+        (
+            {"waypoints": SWERVING, "velocity_m_per_s": (1, 0, 0)},
+            "velocity_m_per_s: .* in addition to waypoints",
+        ),
         (
             {"waypoints": SWERVING, "acceleration_m_per_s2": (0, 1, 0)},
-            "acceleration_m_per_s2 is .* beside",
+            "acceleration_m_per_s2: .* in addition to waypoints",
         ),
         (
             {"waypoints": [Waypoint(time_s=1e-6, position_m=(26, 3, 0.2))]},
-            r"Target\.waypoints is 1e\+06 m/s between them",
+            r"Target\.waypoints: 1e\+06 m/s between them",
         ),
         ({"acceleration_m_per_s2": (np.nan, 0, 0)}, "acceleration_m_per_s2"),
         ({"acceleration_m_per_s2": np.array(1.0)}, "acceleration_m_per_s2"),
         ({"position_m": (10**400, 0, 0)}, "position_m"),
         ({"rcs_m2": 10**400}, "rcs_m2"),
         ({"fluctuation": np.array(["steady", "steady"])}, "fluctuation"),
-        ({"heading_rad": 90}, "heading_rad is 90"),
-        ({"body": "car"}, r"Target\.body is car, but must be a Body, or none"),
+        ({"heading_rad": 90}, "heading_rad: 90"),
+        ({"body": "car"}, r"Target\.body: car; expected a Body, or none"),
     ],
 )
 def test_a_motion_that_cannot_be_is_refused(wrong, message):
@@ -446,9 +458,9 @@ def test_a_pose_that_cannot_be_is_refused(wrong):
 def test_many_targets_and_a_cloud_of_them_go_the_same_ways(radar):
     rng = np.random.default_rng(72)
     places_m = rng.uniform((1, -50, -1), (200, 50, 3), (300, 3))
-    cloud = one(**PAST, body=Cloud(positions_m=places_m, rcs_m2=np.ones(300)), heading_rad=0.0)
+    cloud = one(**PAST, body=PointCloud(positions_m=places_m, rcs_m2=np.ones(300)), heading_rad=0.0)
     targets = [Target(position_m=tuple(np.add(p, (25, 3, 0.2))), **PAST) for p in places_m]
-    (of_cloud,) = paths(cloud, radar.frame, 0.3)
-    (of_targets,) = paths(Scene(targets=targets), radar.frame, 0.3)
+    (of_cloud,) = fit_paths(cloud, radar.frame, 0.3)
+    (of_targets,) = fit_paths(Scene(targets=targets), radar.frame, 0.3)
 
     assert of_cloud.path_m == pytest.approx(of_targets.path_m, abs=1e-13)

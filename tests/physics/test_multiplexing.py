@@ -12,11 +12,11 @@ from scipy.stats import binom
 
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.normal import add_white_noise
-from dechirp.core.units import decibels
-from dechirp.process.virtual import channels
+from dechirp.core.gaussian_noise import add_white_noise
+from dechirp.core.units import to_decibels
+from dechirp.processing.virtual_array import split_slots
 from dechirp.radar.array import Array
-from dechirp.radar.cube import labelled_cube
+from dechirp.radar.cube import label_cube
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.ddma import Ddma
 from dechirp.radar.multiplexing.phase_code import PhaseCode
@@ -48,9 +48,9 @@ def coded(radar, multiplexing, *, n_chirps=None, n_samples=None):
 
 def slow_time(frame, *, velocity_m_per_s, echoes):
     """Chirps of (tx, ...) complex echoes of a target, as each receiver takes them, (chirp, ...)."""
-    chirps = np.arange(frame.n_sent)
+    chirps = np.arange(frame.n_chirps_total)
     turned = 4 * pi * velocity_m_per_s / frame.chirp.wavelength_m * chirps * frame.interval_s
-    sent = frame.sent_weights() * np.exp(1j * turned)[:, None]
+    sent = frame.chirp_weights() * np.exp(1j * turned)[:, None]
     return np.tensordot(sent, echoes, axes=1)
 
 
@@ -64,9 +64,13 @@ def test_echoes_of_different_transmitters_are_orthogonal_over_a_round(order, emp
     codes = [Tdm(order=order), Bpm(order=order), Ddma(order=order, n_sub_bands=n_tx + empty)]
     for code in codes:
         weights = np.array(code.weights)
-        times_sent = [sum(k in slot for slot in code.slots) for k in range(n_tx)]
+        times_sent = [sum(k in slot for slot in code.slot_transmitters) for k in range(n_tx)]
 
-        assert weights.shape == (len(code.slots), n_tx) == (len(code.slots), code.n_tx)
+        assert (
+            weights.shape
+            == (len(code.slot_transmitters), n_tx)
+            == (len(code.slot_transmitters), code.n_tx)
+        )
         assert abs(weights[weights != 0]) == pytest.approx(1)
         np.testing.assert_allclose(
             weights.conj().T @ weights, np.diag(times_sent), rtol=0, atol=1e-13
@@ -93,7 +97,7 @@ def test_doppler_division_raises_each_transmitter_by_its_sub_band(radar, order, 
     frame = coded(radar, Ddma(order=order, n_sub_bands=n_sub_bands), n_chirps=16).frame
     velocity = 3 * frame.velocity_resolution_m_per_s  # receding, on a bin
     doppler_hz = 2 * velocity / frame.chirp.wavelength_m
-    own = np.fft.fftfreq(frame.n_sent, frame.interval_s)
+    own = np.fft.fftfreq(frame.n_chirps_total, frame.interval_s)
     for k, transmitter in enumerate(order):
         alone = np.zeros(len(order))
         alone[transmitter] = 1
@@ -104,14 +108,14 @@ def test_doppler_division_raises_each_transmitter_by_its_sub_band(radar, order, 
         seen_hz = own[np.argmax(abs(spectrum))]
         off = (seen_hz - raised_hz + around_hz / 2) % around_hz - around_hz / 2
         assert off == pytest.approx(0, abs=1e-6 / frame.duration_s)
-        assert abs(spectrum).max() == pytest.approx(frame.n_sent)
+        assert abs(spectrum).max() == pytest.approx(frame.n_chirps_total)
 
 
 def test_sub_bands_beyond_the_transmitters_stay_empty(radar):
     frame = coded(radar, Ddma(order=(2, 0, 1), n_sub_bands=5), n_chirps=16).frame
     velocity = 3 * frame.velocity_resolution_m_per_s
     spectrum = np.fft.fft(slow_time(frame, velocity_m_per_s=velocity, echoes=np.array([3, 1, 2])))
-    bands = abs(spectrum.reshape(5, 16)[:, 3]) / frame.n_sent
+    bands = abs(spectrum.reshape(5, 16)[:, 3]) / frame.n_chirps_total
 
     np.testing.assert_allclose(bands, [2, 3, 1, 0, 0], atol=1e-12)
 
@@ -128,8 +132,8 @@ def test_a_table_of_phases_can_say_what_the_other_codes_say():
 def test_the_code_repeats_from_round_to_round(radar):
     for code in TOGETHER:
         frame = coded(radar, code, n_chirps=3).frame
-        assert frame.n_sent == 3 * frame.n_slots == 3 * len(code.weights)
-        np.testing.assert_array_equal(frame.sent_weights(), code.weights * 3)
+        assert frame.n_chirps_total == 3 * frame.n_slots == 3 * len(code.weights)
+        np.testing.assert_array_equal(frame.chirp_weights(), code.weights * 3)
         assert frame.repetition_s == pytest.approx(frame.n_slots * frame.interval_s)
 
 
@@ -137,8 +141,8 @@ def test_a_code_as_long_as_the_frame_is_one_round(radar):
     phases = np.random.default_rng(71).uniform(-pi, pi, (48, 2))
     frame = coded(radar, PhaseCode(phases_rad=phases), n_chirps=1).frame
 
-    assert (frame.n_slots, frame.n_sent) == (48, 48)
-    np.testing.assert_allclose(frame.sent_weights(), np.exp(1j * phases), atol=1e-15)
+    assert (frame.n_slots, frame.n_chirps_total) == (48, 48)
+    np.testing.assert_allclose(frame.chirp_weights(), np.exp(1j * phases), atol=1e-15)
     assert frame.duration_s == pytest.approx(48 * 35e-6)
 
 
@@ -154,8 +158,8 @@ def test_a_code_as_long_as_the_frame_tells_range_and_no_velocity_as_it_is(radar)
 
 def test_one_transmitter_without_multiplexing_sends_in_every_chirp(radar):
     assert radar.frame.weights == ((1,),)
-    assert (radar.frame.sent_weights() == np.ones((128, 1))).all()
-    assert radar.n_summed == radar.array.n_rx
+    assert (radar.frame.chirp_weights() == np.ones((128, 1))).all()
+    assert radar.n_summed_maps == radar.array.n_rx
 
 
 @given(
@@ -170,7 +174,7 @@ def test_powers_of_the_slots_add_up_to_those_of_all_echoes(radar, order, empty, 
         frame = coded(radar, code, n_chirps=8).frame
         echoes = random_echoes(rng, len(order), 2, 5)  # tx, rx, sample
         velocity = velocity_bin * frame.velocity_resolution_m_per_s
-        parted = channels(slow_time(frame, velocity_m_per_s=velocity, echoes=echoes), frame)
+        parted = split_slots(slow_time(frame, velocity_m_per_s=velocity, echoes=echoes), frame)
 
         assert parted.shape == (8, frame.n_slots * 2, 5)
         spectrum = np.fft.fft(parted, axis=0)[velocity_bin]
@@ -185,7 +189,7 @@ def test_slots_of_a_code_become_channels_in_the_order_sent(radar):
     tag = np.array([0, 1, 2, 3] * 3)[:, None] * 10 + np.arange(2)
     samples = np.broadcast_to(tag[..., None], (12, 2, 5)).copy()
 
-    parted = channels(samples, frame)
+    parted = split_slots(samples, frame)
 
     assert parted[2, :, 4].tolist() == [0, 1, 10, 11, 20, 21, 30, 31]
     assert np.shares_memory(parted, samples)
@@ -200,7 +204,7 @@ def seen_in_noise(radar, *, range_m, velocity_m_per_s, snr):
     samples = slow_time(radar.frame, velocity_m_per_s=velocity_m_per_s, echoes=tone)
     samples = samples.astype(np.complex64)
     add_white_noise(samples, 1 / snr, np.random.default_rng(73))
-    return labelled_cube(samples[None], radar, units="sqrt(W)")
+    return label_cube(samples[None], radar, units="sqrt(W)")
 
 
 @pytest.mark.parametrize("code", TOGETHER, ids=str)
@@ -218,14 +222,14 @@ def test_a_target_is_found_by_what_all_transmitters_send_together(radar, code):
     assert abs(found.range.item() - coupled_m) < 5 * found.range_std.item()
     assert abs(found.velocity.item() - velocity) < 5 * found.velocity_std.item()
     # The noise level comes from 320 cells of the map, the SNR itself scatters by 0.1 dB.
-    gained_db = decibels(found.snr.item() / snr)
-    assert gained_db == pytest.approx(decibels(radar.integration_gain), abs=1)
+    gained_db = to_decibels(found.snr.item() / snr)
+    assert gained_db == pytest.approx(to_decibels(radar.integration_gain), abs=1)
 
 
 @pytest.mark.parametrize("code", [Bpm(order=(0, 2, 1)), Ddma(order=(0, 1), n_sub_bands=3)], ids=str)
 def test_false_alarms_come_as_designed_where_slots_outnumber_transmitters(radar, code):
     radar = coded(radar, code, n_chirps=32, n_samples=64)
-    assert radar.n_summed > radar.n_channels
+    assert radar.n_summed_maps > radar.n_channels
     hits, trials = alarms(radar, np.random.default_rng(74), n_frames=150)
 
     # 307 alarms, binomial but for the training cells that neighbours share: five standard
@@ -255,14 +259,14 @@ def test_velocities_are_those_of_the_rounds(radar):
 def test_no_single_transmitter_is_named_where_several_send_in_a_chirp(radar):
     for code in TOGETHER:
         made = coded(radar, code, n_chirps=2)
-        samples = np.zeros((1, made.frame.n_sent, 2, 256), np.complex64)
-        assert made.frame.turns is None
-        assert "transmitter" not in labelled_cube(samples, made, units="sqrt(W)").coords
+        samples = np.zeros((1, made.frame.n_chirps_total, 2, 256), np.complex64)
+        assert made.frame.tdm_order is None
+        assert "transmitter" not in label_cube(samples, made, units="sqrt(W)").coords
 
 
 @pytest.mark.parametrize("member", [Tdm, Bpm, Ddma])
 @pytest.mark.parametrize(
-    ("order", "need"),
+    ("order", "expected"),
     [
         ((0, 0), "every transmitter once"),
         ((), "at least one transmitter"),
@@ -271,26 +275,26 @@ def test_no_single_transmitter_is_named_where_several_send_in_a_chirp(radar):
         ((0, 2**31 - 1), "a whole number from 0 to 255"),
     ],
 )
-def test_an_order_that_cannot_be_is_refused(member, order, need):
+def test_an_order_that_cannot_be_is_refused(member, order, expected):
     others = {"n_sub_bands": 4} if member is Ddma else {}
-    with pytest.raises(InvalidSetting, match=f"{member.__name__}.order is .*{need}"):
+    with pytest.raises(InvalidSetting, match=f"{member.__name__}.order: .*{expected}"):
         member(order=order, **others)
 
 
 @pytest.mark.parametrize("wrong", [2, 0, 3.0, 5000, None])
 def test_sub_bands_must_be_enough_for_all_transmitters(wrong):
-    with pytest.raises(InvalidSetting, match=r"Ddma\.n_sub_bands is "):
+    with pytest.raises(InvalidSetting, match=r"Ddma\.n_sub_bands: "):
         Ddma(order=(0, 1, 2), n_sub_bands=wrong)
 
 
 @pytest.mark.parametrize(
     ("phases", "named", "told"),
     [
-        ([[0, 0], [0], [0, 0]], ".1", "a row of 1 phases, but must be of 2 as the first row"),
-        ([[0, 0], [0, 0, 0]], ".1", "a row of 3 phases, but must be of 2"),
-        ([[0, 0], [0, float("nan")]], ".1", "nan, but must be one finite number"),
-        ([[0, 1j]], ".0", "must be one finite number"),
-        ([["0", 0]], ".0", "must be one finite number"),
+        ([[0, 0], [0], [0, 0]], ".1", "a row of 1 phases; expected of 2 as the first row"),
+        ([[0, 0], [0, 0, 0]], ".1", "a row of 3 phases; expected of 2"),
+        ([[0, 0], [0, float("nan")]], ".1", "nan; expected one finite number"),
+        ([[0, 1j]], ".0", "expected one finite number"),
+        ([["0", 0]], ".0", "expected one finite number"),
         ([[], []], ".0", "a list of phases, one for each transmitter"),
         ([0, 1], ".0", "a list of phases, one for each transmitter"),
         ([], "", "at least one row"),
@@ -301,29 +305,29 @@ def test_sub_bands_must_be_enough_for_all_transmitters(wrong):
     ],
 )
 def test_a_table_of_phases_that_is_none_is_refused_with_its_row(phases, named, told):
-    with pytest.raises(InvalidSetting, match=rf"PhaseCode\.phases_rad{named} is .*{told}"):
+    with pytest.raises(InvalidSetting, match=rf"PhaseCode\.phases_rad{named}: .*{told}"):
         PhaseCode(phases_rad=phases)
 
 
 @pytest.mark.parametrize(
     ("code", "n_tx", "told"),
     [
-        (Bpm(order=(0, 1)), 3, "of 2 transmitters: 0, 1, but must be of the 3 in array.tx"),
-        (Ddma(order=(0, 2), n_sub_bands=4), 2, "of 2 transmitters: 0, 2, .* the 2 in array.tx"),
-        (PhaseCode(phases_rad=[[0, 0, 0]]), 2, "of 3 transmitters: 0, 1, 2, .* the 2 in array.tx"),
-        (PhaseCode(phases_rad=[[0]]), 2, "of 1 transmitter: 0, but must be of the 2 in array.tx"),
+        (Bpm(order=(0, 1)), 3, "2 transmitter.*: 0, 1; expected the 3 in array.tx"),
+        (Ddma(order=(0, 2), n_sub_bands=4), 2, "2 transmitters: 0, 2; .* the 2 in array.tx"),
+        (PhaseCode(phases_rad=[[0, 0, 0]]), 2, "3 transmitters: 0, 1, 2; .* the 2 in array.tx"),
+        (PhaseCode(phases_rad=[[0]]), 2, "1 transmitter.*: 0; expected the 2 in array.tx"),
     ],
 )
 def test_a_code_for_another_number_of_transmitters_is_refused(radar, code, n_tx, told):
     array = replace(radar.array, tx_m=[(0, 0.008 * k, 0) for k in range(n_tx)])
 
-    with pytest.raises(InvalidSetting, match=rf"Radar\.frame\.multiplexing is {told}"):
+    with pytest.raises(InvalidSetting, match=rf"Radar\.frame\.multiplexing: {told}"):
         replace(radar, frame=replace(radar.frame, multiplexing=code), array=array)
 
 
 def test_elements_at_one_place_are_named_by_kind_and_number():
     apart = Array(tx_m=[(0, 0, 0), (0, 1e-3, 0)], rx_m=[(0, 0, 0), (0, 2e-3, 0)])
-    assert apart.coincident() == ()
-    assert Array().coincident() == ()
+    assert apart.find_coincident_elements() == ()
+    assert Array().find_coincident_elements() == ()
     double = Array(tx_m=[(0, 0, 0), (0, 0, 0)], rx_m=[(0, 0, 1), (0, 1, 0), (0, 0, 1 + 1e-9)])
-    assert double.coincident() == (("tx", 0, 1), ("rx", 0, 2))
+    assert double.find_coincident_elements() == (("tx", 0, 1), ("rx", 0, 2))

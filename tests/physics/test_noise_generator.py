@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from dechirp.core.normal import BLOCK, add_pairs, add_white_noise, philox
+from dechirp.core.gaussian_noise import BLOCK, add_gaussian_pairs, add_white_noise, philox
 
 # A right generator fails a test once in 2e6 runs.
 CHANCE = 5e-7
@@ -181,7 +181,7 @@ def noise(n: int, *, seed: int) -> np.ndarray:
 
 def _pairs(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     numbers = np.zeros(2 * x.size, np.float32)
-    add_pairs(numbers, x.astype(np.uint32), y.astype(np.uint32), np.float32(1))
+    add_gaussian_pairs(numbers, x.astype(np.uint32), y.astype(np.uint32), np.float32(1))
     return numbers[::2].astype(float) + 1j * numbers[1::2]
 
 

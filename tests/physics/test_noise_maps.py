@@ -8,13 +8,13 @@ import pytest
 from scipy.special import gammainc, ndtri
 
 import dechirp as dc
-from dechirp.evaluate.noise_only import counted
-from dechirp.process.maps import power_of
-from dechirp.process.mitigation.mean_subtraction import MeanSubtraction
-from dechirp.process.noise_maps import draw_noise_map, draws_directly
-from dechirp.process.spectrum import noise_gain
-from dechirp.process.virtual import channels
-from dechirp.theory import intervals
+from dechirp.evaluation.noise_only import count_noise_alarms
+from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
+from dechirp.processing.noise_maps import can_draw_noise_maps, draw_noise_map
+from dechirp.processing.range_doppler_map import range_doppler_power
+from dechirp.processing.spectrum import noise_gain
+from dechirp.processing.virtual_array import split_slots
+from dechirp.theory import confidence_intervals
 from nightly import NIGHTLY
 from noise import noise_cube
 
@@ -37,14 +37,16 @@ def sized(radar, n_samples, n_chirps, n_rx=1, **chirp):
 
 
 def chain_of(windows, radar, **cfar):
-    cfar = dc.Cfar(**{"estimator": dc.CellAveraging(), "false_alarm_probability": 1e-3} | cfar)
-    return dc.Chain(range_window=windows[0], doppler_window=windows[1], cfar=cfar).fitted(radar)
+    cfar = dc.Cfar(**{"estimator": dc.cfar.CellAveraging(), "false_alarm_probability": 1e-3} | cfar)
+    return dc.Chain(range_window=windows[0], doppler_window=windows[1], cfar=cfar).fit_to_radar(
+        radar
+    )
 
 
 def by_samples(radar, chain, rng):
     """The long way: noise of unit power in every sample."""
     samples = noise_cube(radar, rng).values[0]
-    return power_of(channels(samples, radar.frame), radar, chain)
+    return range_doppler_power(split_slots(samples, radar.frame), radar, chain)
 
 
 @pytest.mark.parametrize(("windows", "n_rx"), [*((one, 1) for one in WINDOWS), (WINDOWS[1], 3)])
@@ -53,14 +55,17 @@ def test_every_two_cells_of_a_drawn_map_correlate_as_the_windows_tie_them(radar,
     n_chirps, n_samples, n_maps = 7, 12, 40_000 if NIGHTLY else 6000
     radar = sized(radar, n_samples, n_chirps, n_rx)
     chain = dc.Chain(range_window=windows[0], doppler_window=windows[1])
-    noise = chain.noise(radar)
-    gain = noise_gain(noise.over_range, noise.over_velocity, radar.frame.chirp)
+    noise = chain.map_noise(radar)
+    gain = noise_gain(noise.range_transform, noise.doppler_transform, radar.frame.chirp)
     rng = np.random.default_rng(81)
     maps = np.array([draw_noise_map(radar, chain, 2.0, rng).ravel() for _ in range(n_maps)])
     off = maps.astype(float) / (2.0 * gain) - 1
 
     # Powers of jointly Gaussian amplitudes correlate by the square of what those do.
-    ties = [abs(t.covariance(t.n_bins)) ** 2 for t in (noise.over_velocity, noise.over_range)]
+    ties = [
+        abs(t.noise_correlation(t.n_bins)) ** 2
+        for t in (noise.doppler_transform, noise.range_transform)
+    ]
     expected = np.kron(*ties) / n_rx
     measured = off.T @ off / n_maps
     spread = np.sqrt((off**2).T @ off**2 / n_maps - measured**2)
@@ -75,8 +80,8 @@ def test_every_two_cells_of_a_drawn_map_correlate_as_the_windows_tie_them(radar,
 def test_powers_of_a_drawn_map_are_gamma_variates(radar, windows, n_rx):
     radar = sized(radar, 128, 64, n_rx)
     chain = dc.Chain(range_window=windows[0], doppler_window=windows[1])
-    noise = chain.noise(radar)
-    gain = noise_gain(noise.over_range, noise.over_velocity, radar.frame.chirp)
+    noise = chain.map_noise(radar)
+    gain = noise_gain(noise.range_transform, noise.doppler_transform, radar.frame.chirp)
     rng = np.random.default_rng(82)
     # Windows reach three bins to either side: cells eight apart are independent.
     maps = [draw_noise_map(radar, chain, 0.5, rng)[3::8, 5::8] for _ in range(100)]
@@ -96,7 +101,9 @@ def test_alarms_in_drawn_maps_come_and_cluster_as_in_those_of_samples(radar, win
     ways = (lambda: draw_noise_map(radar, chain, 1.0, rng), lambda: by_samples(radar, chain, rng))
     drawn, sampled = (
         np.array([[n.n_over, n.n_peaks, *edges(n, radar, chain)] for n in counts], float)
-        for counts in ((counted(way(), radar, chain) for _ in range(n_maps)) for way in ways)
+        for counts in (
+            (count_noise_alarms(way(), radar, chain) for _ in range(n_maps)) for way in ways
+        )
     )
 
     # About 3,000 alarms in 2,000 clusters each way; the means, then the spread between maps,
@@ -112,7 +119,7 @@ def test_alarms_in_drawn_maps_come_and_cluster_as_in_those_of_samples(radar, win
 
 def edges(noise, radar, chain):
     """Alarms in the rows at either end of the range, where the ring moves off its middle."""
-    over = chain.cfar.exceeds(noise.power, chain.noise(radar))
+    over = chain.cfar.exceeds_threshold(noise.power, chain.map_noise(radar))
     return [over[:, :8].sum(), over[:, -8:].sum()]
 
 
@@ -120,17 +127,19 @@ def test_cells_of_a_drawn_map_alarm_as_designed(radar):
     radar = sized(radar, 128, 64)
     chain = chain_of(("hann", "hann"), radar, false_alarm_probability=1e-3)
     rng = np.random.default_rng(84)
-    counts = [counted(draw_noise_map(radar, chain, 1.0, rng), radar, chain) for _ in range(600)]
+    counts = [
+        count_noise_alarms(draw_noise_map(radar, chain, 1.0, rng), radar, chain) for _ in range(600)
+    ]
     assert {one.n_tested for one in counts} == {128 * 64}
     alarms = [one.n_over for one in counts]
-    low, high = intervals.rate(alarms, 128 * 64, confidence=CONFIDENCE)
+    low, high = confidence_intervals.rate_interval(alarms, 128 * 64, confidence=CONFIDENCE)
     # 4,900 alarms in clusters of 1.5: 1.8 %, five of them either way.
     assert low < 1e-3 < high and high / low < 1.3
 
 
 def test_maps_are_not_drawn_where_white_noise_is_not_white_over_bins(radar):
     usual = sized(radar, 64, 48)
-    assert draws_directly(usual, dc.Chain())
+    assert can_draw_noise_maps(usual, dc.Chain())
     walking = replace(dc.Chain(), range_walk="keystone")
     others = [
         (sized(radar, 64, 48, sampling="real"), dc.Chain()),
@@ -142,7 +151,7 @@ def test_maps_are_not_drawn_where_white_noise_is_not_white_over_bins(radar):
         (usual, walking),
     ]
     for one, chain in others:
-        assert not draws_directly(one, chain)
+        assert not can_draw_noise_maps(one, chain)
         with pytest.raises(dc.InvalidSetting, match="drawn directly"):
             draw_noise_map(one, chain, 1.0, np.random.default_rng(0))
 

@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.evaluate import false_alarms
-from dechirp.evaluate.gates import gates
-from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.match import Match
-from dechirp.evaluate.noise_only import counted
-from dechirp.evaluate.score.false_alarm_probability import FalseAlarmProbability
-from dechirp.evaluate.score.frame_false_alarm_probability import FrameFalseAlarmProbability
-from dechirp.evaluate.score.processing_time import ProcessingTime
-from dechirp.evaluate.score.roc import Roc
-from dechirp.process.cfar.base import NoiseEstimator
-from dechirp.process.maps import level_of, power_of
-from dechirp.process.mitigation.mean_subtraction import MeanSubtraction
-from dechirp.process.noise_maps import draw_noise_map
-from dechirp.process.virtual import channels
+from dechirp.evaluation import false_alarms
+from dechirp.evaluation.association import Association
+from dechirp.evaluation.gates import gate_cells
+from dechirp.evaluation.noise_only import count_noise_alarms
+from dechirp.evaluation.score.false_alarm_probability import FalseAlarmProbability
+from dechirp.evaluation.score.frame_false_alarm_probability import FrameFalseAlarmProbability
+from dechirp.evaluation.score.processing_time import ProcessingTime
+from dechirp.evaluation.score.roc import Roc
+from dechirp.evaluation.trial import TrialContext, TrialResult
+from dechirp.processing.cfar.base import NoiseEstimator
+from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
+from dechirp.processing.noise_maps import draw_noise_map
+from dechirp.processing.range_doppler_map import equalised_power, range_doppler_power
+from dechirp.processing.virtual_array import split_slots
 from dechirp.scene.truth import truth
 from dechirp.theory.cfar import cell_averaging_false_alarm_probability
-from dechirp.theory.correlated import correlated_factor
+from dechirp.theory.cfar_correlated_cells import correlated_factor
 from nightly import NIGHTLY
 from noise import noise_cube
 
@@ -41,18 +41,18 @@ def chain_of(window="hann", estimator=None, **cfar):
     settings = SMALL | cfar
     if "offset" not in settings:
         settings = {"false_alarm_probability": 1e-3} | settings
-    found = dc.Cfar(estimator=estimator or dc.CellAveraging(), **settings)
+    found = dc.Cfar(estimator=estimator or dc.cfar.CellAveraging(), **settings)
     return dc.Chain(range_window=window, doppler_window=window, cfar=found, angle=None)
 
 
 def case_of(radar, chain, scene, noise_w=1.0, n_frames=1):
     known = truth(scene, radar, n_frames=n_frames, noise_power_w=noise_w)
-    return Case(scene, radar, chain, known, noise_w, known.time.values)
+    return TrialContext(scene, radar, chain, known, noise_w, known.time.values)
 
 
 def look_of(noise, maps=None):
-    nobody = Match(*np.empty((5, 0)))
-    return Look(detections={}, match=nobody, maps=maps, noise=noise)
+    nobody = Association(*np.empty((5, 0)))
+    return TrialResult(detections={}, association=nobody, maps=maps, noise=noise)
 
 
 def target_at(row, column, radar, name="car", **settings):
@@ -70,8 +70,10 @@ def test_false_alarms_of_trials_are_those_that_the_detector_is_made_for(radar):
     radar, chain = sized(radar, 64, 48), chain_of()
     case, rng, score = case_of(radar, chain, dc.Scene()), np.random.default_rng(101), None
     score = FalseAlarmProbability()
-    noise = (counted(draw_noise_map(radar, chain, 1.0, rng), radar, chain) for _ in range(800))
-    sums = np.concatenate([score.sums(look_of(one), case) for one in noise])
+    noise = (
+        count_noise_alarms(draw_noise_map(radar, chain, 1.0, rng), radar, chain) for _ in range(800)
+    )
+    sums = np.concatenate([score.trial_sums(look_of(one), case) for one in noise])
     found = score.estimate(sums, confidence=CONFIDENCE)
 
     assert score.subjects(case) == ()
@@ -85,15 +87,15 @@ def test_false_alarms_of_trials_are_those_that_the_detector_is_made_for(radar):
 def test_an_offset_has_the_false_alarms_of_its_factor(radar, window, n_rx):
     radar = sized(radar, 64, 48, n_rx)
     chain = chain_of(window)
-    ring, noise = chain.cfar.ring, chain.noise(radar)
-    factor = correlated_factor(1e-4, ring.box(noise, ring.half_range), n_summed=n_rx)
+    ring, noise = chain.cfar.training_window, chain.map_noise(radar)
+    factor = correlated_factor(1e-4, ring.noise_box(noise, ring.half_range), n_summed=n_rx)
     fixed = replace(chain, cfar=replace(chain.cfar, false_alarm_probability=None, offset=factor))
-    found = false_alarms.in_a_cell(radar, fixed)
+    found = false_alarms.cell_false_alarm_probability(radar, fixed)
     # At the ends of the range rings are larger, and cells tied to others: a few per cent of 14
     # rows of 64.
     assert found == pytest.approx(1e-4, rel=0.02)
     if window == "rectangular":
-        n_cells = ring.n_cells(64)
+        n_cells = ring.n_training_cells(64)
         law = [
             cell_averaging_false_alarm_probability(factor, n_training=int(n), n_summed=n_rx)
             for n in n_cells
@@ -103,14 +105,16 @@ def test_an_offset_has_the_false_alarms_of_its_factor(radar, window, n_rx):
 
 def test_an_offset_without_a_law_has_none(radar):
     radar = sized(radar, 64, 48)
-    ranks = dc.OrderedStatistic()
-    assert np.isnan(false_alarms.in_a_cell(radar, chain_of("hann", ranks, offset=20.0)))
+    ranks = dc.cfar.OrderedStatistic()
+    assert np.isnan(
+        false_alarms.cell_false_alarm_probability(radar, chain_of("hann", ranks, offset=20.0))
+    )
     # So low that noise exceeds it more often than not.
-    assert np.isnan(false_alarms.in_a_cell(radar, chain_of("hann", offset=0.1)))
+    assert np.isnan(false_alarms.cell_false_alarm_probability(radar, chain_of("hann", offset=0.1)))
     white = chain_of("rectangular", ranks, offset=20.0)
-    low = false_alarms.in_a_cell(radar, white)
+    low = false_alarms.cell_false_alarm_probability(radar, white)
     asked = replace(white.cfar, offset=None, false_alarm_probability=low)
-    again = asked.threshold(np.ones((48, 64), np.float32), white.noise(radar))
+    again = asked.threshold(np.ones((48, 64), np.float32), white.map_noise(radar))
     # The k-th smallest of ones is one; at the ends of the range the factor is another.
     assert again[24, 32] == pytest.approx(20.0, rel=0.02)
 
@@ -124,10 +128,10 @@ def test_frames_of_noise_have_detections_as_often_as_clumps_of_cells_come(radar,
     chain = chain_of(window, false_alarm_probability=5e-5)
     case, rng = case_of(radar, chain, dc.Scene()), np.random.default_rng(102)
     noise = (
-        counted(draw_noise_map(radar, chain, 1.0, rng), radar, chain)
+        count_noise_alarms(draw_noise_map(radar, chain, 1.0, rng), radar, chain)
         for _ in range(15_000 if NIGHTLY else 3000)
     )
-    sums = np.concatenate([score.sums(look_of(one), case) for one in noise])
+    sums = np.concatenate([score.trial_sums(look_of(one), case) for one in noise])
     found, (law,) = score.estimate(sums, confidence=CONFIDENCE), score.theory(case)
     assert found.low < law < found.high
     # 0.18 of 3,000, to 0.007: five of them.
@@ -138,17 +142,21 @@ def test_frames_of_noise_have_detections_as_often_as_clumps_of_cells_come(radar,
 
 def test_frames_have_no_law_where_false_alarms_come_together(radar):
     radar = sized(radar, 64, 64)
-    assert np.isnan(false_alarms.in_a_frame(radar, chain_of(false_alarm_probability=1e-3)))
+    assert np.isnan(
+        false_alarms.frame_false_alarm_probability(radar, chain_of(false_alarm_probability=1e-3))
+    )
     cleaned = replace(chain_of(false_alarm_probability=1e-6), mitigation=[MeanSubtraction()])
-    assert np.isnan(false_alarms.in_a_frame(radar, cleaned))
+    assert np.isnan(false_alarms.frame_false_alarm_probability(radar, cleaned))
 
 
 def test_cells_that_clean_up_empties_are_not_tested(radar):
     radar = sized(radar, 64, 48)
     chain = replace(chain_of(), mitigation=[MeanSubtraction()])
     rng = np.random.default_rng(103)
-    samples = channels(noise_cube(radar, rng).values[0], radar.frame)
-    found = counted(level_of(power_of(samples, radar, chain), radar, chain), radar, chain)
+    samples = split_slots(noise_cube(radar, rng).values[0], radar.frame)
+    found = count_noise_alarms(
+        equalised_power(range_doppler_power(samples, radar, chain), radar, chain), radar, chain
+    )
     # Under a Hann window the mean reaches into the bins beside zero velocity.
     assert 48 * 64 - found.n_tested in (64, 3 * 64)
     assert found.n_over <= found.n_tested
@@ -163,10 +171,10 @@ def test_the_highest_cell_of_an_echo_lies_in_the_gate_of_its_target(radar, sampl
     scene = dc.Scene(targets=[target_at(*place, radar)])
     case = case_of(radar, chain, scene)
     samples = dc.simulate(scene, radar, impairments=()).values[0]
-    power = power_of(channels(samples, radar.frame), radar, chain)
+    power = range_doppler_power(split_slots(samples, radar.frame), radar, chain)
     velocity, row = np.unravel_index(power.argmax(), power.shape)
 
-    (gate,) = gates(case)
+    (gate,) = gate_cells(case)
     assert (velocity, row) in zip(gate.velocity, gate.range, strict=True)
     # Two cells to either side, unpadded.
     assert len(gate.target) == 25
@@ -180,16 +188,16 @@ def test_at_the_chains_own_threshold_the_curve_counts_what_the_detector_does(rad
     case, rng = case_of(radar, chain, scene), np.random.default_rng(104)
     score = Roc(false_alarm_probabilities=[1e-1, 1e-3, 1e-5])
     for _ in range(10):
-        noise = counted(draw_noise_map(radar, chain, 1.0, rng), radar, chain)
+        noise = count_noise_alarms(draw_noise_map(radar, chain, 1.0, rng), radar, chain)
         power = draw_noise_map(radar, chain, 1.0, rng)
         power[5:30, 18:22] *= 12.0
-        sums = score.sums(look_of(noise, (power,)), case)
+        sums = score.trial_sums(look_of(noise, (power,)), case)
 
         assert sums.shape == (2, score.n_sums) and np.all(sums[:, 3] == 1)
         assert np.all(sums[:, -1] == noise.n_tested) and np.all(sums[:, 5] == noise.n_over)
         assert np.all(np.diff(sums[:, :3]) <= 0) and np.all(np.diff(sums[:, 4:7]) <= 0)
-        over = chain.cfar.exceeds(power, chain.noise(radar))
-        (gate,) = gates(case)
+        over = chain.cfar.exceeds_threshold(power, chain.map_noise(radar))
+        (gate,) = gate_cells(case)
         hits = [over[gate.velocity, gate.range][gate.target == of].any() for of in (0, 1)]
         assert sums[:, 1].tolist() == hits
 
@@ -213,9 +221,9 @@ def test_a_measured_curve_holds_what_thresholds_are_made_for_and_what_theory_giv
     for _ in range(1500):
         samples = noise_cube(radar, rng).values[0] * np.float32(np.sqrt(noise_w))
         samples += np.float32(np.sqrt(rng.exponential())) * still
-        maps = (power_of(channels(samples, radar.frame), radar, chain),)
-        noise = counted(draw_noise_map(radar, chain, noise_w, rng), radar, chain)
-        rows.append(score.sums(look_of(noise, maps), case)[0])
+        maps = (range_doppler_power(split_slots(samples, radar.frame), radar, chain),)
+        noise = count_noise_alarms(draw_noise_map(radar, chain, noise_w, rng), radar, chain)
+        rows.append(score.trial_sums(look_of(noise, maps), case)[0])
     sums = np.array(rows)
     curve, (law,) = score.curve(sums, confidence=CONFIDENCE), score.theory_curve(case)
 
@@ -237,11 +245,13 @@ def test_scores_refuse_what_they_cannot_score(radar):
         Roc(false_alarm_probabilities=[1e-6])
     radar, chain = sized(radar, 64, 48), chain_of()
     with pytest.raises(dc.InvalidSetting, match="without targets"):
-        Roc().check(case_of(radar, chain, dc.Scene()))
-    rising = dc.Radar(frame=replace(radar.frame, modulation=dc.Triangular()), array=radar.array)
+        Roc().check_context(case_of(radar, chain, dc.Scene()))
+    rising = dc.Radar(
+        frame=replace(radar.frame, modulation=dc.modulations.Triangular()), array=radar.array
+    )
     with pytest.raises(dc.InvalidSetting, match="rise and fall"):
-        FrameFalseAlarmProbability().check(
-            Case(dc.Scene(), rising, chain, None, 1.0, np.zeros(1))  # type: ignore[arg-type]
+        FrameFalseAlarmProbability().check_context(
+            TrialContext(dc.Scene(), rising, chain, None, 1.0, np.zeros(1))  # type: ignore[arg-type]
         )
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.core.units import SPEED_OF_LIGHT, decibels
-from dechirp.echoes import oscillator
-from dechirp.echoes.echo import clean_echoes
-from dechirp.echoes.impairments.polynomial_nonlinearity import PolynomialNonlinearity
-from dechirp.echoes.parts import direct_parts, window
+from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
+from dechirp.simulation import phase_error
+from dechirp.simulation.echo_groups import direct_echo_groups, sample_window
+from dechirp.simulation.impairments.polynomial_nonlinearity import PolynomialNonlinearity
+from dechirp.simulation.simulate import simulate_ideal_echoes
 
 
 def radar_of(*, sampling="complex", slope=15e12, sample_rate_hz=10e6, n_samples=256, n_tx=1):
@@ -24,7 +24,7 @@ def radar_of(*, sampling="complex", slope=15e12, sample_rate_hz=10e6, n_samples=
         n_samples=n_samples,
         sampling=sampling,
     )
-    tdm = dc.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None
+    tdm = dc.multiplexing.Tdm(order=tuple(range(n_tx))) if n_tx > 1 else None
     return dc.Radar(
         frame=dc.Frame(
             chirp=chirp, n_chirps=4, interval_s=chirp.ramp_duration_s + 4e-6, multiplexing=tdm
@@ -61,30 +61,32 @@ def sinusoids(rng, *, n_chirps, band_hz, rms_rad, steep):
 
 def turned(scene, radar, phase_rad, found=None):
     """What the stage makes of the echoes of a frame with the given phase."""
-    kept = window(radar, 0)
-    found = found or oscillator.reach(list(direct_parts(scene, radar, 0, None)), kept, radar)
-    wide = kept.wider(found.before, found.after)
+    kept = sample_window(radar, 0)
+    found = found or phase_error.find_delay_spread(
+        list(direct_echo_groups(scene, radar, 0, None)), kept, radar
+    )
+    wide = kept.widen(found.n_before, found.n_after)
     chirp = radar.frame.chirp
     longer = replace(
         chirp,
-        adc_start_s=wide.first_s,
+        adc_start_s=wide.first_sample_s,
         n_samples=wide.n_times,
-        ramp_duration_s=chirp.ramp_duration_s + found.after / chirp.sample_rate_hz,
+        ramp_duration_s=chirp.ramp_duration_s + found.n_after / chirp.sample_rate_hz,
     )
     frame = replace(radar.frame, chirp=longer)
     # Its wavelength, and so its power, is a little another.
-    echo = clean_echoes(scene, replace(radar, frame=frame)).values[0]
+    echo = simulate_ideal_echoes(scene, replace(radar, frame=frame)).values[0]
     echo *= np.sqrt(chirp.wavelength_m**2 / longer.wavelength_m**2)
     seen = found.phase_window(wide)
-    return oscillator.turned(echo, phase_rad(seen.times_s), found, radar)
+    return phase_error.apply_phase_error(echo, phase_rad(seen.times_s), found, radar)
 
 
 def summed(scene, radar, phase_rad):
     """One echo after the other, with the phase at each time and a delay before it."""
-    times_s = window(radar, 0).times_s
+    times_s = sample_window(radar, 0).times_s
     total = 0
     for target in scene.targets:
-        echo = clean_echoes(replace(scene, targets=(target,)), radar).values[0]
+        echo = simulate_ideal_echoes(replace(scene, targets=(target,)), radar).values[0]
         for receiver, rx_m in enumerate(radar.array.rx_m):
             back_m = np.linalg.norm(np.array(target.position_m) - rx_m)
             delay_s = (target.position_m[0] + back_m) / SPEED_OF_LIGHT
@@ -97,12 +99,12 @@ def summed(scene, radar, phase_rad):
 def errors_db(scene, radar, phase_rad, found=None):
     """Of the stage, over the power of the phase noise: at the ends and within."""
     expected = summed(scene, radar, phase_rad)
-    noise = expected - clean_echoes(scene, radar).values[0]
+    noise = expected - simulate_ideal_echoes(scene, radar).values[0]
     off = abs(turned(scene, radar, phase_rad, found) - expected) ** 2 / np.mean(abs(noise) ** 2)
     off = off.mean(axis=(0, 1))
     eighth = len(off) // 8
     ends = off[:4].mean(), off[-4:].mean()
-    return decibels([*ends, off[eighth:-eighth].mean()])
+    return to_decibels([*ends, off[eighth:-eighth].mean()])
 
 
 @pytest.mark.parametrize("steep", [False, True], ids=["white", "falling"])
@@ -158,8 +160,10 @@ def test_the_first_echo_is_right_among_later_ones_whatever_the_ramp():
         np.random.default_rng(3), n_chirps=2, band_hz=100e6, rms_rad=0.003, steep=False
     )
     leakage, both = at(0.1), at(0.1, 190)
-    kept = window(radar, 0)
-    of_both = oscillator.reach(list(direct_parts(both, radar, 0, None)), kept, radar)
+    kept = sample_window(radar, 0)
+    of_both = phase_error.find_delay_spread(
+        list(direct_echo_groups(both, radar, 0, None)), kept, radar
+    )
 
     off_db = errors_db(leakage, radar, noise, found=of_both)
 
@@ -256,20 +260,22 @@ def test_delays_reach_from_the_nearest_to_the_farthest_echo():
             dc.Target(position_m=(0, 50, 0), velocity_m_per_s=(0, 40, 0)),
         ]
     )
-    found = oscillator.reach(list(direct_parts(scene, radar, 0, None)), window(radar, 0), radar)
+    found = phase_error.find_delay_spread(
+        list(direct_echo_groups(scene, radar, 0, None)), sample_window(radar, 0), radar
+    )
     samples_per_m = 2 / SPEED_OF_LIGHT * radar.frame.chirp.sample_rate_hz
 
-    assert found.middle - found.spread <= 10 * samples_per_m
-    assert found.middle + found.spread >= 50 * samples_per_m
+    assert found.mid_delay - found.half_spread <= 10 * samples_per_m
+    assert found.mid_delay + found.half_spread >= 50 * samples_per_m
     # To a sample and the rounding of it.
-    assert found.spread <= 20 * samples_per_m + 2
+    assert found.half_spread <= 20 * samples_per_m + 2
 
 
 def test_what_is_summed_besides_is_at_most_a_quarter_of_the_window():
     for slope in (1e9, 1e11, 1e13):
         radar = radar_of(slope=slope, n_samples=128)
-        found = oscillator.reach([], window(radar, 0), radar)
-        assert 0 < found.before == found.after <= 16
+        found = phase_error.find_delay_spread([], sample_window(radar, 0), radar)
+        assert 0 < found.n_before == found.n_after <= 16
 
 
 @pytest.mark.parametrize("n_samples", [2, 3, 9, 40])
@@ -291,7 +297,7 @@ def test_few_samples_hardly_tell_delays_apart_and_are_turned_all_the_same(n_samp
 def test_a_ramp_too_slow_to_tell_of_all_of_the_error_says_so(radar):
     chirp = replace(radar.frame.chirp, slope_hz_per_s=1e12)
     slow = replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=2))
-    noise = dc.PhaseNoise(offset_hz=[1e5], level_per_hz=[1e-9])
-    with pytest.warns(dc.PhysicsWarning, match=r"fs\^2 / S is 100 samples") as told:
+    noise = dc.impairments.PhaseNoise(offset_hz=[1e5], level_per_hz=[1e-9])
+    with pytest.warns(dc.PhysicsWarning, match=r"fs\^2 / S = 100 samples") as told:
         dc.simulate(dc.Scene(), slow, impairments=[noise])
     assert len(told) == 1

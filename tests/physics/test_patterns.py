@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
-from dechirp.config.texts import dump
+from dechirp.config.dumping import dump
+from dechirp.config.loading import parse_settings
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.experiment.link import link_budget
-from dechirp.radar.budget import echo_amplitude, received_power_w, snr
-from dechirp.radar.directions import interpolated
+from dechirp.experiments.link_budget import link_budget
+from dechirp.radar.angle_table import interpolate_angle_table
+from dechirp.radar.budget import echo_amplitude, received_power_w, sample_snr
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.patterns.cosine import CosinePattern
 from dechirp.radar.patterns.patch_array import PatchArray
@@ -133,7 +133,9 @@ def test_between_its_angles_a_table_is_bilinear_in_decibels():
     expected = np.exp(np.array([0.5, 0.5]) @ levels @ np.array([0.75, 0.25]))
 
     assert TABLE.gain_towards(7.5 * DEG, 5 * DEG) == pytest.approx(expected, rel=1e-12)
-    assert interpolated([0, 1], [0], [[1, 0.01]], 0.5, 0) == pytest.approx(0.1, rel=1e-12)
+    assert interpolate_angle_table([0, 1], [0], [[1, 0.01]], 0.5, 0) == pytest.approx(
+        0.1, rel=1e-12
+    )
 
 
 def test_beyond_its_angles_a_table_holds_the_nearest_edge():
@@ -161,10 +163,14 @@ def test_a_table_of_a_whole_circle_wraps(first, last_too):
 def test_a_table_of_another_shape_of_questions_answers_in_that_shape():
     ask = np.random.default_rng(7).uniform(-4, 4, (3, 1, 5))
 
-    seen = interpolated(TABLE.azimuth_rad, TABLE.elevation_rad, TABLE.gain, ask, np.zeros((2, 1)))
+    seen = interpolate_angle_table(
+        TABLE.azimuth_rad, TABLE.elevation_rad, TABLE.gain, ask, np.zeros((2, 1))
+    )
 
     assert seen.shape == (3, 2, 5)
-    one = interpolated(TABLE.azimuth_rad, TABLE.elevation_rad, TABLE.gain, ask[2, 0, 4], 0.0)
+    one = interpolate_angle_table(
+        TABLE.azimuth_rad, TABLE.elevation_rad, TABLE.gain, ask[2, 0, 4], 0.0
+    )
     assert seen[2, 1, 4] == pytest.approx(float(one), rel=1e-14)
 
 
@@ -269,7 +275,9 @@ def test_the_radar_equation_takes_the_gains_towards_the_target(radar):
     expected = 0.016 * gains * wavelength_m**2 * 3 / ((4 * np.pi) ** 3 * range_m**4 * 1.5)
 
     assert received_power_w(radar, **seen) == pytest.approx(expected, rel=1e-12)
-    assert snr(radar, **seen)[0] == pytest.approx(float(snr(radar, range_m=40.0, rcs_m2=3.0)))
+    assert sample_snr(radar, **seen)[0] == pytest.approx(
+        float(sample_snr(radar, range_m=40.0, rcs_m2=3.0))
+    )
     # Between antennas of gain 1, the amplitude over both ways.
     bare = echo_amplitude(radar) ** 2 * 3 / range_m**4
     assert bare * gains == pytest.approx(expected, rel=1e-12)
@@ -320,7 +328,7 @@ def test_a_pattern_is_written_so_that_it_is_read_back_equal(pattern):
     turned = replace(pattern, beam_azimuth_rad=0.3, beam_elevation_rad=-0.1)
     hardware = replace(HARDWARE, tx_pattern=turned)
 
-    assert parse(dump(hardware), Hardware) == hardware
+    assert parse_settings(dump(hardware), Hardware) == hardware
 
 
 def test_a_settings_file_gives_gains_in_decibels_and_angles_in_degrees():
@@ -332,15 +340,15 @@ def test_a_settings_file_gives_gains_in_decibels_and_angles_in_degrees():
         "  gain: [[-10 dBi, 10 dBi, -10 dBi]]\n"
     )
 
-    hardware = parse(text, Hardware)
+    hardware = parse_settings(text, Hardware)
 
     assert hardware.tx_gain() == pytest.approx(10**1.3)
     assert hardware.rx_gain(30 * DEG, 0) == pytest.approx(1.0)
     with pytest.raises(dc.InvalidFile) as error:
-        parse(text.replace("60 deg]", "-60 deg]").replace("10 dBi, -10", "0"), Hardware)
+        parse_settings(text.replace("60 deg]", "-60 deg]").replace("10 dBi, -10", "0"), Hardware)
     (only,) = error.value.mistakes
     assert (only.setting, only.line) == ("rx_pattern.azimuth.2", 6)
-    assert only.got == "-60 deg after 0 deg"
+    assert only.value == "-60 deg after 0 deg"
 
 
 WRONG_TABLES = [

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
-from dechirp.config.texts import dump
+from dechirp.config.dumping import dump
+from dechirp.config.loading import parse_settings
 from dechirp.scene.bodies.pedestrian import Pedestrian
 from dechirp.scene.gait import Gait
-from dechirp.scene.paths import paths
-from dechirp.scene.person import OWNERS, Joint
+from dechirp.scene.skeleton import SEGMENT_JOINTS, Joint
 from dechirp.scene.target import Target
+from dechirp.scene.trajectories import fit_paths
 
 N_PHASES = 1000
 CYCLES = np.arange(N_PHASES) / N_PHASES
@@ -25,7 +25,7 @@ def period_s(speed_m_per_s, height_m=1.75):
 
 
 def joints_m(speed_m_per_s, height_m=1.75, cycles=CYCLES):
-    found = Gait(height_m=height_m, speed_m_per_s=speed_m_per_s).joints_m(cycles)
+    found = Gait(height_m=height_m, speed_m_per_s=speed_m_per_s).joint_positions_m(cycles)
     return {joint.name: found[:, joint] for joint in Joint}
 
 
@@ -65,14 +65,14 @@ def test_feet_in_the_air_go_ahead_at_two_to_four_times_the_walking_speed(speed):
     body = Pedestrian(speed_m_per_s=speed)
     offsets_m = body.offsets_m(CYCLES * period_s(speed))
     over_ground = speed + speeds_m_per_s(offsets_m, period_s(speed))
-    of_feet = np.isin(OWNERS[:, 0], (Joint.LEFT_HEEL, Joint.RIGHT_HEEL))
+    of_feet = np.isin(SEGMENT_JOINTS[:, 0], (Joint.LEFT_HEEL, Joint.RIGHT_HEEL))
 
     peaks = over_ground[:, of_feet].max(axis=0) / speed
     assert of_feet.sum() == 4
     assert np.all((peaks > 2) & (peaks < 4))
     # No part is faster, and the trunk keeps within 0.45 m/s of the walking speed.
     assert over_ground.max() / speed == pytest.approx(peaks.max(), rel=1e-12)
-    of_trunk = OWNERS[:, 0] == Joint.PELVIS
+    of_trunk = SEGMENT_JOINTS[:, 0] == Joint.PELVIS
     assert abs(over_ground[:, of_trunk] - speed).max() < 0.45
     assert over_ground.mean(axis=0) == pytest.approx(np.full(35, speed), abs=1e-9)
 
@@ -145,7 +145,7 @@ def test_a_pedestrian_has_fifteen_segments_that_share_its_cross_section():
     body = Pedestrian(speed_m_per_s=1.4, rcs_m2=0.2)
 
     # The trunk's halves have two pairs of joints each, one of which they share.
-    assert len(np.unique(OWNERS, axis=0)) == 15 + 1
+    assert len(np.unique(SEGMENT_JOINTS, axis=0)) == 15 + 1
     assert body.cross_sections_m2().sum() == pytest.approx(0.2, rel=1e-12)
     assert 10 * np.log10(Pedestrian(speed_m_per_s=1).rcs_m2) == pytest.approx(-8, abs=0.05)
     assert body.offsets_m(np.zeros(3)).shape == (3, 35, 3)
@@ -162,7 +162,7 @@ def test_a_pedestrian_moves_smoothly(radar):
         targets=[Target(position_m=(20, 0, -0.6), velocity_m_per_s=(2, 0, 0), body=body)]
     )
     # A frame of 4.5 ms is followed by few polynomials.
-    assert all(len(paths(scene, radar.frame, 0.1 * k)) <= 2 for k in range(10))
+    assert all(len(fit_paths(scene, radar.frame, 0.1 * k)) <= 2 for k in range(10))
 
 
 def test_who_stands_does_not_move():
@@ -182,24 +182,24 @@ position: [20 m, 3 m, -0.6 m]
 velocity: [0 m/s, -1.2 m/s, 0 m/s]
 body: {kind: pedestrian, height: 160 cm, speed: 1.2 m/s, phase: 90 deg, rcs: -10 dBsm}
 """
-    target = parse(text, Target)
+    target = parse_settings(text, Target)
 
     assert (target.body.height_m, target.body.speed_m_per_s) == (1.6, 1.2)
     assert target.body.phase_rad == pytest.approx(np.pi / 2, rel=1e-15)
     assert target.body.rcs_m2 == pytest.approx(0.1, rel=1e-15)
-    assert parse(dump(target), Target) == target
+    assert parse_settings(dump(target), Target) == target
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"height_m": -1.7}, "Pedestrian.height_m is -1.7"),
-        ({"height_m": 175}, "Pedestrian.height_m is 175"),
-        ({"speed_m_per_s": -1}, "Pedestrian.speed_m_per_s is -1"),
-        ({"speed_m_per_s": 2.2}, "speed_m_per_s is 2.2 m/s, but must be at most 2.13 m/s at a hei"),
-        ({"speed_m_per_s": np.nan}, "Pedestrian.speed_m_per_s is nan"),
-        ({"phase_rad": 90}, "Pedestrian.phase_rad is 90"),
-        ({"rcs_m2": 0}, "Pedestrian.rcs_m2 is 0"),
+        ({"height_m": -1.7}, "Pedestrian.height_m: -1.7"),
+        ({"height_m": 175}, "Pedestrian.height_m: 175"),
+        ({"speed_m_per_s": -1}, "Pedestrian.speed_m_per_s: -1"),
+        ({"speed_m_per_s": 2.2}, "speed_m_per_s: 2.2 m/s; expected at most 2.13 m/s at a hei"),
+        ({"speed_m_per_s": np.nan}, "Pedestrian.speed_m_per_s: nan"),
+        ({"phase_rad": 90}, "Pedestrian.phase_rad: 90"),
+        ({"rcs_m2": 0}, "Pedestrian.rcs_m2: 0"),
     ],
 )
 def test_a_pedestrian_who_cannot_be_is_refused(given, message):

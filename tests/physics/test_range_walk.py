@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.range_walk import undone_by
-from dechirp.process.spectrum import Transform, mean_power
+from dechirp.processing.range_walk import frame_transform
+from dechirp.processing.spectrum import Transform, mean_power
 
 N_SAMPLES, N_CHIRPS = 300, 128
 
@@ -59,7 +59,7 @@ def test_a_target_that_walks_gets_its_gain_back(name, velocity_m_per_s, window, 
 
     how = samples, sampling, over_range, over_velocity
     plain_db = peak_db(mean_power(*how), samples)
-    undone_db = peak_db(mean_power(*how, undone_by(name, of.frame.chirp)), samples)
+    undone_db = peak_db(mean_power(*how, frame_transform(name, of.frame.chirp)), samples)
 
     assert undone_db == pytest.approx(0, abs=0.5)
     walk = abs(velocity_m_per_s) * N_CHIRPS * of.frame.interval_s / 0.05
@@ -73,7 +73,7 @@ def test_the_range_is_that_at_mid_frame(name):
     of = radar()
     velocity_m_per_s, chirp = 20.0, of.frame.chirp
     over_range, over_velocity = transforms("hann")
-    samples, undone = echo(of, velocity_m_per_s), undone_by(name, chirp)
+    samples, undone = echo(of, velocity_m_per_s), frame_transform(name, chirp)
     power = mean_power(samples, "complex", over_range, over_velocity, undone)
 
     velocity, row = np.unravel_index(power.argmax(), power.shape)
@@ -97,7 +97,7 @@ def test_the_keystone_is_the_sum_over_chirps_at_the_frequencies_of_each_sample(s
     if sampling == "complex":
         samples = samples + 1j * rng.standard_normal(samples.shape).astype(np.float32)
     over_range, over_velocity = transforms("hann", pad=2)
-    found = undone_by("keystone", chirp)(samples, sampling, over_range, over_velocity)
+    found = frame_transform("keystone", chirp)(samples, sampling, over_range, over_velocity)
 
     sent_hz = chirp.start_frequency_hz + chirp.slope_hz_per_s * (
         chirp.adc_start_s + np.arange(N_SAMPLES) / chirp.sample_rate_hz
@@ -123,8 +123,8 @@ def test_segments_leave_no_lobes_that_the_keystone_has_not(sampling, velocity_m_
     of = radar(sampling)
     how = echo(of, velocity_m_per_s), sampling, *transforms("hann", pad)
 
-    exact = abs(undone_by("keystone", of.frame.chirp)(*how))
-    steps = abs(undone_by("segmented", of.frame.chirp)(*how))
+    exact = abs(frame_transform("keystone", of.frame.chirp)(*how))
+    steps = abs(frame_transform("segmented", of.frame.chirp)(*how))
 
     # A taper over w = 4 steps, turns of up to a quarter of a cycle in each: exp(-pi w sqrt(1/2)),
     # 78 dB, and once over for the alias on the other side. Segments side by side left 28 to 40.
@@ -155,7 +155,7 @@ def test_noise_has_the_power_that_an_ordinary_transform_leaves(name):
     how = noise, "complex", over_range, over_velocity
     plain = mean_power(*how).mean()
 
-    kept = mean_power(*how, undone_by(name, of.frame.chirp)).mean()
+    kept = mean_power(*how, frame_transform(name, of.frame.chirp)).mean()
 
     # 76,800 independent cells; five standard deviations of their mean.
     assert kept / plain == pytest.approx(1, abs=5 / np.sqrt(2 * N_CHIRPS * N_SAMPLES))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.echoes.impairments.compression import Compression
+from dechirp.simulation.impairments.compression import Compression
 
 P1DB_W = 1e-4
 
@@ -29,7 +29,9 @@ def compressed(radar, powers_w, *, dtype=np.complex128):
     samples = np.tile(wave, (1, 3, 2, 1)).astype(dtype)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", dc.PhysicsWarning)
-        Compression(p1db_w=P1DB_W).apply(samples, dc.Scene(), radar, np.random.default_rng(0))
+        Compression(p1db_w=P1DB_W).apply_to_samples(
+            samples, dc.Scene(), radar, np.random.default_rng(0)
+        )
     assert (samples == samples[0, 0, 0]).all()
     power = abs(np.fft.fft(samples[0, 0, 0]) / 256) ** 2
     # Half of a real tone's power lies at the mirrored frequency.

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.echoes.codes import codes, is_coded
-from dechirp.echoes.impairments.jitter import Jitter
-from dechirp.echoes.impairments.mismatch import Mismatch
-from dechirp.echoes.impairments.quantisation import Quantisation
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.adc_codes import extract_adc_codes, has_adc_codes
+from dechirp.simulation.impairments.aperture_jitter import ApertureJitter
+from dechirp.simulation.impairments.channel_mismatch import ChannelMismatch
+from dechirp.simulation.impairments.quantisation import Quantisation
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
 
 EMPTY = dc.Scene()
 
@@ -37,7 +37,7 @@ def test_a_tone_of_full_scale_has_the_signal_to_noise_ratio_of_its_bits(radar, s
     converter = Quantisation(bits=bits, full_scale_w=3e-6)
     clean = tones(radar, 3e-6, 0.1931 * np.sqrt(3), n_chirps=200)
     coarse = clean.copy()
-    converter.apply(coarse, EMPTY, radar, np.random.default_rng(0))
+    converter.apply_to_samples(coarse, EMPTY, radar, np.random.default_rng(0))
 
     noise_w = np.mean(abs(coarse - clean) ** 2)
     snr_db = 10 * np.log10(np.mean(abs(clean) ** 2) / noise_w)
@@ -53,8 +53,8 @@ def test_what_exceeds_full_scale_is_clipped_and_counted(radar, sampling):
     # Twice the amplitude: beyond full scale where |cos| > 1/2, two thirds of the time; half a
     # step of 127 more is not clipped.
     with pytest.warns(dc.PhysicsWarning, match=r"clips 66\.\d+% of"):
-        converter.apply(samples, EMPTY, radar, np.random.default_rng(0))
-    parts = np.unique(samples.view(float) / converter.scale(radar)).round(6)
+        converter.apply_to_samples(samples, EMPTY, radar, np.random.default_rng(0))
+    parts = np.unique(samples.view(float) / converter.step_size(radar)).round(6)
     assert parts.min() == -128
     assert parts.max() == 127
 
@@ -69,8 +69,8 @@ def test_codes_are_the_samples_in_steps(radar, sampling, bits, dtype):
     converter = Quantisation(bits=bits, full_scale_w=full_scale_w)
     cube = dc.simulate(scene, radar, impairments=[ThermalNoise(), converter], dtype=dtype, seed=2)
 
-    made = codes(cube)
-    assert is_coded(cube)
+    made = extract_adc_codes(cube)
+    assert has_adc_codes(cube)
     assert made.dtype == np.int16
     assert made.attrs["bits"] == bits
     assert made.dims == (*cube.dims, *(("iq",) if sampling == "complex" else ()))
@@ -84,18 +84,18 @@ def test_codes_are_the_samples_in_steps(radar, sampling, bits, dtype):
 
 def test_a_cube_has_no_scale_where_samples_are_changed_after_the_converter(radar):
     # All zero, and so whole numbers of whatever step, though later frames are not.
-    after = [Quantisation(full_scale_w=1e-9), Mismatch(gains=(1.0, 1.1))]
+    after = [Quantisation(full_scale_w=1e-9), ChannelMismatch(gains=(1.0, 1.1))]
     cube = dc.simulate(EMPTY, radar, impairments=after)
     assert "scale" not in cube.attrs
-    assert not is_coded(cube)
+    assert not has_adc_codes(cube)
 
 
 def test_samples_that_are_no_codes_are_refused(radar):
     noise = dc.simulate(EMPTY, radar)
-    with pytest.raises(dc.InvalidSetting, match="no codes of a converter"):
-        codes(noise)
-    with pytest.raises(dc.InvalidSetting, match="no codes of a converter"):
-        codes(noise.assign_attrs(scale=1e-9))
+    with pytest.raises(dc.InvalidSetting, match="not ADC codes"):
+        extract_adc_codes(noise)
+    with pytest.raises(dc.InvalidSetting, match="not ADC codes"):
+        extract_adc_codes(noise.assign_attrs(scale=1e-9))
 
 
 @pytest.mark.parametrize(
@@ -117,11 +117,11 @@ def test_a_converter_has_2_to_16_bits_and_a_full_scale(settings, named):
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3, 0.55, 0.8])
 def test_jitter_adds_noise_as_steep_tones_ask_for(radar, sampling, share):
     radar = with_sampling(radar, sampling)
-    jitter, beat_hz = Jitter(rms_s=1e-12), share * radar.frame.chirp.max_beat_frequency_hz
-    wide = max(jitter.margins(radar))
+    jitter, beat_hz = ApertureJitter(rms_s=1e-12), share * radar.frame.chirp.max_beat_frequency_hz
+    wide = max(jitter.sample_margins(radar))
     clean = tones(radar, 1.0, beat_hz / 10e6, wide=wide)
     late = clean.copy()
-    jitter.apply(late, EMPTY, radar, np.random.default_rng(4))
+    jitter.apply_to_samples(late, EMPTY, radar, np.random.default_rng(4))
 
     kept = slice(wide, wide + 256)
     snr = 1 / np.mean(abs(late - clean)[..., kept] ** 2)
@@ -133,14 +133,14 @@ def test_jitter_adds_noise_as_steep_tones_ask_for(radar, sampling, share):
 
 def test_jitter_says_what_noise_it_adds_to_echoes(radar):
     scene = dc.Scene(targets=[dc.Target(position_m=(r, 0, 0)) for r in (20.0, 30.0)])
-    jitter = Jitter(rms_s=1e-12)
+    jitter = ApertureJitter(rms_s=1e-12)
     cubes = [dc.simulate(scene, radar, impairments=one) for one in ([jitter], [])]
     added_w = float(np.mean(abs(cubes[0] - cubes[1]) ** 2))
     assert added_w == pytest.approx(jitter.noise_power_w(scene, radar), rel=0.05)
 
 
 def test_jitter_of_the_wrong_unit_is_refused(radar):
-    with pytest.raises(dc.InvalidSetting, match=r"rms is 1e\+04 ps.*at most 4775 ps"):
-        Jitter(rms_s=1e-8).check(EMPTY, radar)
-    with pytest.raises(dc.InvalidSetting, match=r"Jitter\.rms_s"):
-        Jitter(rms_s=-1e-12)
+    with pytest.raises(dc.InvalidSetting, match=r"rms: 1e\+04 ps.*at most 4775 ps"):
+        ApertureJitter(rms_s=1e-8).check(EMPTY, radar)
+    with pytest.raises(dc.InvalidSetting, match=r"ApertureJitter\.rms_s"):
+        ApertureJitter(rms_s=-1e-12)

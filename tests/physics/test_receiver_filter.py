@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import butter, freqs
 
 import dechirp as dc
-from dechirp.echoes.impairments.if_filter import IfFilter
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.impairments.if_filter import IfFilter
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
 
 RATE_HZ = 10e6
 
@@ -20,13 +20,13 @@ def with_sampling(radar, sampling):
 
 def filtered(radar, impairment, beats_hz):
     """Tones of power 1, one a chirp, from the first kept sample on: (n_tones, n_samples)."""
-    before, after = impairment.margins(radar)
+    before, after = impairment.sample_margins(radar)
     times_s = (np.arange(256 + before + after) - before) / RATE_HZ
     waves = np.exp(2j * np.pi * np.asarray(beats_hz)[:, None] * times_s)
     if radar.frame.chirp.sampling == "real":
         waves = np.sqrt(2) * waves.real
     samples = np.ascontiguousarray(waves[None, :, None, :])
-    impairment.apply(samples, dc.Scene(), radar, np.random.default_rng(0))
+    impairment.apply_to_samples(samples, dc.Scene(), radar, np.random.default_rng(0))
     return samples[0, :, 0, before : before + 256]
 
 
@@ -138,7 +138,7 @@ def test_an_echo_that_the_filter_cuts_is_told_of(radar):
         ]
     )
     # 1 m beats at 133 kHz, as (133 / 350)^2: 17 dB.
-    with pytest.warns(dc.PhysicsWarning, match=r"bumper is cut by 16\.\d dB.*0\.1334 MHz"):
+    with pytest.warns(dc.PhysicsWarning, match=r"bumper is attenuated by 16\.\d dB.*0\.1334 MHz"):
         IfFilter(high_pass_hz=350e3).check(near, radar)
     IfFilter(high_pass_hz=100e3, high_pass_order=1).check(near, radar)
 
@@ -146,11 +146,11 @@ def test_an_echo_that_the_filter_cuts_is_told_of(radar):
 @pytest.mark.parametrize(
     ("sampling", "settings", "named"),
     [
-        ("complex", {"low_pass_hz": 10e6}, "low_pass is 10 MHz.*below 10 MHz"),
-        ("real", {"low_pass_hz": 6e6}, "low_pass is 6 MHz.*below 5 MHz"),
-        ("real", {"high_pass_hz": 6e6}, "high_pass is 6 MHz"),
-        ("complex", {"high_pass_hz": 10e3}, "high_pass is so low.*settles within 35 us"),
-        ("complex", {"high_pass_hz": None, "low_pass_hz": 10e3}, "low_pass is so low"),
+        ("complex", {"low_pass_hz": 10e6}, "low_pass: 10 MHz.*below 10 MHz"),
+        ("real", {"low_pass_hz": 6e6}, "low_pass: 6 MHz.*below 5 MHz"),
+        ("real", {"high_pass_hz": 6e6}, "high_pass: 6 MHz"),
+        ("complex", {"high_pass_hz": 10e3}, "high_pass: a corner so low.*settling within 35 us"),
+        ("complex", {"high_pass_hz": None, "low_pass_hz": 10e3}, "low_pass: a corner so low"),
     ],
 )
 def test_filters_outside_the_band_are_refused_by_the_name_of_the_corner(

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.echoes.impairments.dc_offset import DcOffset
-from dechirp.echoes.impairments.iq_imbalance import IqImbalance
-from dechirp.echoes.impairments.mismatch import Mismatch
+from dechirp.simulation.impairments.channel_mismatch import ChannelMismatch
+from dechirp.simulation.impairments.dc_offset import DcOffset
+from dechirp.simulation.impairments.iq_imbalance import IqImbalance
 
 EMPTY = dc.Scene()
 
@@ -20,9 +20,9 @@ def with_sampling(radar, sampling):
 
 def received(impairment, radar, samples, seed=0):
     impairment.check(EMPTY, radar)
-    before, after = impairment.margins(radar)
+    before, after = impairment.sample_margins(radar)
     cube = np.array(samples)
-    impairment.apply(cube, EMPTY, radar, np.random.default_rng(seed))
+    impairment.apply_to_samples(cube, EMPTY, radar, np.random.default_rng(seed))
     return cube[..., before : cube.shape[-1] - after]
 
 
@@ -57,7 +57,7 @@ def test_single_precision_has_the_same_image(radar):
 
 
 def test_one_mixer_has_no_halves_to_be_unlike(radar):
-    with pytest.raises(dc.InvalidSetting, match="one mixer"):
+    with pytest.raises(dc.InvalidSetting, match="a single mixer"):
         IqImbalance(gain=1.1).check(EMPTY, with_sampling(radar, "real"))
 
 
@@ -86,8 +86,8 @@ def test_phases_of_offsets_are_drawn_once_for_each_receiver(radar):
 @pytest.mark.parametrize("cycles", [20.0, 63.4, 110.3])
 def test_a_mismatch_turns_and_scales_each_receiver(radar, sampling, cycles):
     radar = with_sampling(radar, sampling)
-    mismatch = Mismatch(gains=(1.2, 0.9), phases_rad=(0.05, -0.4))
-    wide, is_complex = max(mismatch.margins(radar)), sampling == "complex"
+    mismatch = ChannelMismatch(gains=(1.2, 0.9), phases_rad=(0.05, -0.4))
+    wide, is_complex = max(mismatch.sample_margins(radar)), sampling == "complex"
     made = tone(cycles, before=wide, is_complex=is_complex)
     got = received(mismatch, radar, made)[0]
 
@@ -103,7 +103,7 @@ def test_mismatches_are_drawn_with_their_spread_and_kept_in_all_frames(radar):
     array = dc.Array(rx_m=[(0, 1e-3 * k, 0) for k in range(400)])
     frame = replace(radar.frame, n_chirps=2)
     radar = replace(radar, frame=replace(frame, chirp=replace(frame.chirp, n_samples=4)))
-    mismatch = Mismatch(gain_std=10**0.05, phase_std_rad=0.05)
+    mismatch = ChannelMismatch(gain_std=10**0.05, phase_std_rad=0.05)
     got = received(mismatch, replace(radar, array=array), np.ones((2, 2, 400, 4), complex), 6)
 
     assert (got == got[0, 0, :, :1]).all()
@@ -122,12 +122,12 @@ def test_mismatches_are_drawn_with_their_spread_and_kept_in_all_frames(radar):
         (lambda: IqImbalance(phase_rad=2.0), "IqImbalance.phase_rad"),
         (lambda: DcOffset(power_w=-1.0), "DcOffset.power_w"),
         (lambda: DcOffset(power_w=1.0, phases_rad=(float("nan"),)), "DcOffset.phases_rad"),
-        (lambda: Mismatch(gain_std=0.9), "Mismatch.gain_std"),
+        (lambda: ChannelMismatch(gain_std=0.9), "ChannelMismatch.gain_std"),
         (lambda: DcOffset(power_w=1.0, phases_rad=0.5), "DcOffset.phases_rad"),
-        (lambda: Mismatch(gains=(1.0, 0.0)), "Mismatch.gains"),
-        (lambda: Mismatch(gains=2.0), "Mismatch.gains"),
-        (lambda: Mismatch(phases_rad=[[0.1], [0.2]]), "Mismatch.phases_rad.0"),
-        (lambda: Mismatch(phase_std_rad=float("inf")), "Mismatch.phase_std_rad"),
+        (lambda: ChannelMismatch(gains=(1.0, 0.0)), "ChannelMismatch.gains"),
+        (lambda: ChannelMismatch(gains=2.0), "ChannelMismatch.gains"),
+        (lambda: ChannelMismatch(phases_rad=[[0.1], [0.2]]), "ChannelMismatch.phases_rad.0"),
+        (lambda: ChannelMismatch(phase_std_rad=float("inf")), "ChannelMismatch.phase_std_rad"),
     ],
 )
 def test_wrong_numbers_are_refused_by_name(make, named):
@@ -138,8 +138,8 @@ def test_wrong_numbers_are_refused_by_name(make, named):
 @pytest.mark.parametrize(
     ("impairment", "named"),
     [
-        (DcOffset(power_w=1.0, phases_rad=(0.0,)), "phases is of 1 receivers.*of 2"),
-        (Mismatch(gains=(1.0, 1.0, 1.0)), "gains is of 3 receivers.*of 2"),
+        (DcOffset(power_w=1.0, phases_rad=(0.0,)), "phases: 1 values.*2 values"),
+        (ChannelMismatch(gains=(1.0, 1.0, 1.0)), "gains: 3 values.*2 values"),
     ],
 )
 def test_what_is_given_is_for_each_receiver(radar, impairment, named):

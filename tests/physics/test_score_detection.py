@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.evaluate.detector import detector
-from dechirp.evaluate.expected import detection_probabilities, kept_in_cell
-from dechirp.evaluate.gates import turns
-from dechirp.evaluate.score.detection_probability import DetectionProbability
-from dechirp.evaluate.score.resolution_probability import ResolutionProbability
-from dechirp.process.cfar.base import Cfar
-from dechirp.process.cfar.ordered_statistic import OrderedStatistic
-from dechirp.process.cfar.trimmed_mean import TrimmedMean
-from dechirp.process.chain import Chain
-from dechirp.process.maps import power_map, threshold_map
-from dechirp.process.mitigation.mean_subtraction import MeanSubtraction
-from dechirp.scene.bodies.car import Car
-from dechirp.scene.folding import Place
+from dechirp.evaluation.detector_law import find_detector_law
+from dechirp.evaluation.gates import normalised_frequencies
+from dechirp.evaluation.predicted_detection import cell_snr_fraction, detection_probabilities
+from dechirp.evaluation.score.detection_probability import DetectionProbability
+from dechirp.evaluation.score.resolution_probability import ResolutionProbability
+from dechirp.processing.cfar.base import Cfar
+from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
+from dechirp.processing.cfar.trimmed_mean import TrimmedMean
+from dechirp.processing.chain import Chain
+from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
+from dechirp.processing.range_doppler_map import power_map, threshold_map
+from dechirp.scene.aliasing import RangeVelocity
+from dechirp.scene.bodies.vehicle import Car
 from nightly import nightly
 from trial_cases import case_of, cubes, looks, small, sums, target
 
@@ -71,19 +71,21 @@ def test_theory_is_within_0_02_of_20_000_trials(radar, chain, snr_db):
 def test_cells_beside_the_nearest_find_as_many_more_as_theory_says():
     """Half a cell off on both axes four cells hold as much: a quarter of all trials."""
     case = case_of(small(), HANN, 17.0, target(20.4745, 4.3397))
-    noise, n_trials, n_more = case.chain.noise(case.radar), 600, 0
-    place = Place(case.truth.range.values, case.truth.velocity.values)
-    fast, slow = (float(cycles.item()) for cycles in turns(place, case.radar))
+    noise, n_trials, n_more = case.chain.map_noise(case.radar), 600, 0
+    place = RangeVelocity(case.truth.range.values, case.truth.velocity.values)
+    fast, slow = (float(cycles.item()) for cycles in normalised_frequencies(place, case.radar))
     assert (64 * fast, 32 * slow) == pytest.approx((17.5, 2.5), abs=1e-3)
     row, column = round(fast * 64), round(slow * 32) + 16
     frames = cubes(case, np.random.default_rng(1))
     for look in looks(case, n_trials, seed=1):
         power = power_map(next(frames).isel(frame=0), case.radar, case.chain)
         over = power > threshold_map(power, case.radar, case.chain)
-        n_more += int((look.match.target == 0).any()) - int(over.values[column, row])
+        n_more += int((look.association.target == 0).any()) - int(over.values[column, row])
 
-    kept = kept_in_cell(place, case.radar, noise.over_range, noise.over_velocity)
-    nearest = detector(case.chain.cfar, noise).probability(case.truth.snr.values * kept)
+    kept = cell_snr_fraction(place, case.radar, noise.range_transform, noise.doppler_transform)
+    nearest = find_detector_law(case.chain.cfar, noise).detection_probability(
+        case.truth.snr.values * kept
+    )
     (theory,) = detection_probabilities(case) - nearest.ravel()
     assert theory > 0.2
     # Hardly ever does the nearest cell find it and the chain not: it is a share of the trials.
@@ -145,4 +147,4 @@ def test_targets_are_resolved_where_each_has_a_detection_of_its_own():
     # Half a cell apart there is one peak.
     assert shares[1].high < 0.5
     with pytest.raises(dc.InvalidSetting, match="resolution_probability, in a scene of 1"):
-        score.check(case_of(small(), HANN, 40.0))
+        score.check_context(case_of(small(), HANN, 40.0))

@@ -6,19 +6,21 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.evaluate.accuracy import smallest_errors
-from dechirp.evaluate.look import Look
-from dechirp.evaluate.match import Matcher
-from dechirp.evaluate.score.azimuth_bias import AzimuthBias
-from dechirp.evaluate.score.azimuth_rmse import AzimuthRmse
-from dechirp.evaluate.score.elevation_bias import ElevationBias
-from dechirp.evaluate.score.elevation_rmse import ElevationRmse
-from dechirp.evaluate.score.range_bias import RangeBias
-from dechirp.evaluate.score.range_rmse import RangeRmse
-from dechirp.evaluate.score.velocity_bias import VelocityBias
-from dechirp.evaluate.score.velocity_rmse import VelocityRmse
-from dechirp.process.chain import Chain
-from dechirp.scene.bodies.car import Car
+from dechirp.evaluation.association import Associator
+from dechirp.evaluation.case_bounds import rms_error_bounds
+from dechirp.evaluation.score.errors import (
+    AzimuthBias,
+    AzimuthRmse,
+    ElevationBias,
+    ElevationRmse,
+    RangeBias,
+    RangeRmse,
+    VelocityBias,
+    VelocityRmse,
+)
+from dechirp.evaluation.trial import TrialResult
+from dechirp.processing.chain import Chain
+from dechirp.scene.bodies.vehicle import Car
 from trial_cases import case_of, looks, small, target
 
 SURE = 1 - 1e-6
@@ -36,21 +38,21 @@ def test_errors_reach_the_bound_and_are_even_on_all_axes():
     biases = [RangeBias(), VelocityBias(), AzimuthBias(), ElevationBias()]
     seen = list(looks(case, 300))
     for score in (*rmses, *biases):
-        score.check(case)
-        sums = np.array([score.sums(look, case)[0] for look in seen])
+        score.check_context(case)
+        sums = np.array([score.trial_sums(look, case)[0] for look in seen])
 
         found = score.estimate(sums, confidence=SURE)
 
         (theory,) = score.theory(case)
         assert np.isfinite(theory)
         assert found.low < theory < found.high, score.label()
-        assert found.high - found.low < 0.5 * smallest_errors(case)[score.axis][0] * (
+        assert found.high - found.low < 0.5 * rms_error_bounds(case)[score.axis][0] * (
             2 if score in biases else 1.5
         )
 
 
 def test_the_bound_falls_with_the_root_of_the_ratio():
-    low, high = (smallest_errors(case_of(small(4), Chain(), snr_db)) for snr_db in (20.0, 40.0))
+    low, high = (rms_error_bounds(case_of(small(4), Chain(), snr_db)) for snr_db in (20.0, 40.0))
 
     for axis in ("range", "velocity", "azimuth"):
         assert low[axis][0] == pytest.approx(10 * high[axis][0], rel=1e-9)
@@ -74,7 +76,7 @@ def test_no_bound_is_told_where_none_holds():
     assert np.isnan(AzimuthRmse().theory(replace(lone, chain=replace(chain, angle=None)))).all()
 
 
-def columns(case, **told) -> Look:
+def columns(case, **told) -> TrialResult:
     """Detections of the first frame, those of the target's place but for what is told."""
     n = max(np.size(column) for column in told.values())
     at = {
@@ -83,12 +85,14 @@ def columns(case, **told) -> Look:
         "velocity": case.truth.velocity.values[0, 0],
         "azimuth": np.nan,
         "elevation": np.nan,
-        "fold": np.nan,
+        "ambiguity_number": np.nan,
         "snr": 100.0,
         **told,
     }
     found = {name: np.broadcast_to(column, n) for name, column in at.items()}
-    return Look(detections=found, match=Matcher(case.truth, case.radar, case.scene)(found))
+    return TrialResult(
+        detections=found, association=Associator(case.truth, case.radar, case.scene)(found)
+    )
 
 
 def test_the_strongest_detection_of_a_target_counts_and_not_the_nearest():
@@ -96,10 +100,10 @@ def test_the_strongest_detection_of_a_target_counts_and_not_the_nearest():
     true_m = case.truth.range.item()
     look = columns(case, range=true_m + np.array([0.0, 0.5, 30.0]), snr=[20.0, 90.0, 900.0])
 
-    assert RangeRmse().sums(look, case) == pytest.approx(np.array([[0.25, 1.0]]))
-    assert RangeBias().sums(look, case) == pytest.approx(np.array([[0.5, 1.0]]))
+    assert RangeRmse().trial_sums(look, case) == pytest.approx(np.array([[0.25, 1.0]]))
+    assert RangeBias().trial_sums(look, case) == pytest.approx(np.array([[0.5, 1.0]]))
     # The strongest tells no azimuth: there is no error, rather than none.
-    assert AzimuthRmse().sums(look, case) == pytest.approx(np.zeros((1, 2)))
+    assert AzimuthRmse().trial_sums(look, case) == pytest.approx(np.zeros((1, 2)))
 
 
 def test_targets_and_frames_add_up():
@@ -113,8 +117,8 @@ def test_targets_and_frames_add_up():
         velocity=case.truth.velocity.values[0, 0],
     )
 
-    assert RangeBias().sums(look, case) == pytest.approx(np.array([[-0.1, 2], [0.3, 1]]))
-    whole = RangeRmse().sums(look, case).sum(axis=0)
+    assert RangeBias().trial_sums(look, case) == pytest.approx(np.array([[-0.1, 2], [0.3, 1]]))
+    whole = RangeRmse().trial_sums(look, case).sum(axis=0)
     assert RangeRmse().estimate(whole[None], confidence=0.9).value == pytest.approx(
         np.sqrt(0.14 / 3)
     )
@@ -124,7 +128,7 @@ def test_what_cannot_be_scored_is_refused_with_what_to_do():
     one_chirp = replace(small(), frame=replace(small().frame, n_chirps=1))
     cfar = (
         dc.Cfar(
-            estimator=dc.CellAveraging(),
+            estimator=dc.cfar.CellAveraging(),
             n_training=dc.Cells(range=8, velocity=0),
             n_guard=dc.Cells(range=2, velocity=0),
             false_alarm_probability=1e-4,
@@ -140,7 +144,7 @@ def test_what_cannot_be_scored_is_refused_with_what_to_do():
     ]
     for score, case, what in refused:
         with pytest.raises(dc.InvalidSetting, match=what) as wrong:
-            score.check(case)
+            score.check_context(case)
         (mistake,) = wrong.value.mistakes
-        assert score.label() in mistake.got
-        assert mistake.fix.endswith(f"or leave out {score.label()}.")
+        assert score.label() in mistake.value
+        assert mistake.fix.endswith(f"or leave out {score.label()}")

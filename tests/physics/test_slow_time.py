@@ -8,13 +8,13 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.process.slow_time import (
-    by_frame,
+from dechirp.processing.slow_time import (
     displacement,
     displacement_spectrum,
+    frame_means,
     range_track,
     slow_time,
-    strongest_line,
+    strongest_oscillation,
 )
 
 CHIRP = dc.Chirp(
@@ -106,7 +106,7 @@ def test_a_range_is_followed_across_cells_to_the_same_displacement():
 def test_a_line_is_measured_between_bins():
     # 41.37 Hz: 10.59 bins of 3.9 Hz
     moved = displacement(slow_time(cube_of(shaking(2e-6, 41.37)), RADAR, 6.0), RADAR)
-    line = strongest_line(displacement_spectrum(moved), (10.0, 400.0))
+    line = strongest_oscillation(displacement_spectrum(moved), (10.0, 400.0))
     # the mirror image of the line at -41 Hz, 21 bins off, is 1e-4 of it under a Hann window
     np.testing.assert_allclose(line.frequency.values, 41.37, atol=0.004)
     np.testing.assert_allclose(line.amplitude.values, 2e-6, rtol=1e-3)
@@ -126,7 +126,7 @@ def test_means_over_frames_have_a_value_a_frame_and_less_noise():
     cubes = [cube_of(np.full(16, 6.0), radar, noise=1.0, seed=seed) for seed in range(64)]
     cube = xr.concat(cubes, "frame")
     each = slow_time(cube, radar, 6.0)
-    trace = by_frame(each)
+    trace = frame_means(each)
     assert trace.dims == ("time", "channel") and trace.sizes["time"] == 64
     np.testing.assert_allclose(np.diff(trace.time.values), 0.1, rtol=1e-9)
     first_s = float(trace.time[0])
@@ -140,7 +140,7 @@ def test_means_over_frames_have_a_value_a_frame_and_less_noise():
 
 def test_steps_of_half_a_turn_are_told():
     range_m = 6.0 + 0.24 * WAVELENGTH_M * np.arange(256)
-    with pytest.warns(dc.PhysicsWarning, match="three eighths of a turn in 100%"):
+    with pytest.warns(dc.PhysicsWarning, match="3/8 of a cycle in 100%"):
         displacement(slow_time(cube_of(range_m), RADAR, range_m), RADAR)
 
 
@@ -168,8 +168,8 @@ def test_a_walk_of_many_turns_is_told_to_micrometres():
 def test_a_line_keeps_its_frequency_in_a_part_of_the_spectrum():
     moved = displacement(slow_time(cube_of(shaking(2e-6, 41.37)), RADAR, 6.0), RADAR)
     spectrum = displacement_spectrum(moved)
-    part = strongest_line(spectrum.sel(frequency=slice(20, 200)), (25.0, 100.0))
-    xr.testing.assert_allclose(part, strongest_line(spectrum, (25.0, 100.0)))
+    part = strongest_oscillation(spectrum.sel(frequency=slice(20, 200)), (25.0, 100.0))
+    xr.testing.assert_allclose(part, strongest_oscillation(spectrum, (25.0, 100.0)))
 
 
 def test_a_line_beyond_the_interval_is_not_taken_for_one_in_it():
@@ -177,9 +177,9 @@ def test_a_line_beyond_the_interval_is_not_taken_for_one_in_it():
     moved = displacement(slow_time(cube_of(shaking(2e-6, 41.37)), RADAR, 6.0), RADAR)
     spectrum = displacement_spectrum(moved)
     # The lobes of a Hann window fall by 18 dB an octave: 3e-3 from five bins off.
-    beyond = strongest_line(spectrum, (43.0, 200.0))
+    beyond = strongest_oscillation(spectrum, (43.0, 200.0))
     assert (beyond.amplitude < 1e-2 * 2e-6).all()
-    flank = strongest_line(spectrum, (43.0, 56.0))
+    flank = strongest_oscillation(spectrum, (43.0, 56.0))
     assert np.isnan(flank.frequency).all() and np.isnan(flank.amplitude).all()
 
 
@@ -187,27 +187,27 @@ def test_what_another_step_returns_is_refused():
     trace = slow_time(cube_of(shaking(2e-6, 40.0)), RADAR, 6.0)
     moved = displacement(trace, RADAR)
     with pytest.raises(
-        dc.InvalidSetting, match="trace is of .* must be a trace over time, complex"
+        dc.InvalidSetting, match="trace: an array of .* expected a complex trace over time"
     ):
         displacement(moved, RADAR)
-    with pytest.raises(dc.InvalidSetting, match="what slow_time or by_frame returns"):
+    with pytest.raises(dc.InvalidSetting, match="what slow_time or frame_means returns"):
         displacement(trace.isel(time=0), RADAR)
     with pytest.raises(dc.InvalidSetting, match="what displacement returns"):
         displacement_spectrum(trace)
     mean = displacement_spectrum(moved).mean("channel", keep_attrs=False)
     with pytest.raises(dc.InvalidSetting, match="keep_attrs"):
-        strongest_line(mean, (10.0, 400.0))
+        strongest_oscillation(mean, (10.0, 400.0))
 
 
 def test_uneven_times_and_narrow_intervals_are_refused():
     moved = displacement(slow_time(cube_of(shaking(2e-6, 40.0)), RADAR, 6.0), RADAR)
     gaps = moved.isel(time=np.r_[0:100, 140:256])
-    with pytest.raises(dc.InvalidSetting, match="by_frame"):
+    with pytest.raises(dc.InvalidSetting, match="frame_means"):
         displacement_spectrum(gaps)
     with pytest.raises(dc.InvalidSetting, match="four or more"):
         displacement_spectrum(moved.isel(time=slice(3)))
     with pytest.raises(dc.InvalidSetting, match="frequency_hz"):
-        strongest_line(displacement_spectrum(moved), (40.0, 41.0))
+        strongest_oscillation(displacement_spectrum(moved), (40.0, 41.0))
 
 
 def test_the_cube_of_another_radar_is_refused():

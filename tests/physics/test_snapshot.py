@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.scene.folding import seen
-from dechirp.scene.surprises import surprises
+from dechirp.scene.aliasing import apparent_truth
+from dechirp.scene.scene_warnings import scene_findings
 from noise import noise_cube, noisy
 
 ALONG_RANGE = dc.Cfar(
-    estimator=dc.CellAveraging(),
+    estimator=dc.cfar.CellAveraging(),
     n_training=dc.Cells(range=10, velocity=0),
     n_guard=dc.Cells(range=4, velocity=0),
     false_alarm_probability=1e-4,
@@ -61,10 +61,10 @@ def test_false_alarms_in_one_chirp_come_as_designed(radar):
 def test_a_fast_target_is_seen_at_its_beat_frequency_and_folds_in_no_velocity(radar):
     target = dc.Target(name="car", position_m=(30, 0, 0), velocity_m_per_s=(40, 0, 0), rcs_m2=10)
     scene = dc.Scene(targets=[target])
-    assert [f.setting for f in surprises(scene, radar)] == ["scene.targets.car.velocity"]
+    assert [f.setting for f in scene_findings(scene, radar)] == ["scene.targets.car.velocity"]
     radar = snapshot(radar)
-    assert surprises(scene, radar) == []
-    place = seen(dc.truth(scene, radar), radar)
+    assert scene_findings(scene, radar) == []
+    place = apparent_truth(dc.truth(scene, radar), radar)
     coupling_m = radar.frame.chirp.range_doppler_coupling_m(40)
 
     assert place.range_m.item() == pytest.approx(30 + coupling_m, abs=1e-3)  # 15 us at 40 m/s
@@ -77,8 +77,8 @@ def test_a_fast_target_is_seen_at_its_beat_frequency_and_folds_in_no_velocity(ra
 def test_a_range_that_folds_is_told_without_a_velocity(radar):
     scene = dc.Scene(targets=[dc.Target(position_m=(90, 0, 0))])
 
-    told = surprises(scene, snapshot(radar))
-    assert "90 m at 0 m/s folds to 15.05 m" in [finding.got for finding in told]
+    told = scene_findings(scene, snapshot(radar))
+    assert "90 m at 0 m/s is aliased to 15.05 m" in [finding.value for finding in told]
 
 
 def test_there_is_nothing_to_pad_in_one_chirp(radar):

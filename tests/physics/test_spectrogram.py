@@ -8,15 +8,15 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import dechirp as dc
-from dechirp.process.spectrogram import spectrogram
+from dechirp.processing.spectrogram import spectrogram
 from dechirp.radar.budget import received_power_w
-from dechirp.radar.cube import labelled_cube
+from dechirp.radar.cube import label_cube
 from dechirp.radar.multiplexing.tdm import Tdm
-from dechirp.report.figures.spectrogram import over_time
+from dechirp.report.figures.spectrogram import draw_spectrogram
 from dechirp.scene.bodies.bicyclist import Bicyclist
 from dechirp.scene.bodies.pedestrian import Pedestrian
 from dechirp.scene.bodies.points import Points, Rotation, Scatterer
-from dechirp.theory.windows import noise_bandwidth_bins, taper
+from dechirp.theory.windows import noise_bandwidth_bins, window_weights
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +31,9 @@ def slow(radar):
 
 def noise(radar, n_frames=1, seed=5):
     frame, rng = radar.frame, np.random.default_rng(seed)
-    shape = (n_frames, frame.n_sent, radar.array.n_rx, frame.chirp.n_samples)
+    shape = (n_frames, frame.n_chirps_total, radar.array.n_rx, frame.chirp.n_samples)
     samples = rng.standard_normal((*shape, 2)) @ np.array([1, 1j]) / np.sqrt(2)
-    return labelled_cube(samples.astype(np.complex64), radar, units="sqrt(W)")
+    return label_cube(samples.astype(np.complex64), radar, units="sqrt(W)")
 
 
 def going(velocity_m_per_s, **of):
@@ -92,7 +92,7 @@ def test_white_noise_has_the_noise_bandwidth_of_the_windows(radar):
         n_window=64,
         hop=16,
     )
-    bandwidth = noise_bandwidth_bins(taper("blackman", 64))
+    bandwidth = noise_bandwidth_bins(window_weights("blackman", 64))
 
     # 4 x 2 x 128 x 256 samples of power 1: 2 % are ten standard errors and more.
     assert found.mean().item() == pytest.approx(bandwidth / 64, rel=0.02)
@@ -118,7 +118,7 @@ def test_windows_reach_across_frames_that_follow_without_a_gap(slow):
     short = replace(slow, frame=replace(slow.frame, n_chirps=64))
     cube = noise(slow)
     quarters = cube.values.reshape(4, 64, 1, -1)
-    parted = labelled_cube(quarters, short, units="sqrt(W)")
+    parted = label_cube(quarters, short, units="sqrt(W)")
 
     whole = spectrogram(cube, slow, range_m=(0, 50), n_window=100, hop=30)
     assert whole.sizes["time"] == 6
@@ -138,7 +138,7 @@ def test_frames_with_gaps_stand_side_by_side(slow):
     ]
     xr.testing.assert_allclose(xr.concat(alone, "time"), found)
     assert np.diff(found.time[::3]) == pytest.approx(np.full(2, 0.1), rel=1e-9)
-    with pytest.raises(dc.InvalidSetting, match="n_window is 300, but must be .* 2 to 256"):
+    with pytest.raises(dc.InvalidSetting, match="n_window: 300; expected .* 2 to 256"):
         spectrogram(cube, apart, n_window=300)
 
 
@@ -213,15 +213,15 @@ def test_a_bicyclist_draws_wheels_up_to_twice_the_speed_and_pedals_about_it(slow
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"range_m": (200, 300)}, r"range_m is \(200, 300\), .* from 0 to 118"),
-        ({"range_m": (30, 10)}, r"range_m is \(30, 10\)"),
-        ({"range_m": 20}, "range_m is 20"),
-        ({"range_m": (np.nan, 10)}, "range_m is nan"),
-        ({"n_window": 1}, "n_window is 1"),
-        ({"n_window": 64.5}, "n_window is 64.5"),
-        ({"hop": 0}, "hop is 0"),
-        ({"n_velocity_bins": 100}, "n_velocity_bins is 100, but must be .* from 256"),
-        ({"window": "han"}, "window is han"),
+        ({"range_m": (200, 300)}, r"range_m: \(200, 300\); .* from 0 to 118"),
+        ({"range_m": (30, 10)}, r"range_m: \(30, 10\)"),
+        ({"range_m": 20}, "range_m: 20"),
+        ({"range_m": (np.nan, 10)}, "range_m: nan"),
+        ({"n_window": 1}, "n_window: 1"),
+        ({"n_window": 64.5}, "n_window: 64.5"),
+        ({"hop": 0}, "hop: 0"),
+        ({"n_velocity_bins": 100}, "n_velocity_bins: 100; expected .* from 256"),
+        ({"window": "han"}, "window: han"),
     ],
 )
 def test_what_does_not_fit_is_refused(slow, asked, message):
@@ -232,11 +232,11 @@ def test_what_does_not_fit_is_refused(slow, asked, message):
 def test_a_cube_of_another_radar_is_refused(slow, radar):
     cube = noise(slow)
     for wrong, message in (
-        (cube.isel(sample=slice(9)), "cube is of .*'sample': 9"),
-        (cube.isel(frame=0), "cube is of .*, but must be of frames"),
-        (cube.isel(frame=slice(0)), "cube is of"),
-        (cube.real, "cube is of .* the type float32, but must be .* complex"),
-        (cube * np.nan, "cube is samples that are not finite"),
+        (cube.isel(sample=slice(9)), "cube: .*'sample': 9"),
+        (cube.isel(frame=0), "cube: .*; expected frames"),
+        (cube.isel(frame=slice(0)), "cube: {"),
+        (cube.real, "cube: .* of type float32; expected .* complex"),
+        (cube * np.nan, "cube: samples that are not finite"),
     ):
         with pytest.raises(dc.InvalidSetting, match=message):
             spectrogram(wrong, slow)
@@ -247,21 +247,25 @@ def test_a_figure_has_units_and_leaves_gaps_empty(slow):
     for radar, n_images in ((slow, 1), (apart, 3)):
         cube = noise(radar, n_frames=3)
         power = spectrogram(cube, radar, n_window=64)
-        axes = over_time(Figure().subplots(), power, fastest_m_per_s=3.0)
-        assert axes.get_xlabel() == "time, s"
-        assert axes.get_ylabel() == "velocity, m/s (receding positive)"
-        assert axes.figure.axes[1].get_ylabel() == "power, dBm"
+        axes = draw_spectrogram(Figure().subplots(), power, fastest_m_per_s=3.0)
+        assert axes.get_xlabel() == "Time (s)"
+        assert axes.get_ylabel() == "Velocity (m/s)"
+        assert axes.figure.axes[1].get_ylabel() == "Power (dBm)"
         assert len(axes.images) == n_images
     uncalibrated = spectrogram(cube.assign_attrs(units="full scale"), radar)
-    axes = over_time(Figure().subplots(), uncalibrated)
-    assert axes.figure.axes[1].get_ylabel() == "power, dBFS"
+    axes = draw_spectrogram(Figure().subplots(), uncalibrated)
+    assert axes.figure.axes[1].get_ylabel() == "Power (dBFS)"
 
 
 @pytest.mark.parametrize(
     ("changes", "chosen", "says"),
     [
-        ({"interval_s": (150e-6, 160e-6)}, {"frame": slice(0, None, 2)}, "radar.at\\(0\\)"),
-        ({"modulation": dc.Triangular()}, {"chirp": slice(None, None, 2)}, "one_sided"),
+        ({"interval_s": (150e-6, 160e-6)}, {"frame": slice(0, None, 2)}, "radar.for_frame\\(0\\)"),
+        (
+            {"modulation": dc.modulations.Triangular()},
+            {"chirp": slice(None, None, 2)},
+            "with_rising_ramps_only",
+        ),
     ],
 )
 def test_one_kind_of_frames_and_ramps_is_asked_for_and_what_is_said_to_do_does(
@@ -272,7 +276,7 @@ def test_one_kind_of_frames_and_ramps_is_asked_for_and_what_is_said_to_do_does(
     with pytest.raises(dc.InvalidSetting, match=says):
         spectrogram(cube, radar)
 
-    one = radar.one_sided() if radar.frame.falls else radar.at(0)
+    one = radar.with_rising_ramps_only() if radar.frame.has_falling_ramps else radar.for_frame(0)
     found = spectrogram(cube.isel(chosen), one, n_velocity_bins=1024)
     # Half a bin of 128 chirps, 0.05 m/s and less.
     assert found.idxmax("velocity").values == pytest.approx(2.0, abs=0.05)

@@ -9,24 +9,24 @@ import pytest
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
-from dechirp.echoes.impairments.rain import Rain
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
-from dechirp.echoes.impairments.typical_77ghz import Typical77Ghz
-from dechirp.evaluate.match import Matcher
-from dechirp.experiment.link import added_noise_w
-from dechirp.experiment.scenario import Scenario, Source
-from dechirp.experiment.statistical.sensor import Sensor, sense
-from dechirp.process.cfar.base import Cells, Cfar
-from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.cfar.ordered_statistic import OrderedStatistic
-from dechirp.process.chain import Chain
-from dechirp.process.detect import detected_columns
+from dechirp.evaluation.association import Associator
+from dechirp.experiments.link_budget import added_noise_w
+from dechirp.experiments.scenario import RecordingSource, Scenario
+from dechirp.experiments.statistical.sensor import StatisticalSensor, sense
+from dechirp.processing.cfar.base import Cells, Cfar
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
+from dechirp.processing.chain import Chain
+from dechirp.processing.detect import detect_columns
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
+from dechirp.simulation.impairments.rain_attenuation import RainAttenuation
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.impairments.typical_77ghz import Typical77Ghz
 from nightly import nightly
 
 PLACES = [(18.0, -20.0), (18.5, 12.25), (50.25, -20.5), (50.0, 12.4), (83.3, -20.3), (83.75, 12.0)]
@@ -83,7 +83,7 @@ def score(scenario, frame, n_trials):
     """Share of targets found, false alarms in a frame, errors (3, n) and stated ones (3, n)."""
     noise_w = added_noise_w(scenario, scenario.radar)
     truth = dc.truth(scenario.scene, scenario.radar, noise_power_w=noise_w)
-    matched, found, false, errors, stds = Matcher(truth, scenario.radar), 0, 0, [], []
+    matched, found, false, errors, stds = Associator(truth, scenario.radar), 0, 0, [], []
     for _ in range(n_trials):
         columns = frame()
         match = matched(columns)
@@ -101,17 +101,17 @@ def score(scenario, frame, n_trials):
 
 
 def of_samples(scenario, seed):
-    rng, chain = np.random.default_rng(seed), scenario.chain.fitted(scenario.radar)
+    rng, chain = np.random.default_rng(seed), scenario.chain.fit_to_radar(scenario.radar)
 
     def frame():
         cube = dc.simulate(scenario.scene, scenario.radar, seed=rng)
-        return detected_columns([cube], scenario.radar, chain)
+        return detect_columns([cube], scenario.radar, chain)
 
     return frame
 
 
 def drawn(scenario, seed):
-    sensor, rng = Sensor(scenario), np.random.default_rng(seed)
+    sensor, rng = StatisticalSensor(scenario), np.random.default_rng(seed)
     return lambda: sensor.detections(rng)
 
 
@@ -212,18 +212,18 @@ def test_the_table_is_that_of_detect_and_a_seed_gives_it_again():
 def test_turns_of_transmitters_tell_the_fold_where_they_do_in_samples():
     # 40 cells away from zero, where one round tells 32 to each side.
     scenario = scenario_of(radar_of(8), places=[(50.0, 40.0)], snr_db=25.0)
-    with pytest.warns(PhysicsWarning, match="folds to"):
+    with pytest.warns(PhysicsWarning, match="is aliased to"):
         table = sense(scenario, seed=1)
     truth = dc.truth(scenario.scene, scenario.radar)
     strongest = table.isel(detection=0)
-    assert strongest.fold == 1
+    assert strongest.ambiguity_number == 1
     assert strongest.velocity == pytest.approx(float(truth.velocity[0, 0]), abs=0.2)
     # One transmitter alone tells no fold: the velocity is a span lower.
-    with pytest.warns(PhysicsWarning, match="folds to"):
+    with pytest.warns(PhysicsWarning, match="is aliased to"):
         alone = sense(scenario_of(radar_of(1), places=[(50.0, 40.0)], snr_db=25.0), seed=1)
     span = 2 * radar_of(1).frame.max_velocity_m_per_s
     truth = 40 * radar_of(1).frame.velocity_resolution_m_per_s
-    assert np.isnan(alone.fold[0])
+    assert np.isnan(alone.ambiguity_number[0])
     assert float(alone.velocity[0]) == pytest.approx(truth - span, abs=0.3)
 
 
@@ -236,7 +236,9 @@ def test_two_in_one_cell_are_one_detection_of_what_they_add_up_to():
     for further_m, gain in ((2 * half_turn_m, 4.0), (half_turn_m, 0.0)):
         at = tuple(np.array(first.position_m) + further_m * towards)
         scene = dc.Scene(targets=(first, replace(first, position_m=at)))
-        columns = Sensor(replace(scenario, scene=scene)).detections(np.random.default_rng(1))
+        columns = StatisticalSensor(replace(scenario, scene=scene)).detections(
+            np.random.default_rng(1)
+        )
         if gain:
             assert columns["snr"].size == 1
             # The ratio has a relative standard error of 6 % here, the noise that it is over 15 %.
@@ -264,7 +266,7 @@ def test_a_weak_target_in_the_ring_of_a_strong_one_is_lost_to_a_mean_not_to_a_ra
 
 def test_rain_weakens_what_is_drawn_as_it_weakens_samples():
     scenario = scenario_of(radar_of(1), places=[(100.0, 5.0)], snr_db=40.0)
-    rain = Rain(rate_m_per_s=100e-3 / 3600)
+    rain = RainAttenuation(rate_m_per_s=100e-3 / 3600)
     wet = replace(scenario, impairments=(rain, ThermalNoise()))
     cube = [
         dc.simulate(one.scene, one.radar, impairments=one.impairments, seed=1)
@@ -273,7 +275,10 @@ def test_rain_weakens_what_is_drawn_as_it_weakens_samples():
     power = [float(np.mean(abs(one.values) ** 2)) for one in cube]
     noise = added_noise_w(scenario, scenario.radar)
     loss = (power[1] - noise) / (power[0] - noise)
-    snr = [Sensor(one).detections(np.random.default_rng(1))["snr"][0] for one in (scenario, wet)]
+    snr = [
+        StatisticalSensor(one).detections(np.random.default_rng(1))["snr"][0]
+        for one in (scenario, wet)
+    ]
     assert loss < 0.9
     assert snr[1] / snr[0] == pytest.approx(loss, rel=0.15)
 
@@ -281,18 +286,18 @@ def test_rain_weakens_what_is_drawn_as_it_weakens_samples():
 def test_what_is_not_modelled_is_told_or_refused():
     scenario = scenario_of(radar_of(1))
     with pytest.raises(InvalidSetting, match="white noise"):
-        Sensor(replace(scenario, impairments=()))
-    recorded = Scenario(radar=scenario.radar, recording=Source(path="a.bin"))
-    with pytest.raises(InvalidSetting, match=r"scenario.recording is a recording.*Give a scene"):
-        Sensor(recorded)
-    frame = replace(scenario.radar.frame, modulation=dc.Triangular(), interval_s=30e-6)
-    with pytest.raises(InvalidSetting, match=r"frame.modulation is triangular.*Simulate samples"):
-        Sensor(replace(scenario, radar=replace(scenario.radar, frame=frame)))
+        StatisticalSensor(replace(scenario, impairments=()))
+    recorded = Scenario(radar=scenario.radar, recording=RecordingSource(path="a.bin"))
+    with pytest.raises(InvalidSetting, match=r"scenario.recording: a recording.*give a scene"):
+        StatisticalSensor(recorded)
+    frame = replace(scenario.radar.frame, modulation=dc.modulations.Triangular(), interval_s=30e-6)
+    with pytest.raises(InvalidSetting, match=r"frame.modulation: triangular.*simulate samples"):
+        StatisticalSensor(replace(scenario, radar=replace(scenario.radar, frame=frame)))
     frame = replace(scenario.radar.frame, interval_s=(15e-6, 17e-6), period_s=2e-3)
-    with pytest.raises(InvalidSetting, match=r"frame.interval is intervals in turn"):
-        Sensor(replace(scenario, radar=replace(scenario.radar, frame=frame)))
-    with pytest.warns(PhysicsWarning, match="know nothing of"):
-        Sensor(replace(scenario, impairments=(Typical77Ghz(),)))
+    with pytest.raises(InvalidSetting, match=r"frame.interval: intervals in turn"):
+        StatisticalSensor(replace(scenario, radar=replace(scenario.radar, frame=frame)))
+    with pytest.warns(PhysicsWarning, match="not modelled by"):
+        StatisticalSensor(replace(scenario, impairments=(Typical77Ghz(),)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Sensor(scenario)
+        StatisticalSensor(scenario)

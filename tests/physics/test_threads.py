@@ -6,9 +6,9 @@ import numba
 import numpy as np
 import pytest
 
-from dechirp.core import scratch
-from dechirp.core.normal import add_white_noise
-from dechirp.core.threads import in_threads, slices
+from dechirp.core import buffers
+from dechirp.core.gaussian_noise import add_white_noise
+from dechirp.core.threads import run_in_threads, split_range
 
 
 @pytest.mark.parametrize("n_threads", [1, 2, 5])
@@ -19,9 +19,9 @@ def test_every_job_is_done_once_and_jobs_may_share_out_their_own(n_threads):
         def cell(some):
             done[r, some] += 1
 
-        in_threads(n_threads, cell, slices(50, 7))
+        run_in_threads(n_threads, cell, split_range(50, 7))
 
-    in_threads(n_threads, row, range(6))
+    run_in_threads(n_threads, row, range(6))
     assert (done == 1).all()
 
 
@@ -34,7 +34,7 @@ def test_the_first_error_is_raised_and_no_job_begins_after_it(n_threads):
         raise ValueError(f"job {job}")
 
     with pytest.raises(ValueError, match="job"):
-        in_threads(n_threads, fail, range(1000))
+        run_in_threads(n_threads, fail, range(1000))
     assert len(begun) <= n_threads
 
 
@@ -48,23 +48,25 @@ def test_an_error_of_a_helper_reaches_the_caller():
             raise ValueError("of a helper")
 
     with pytest.raises(ValueError, match="of a helper"):
-        in_threads(2, work, range(2))
+        run_in_threads(2, work, range(2))
 
 
 def test_work_arrays_are_kept_and_of_each_thread_its_own():
-    mine = scratch.lent("a", (3, 4))
-    assert np.shares_memory(mine, scratch.lent("a", (2, 5)))
-    assert not np.shares_memory(mine, scratch.lent("b", (3, 4)))
+    mine = buffers.scratch_array("a", (3, 4))
+    assert np.shares_memory(mine, buffers.scratch_array("a", (2, 5)))
+    assert not np.shares_memory(mine, buffers.scratch_array("b", (3, 4)))
     theirs = []
-    other = threading.Thread(target=lambda: theirs.append(scratch.lent("a", (3, 4))))
+    other = threading.Thread(target=lambda: theirs.append(buffers.scratch_array("a", (3, 4))))
     other.start()
     other.join()
     assert not np.shares_memory(mine, theirs[0])
 
 
 def test_large_work_arrays_are_not_kept():
-    size = scratch.MOST // 8 + 1
-    assert not np.shares_memory(scratch.lent("large", (size,)), scratch.lent("large", (size,)))
+    size = buffers.MAX_KEPT_BYTES // 8 + 1
+    assert not np.shares_memory(
+        buffers.scratch_array("large", (size,)), buffers.scratch_array("large", (size,))
+    )
 
 
 def test_noise_does_not_depend_on_the_number_of_threads(monkeypatch):

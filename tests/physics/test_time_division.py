@@ -7,11 +7,11 @@ import pytest
 from scipy.stats import binom
 
 import dechirp as dc
-from dechirp.core.units import decibels
-from dechirp.experiment.link import link_budget
-from dechirp.process.spectrum import Transform, range_profiles
-from dechirp.process.virtual import channels
-from dechirp.radar.accuracy import standard_errors
+from dechirp.core.units import to_decibels
+from dechirp.experiments.link_budget import link_budget
+from dechirp.processing.spectrum import Transform, range_profiles
+from dechirp.processing.virtual_array import split_slots
+from dechirp.radar.estimation_bounds import crlb_standard_errors
 from noise import alarms, noisy
 
 
@@ -21,7 +21,7 @@ def taking_turns(radar, *order, n_chirps=None):
     frame = replace(
         radar.frame,
         n_chirps=n_chirps or radar.frame.n_chirps,
-        multiplexing=dc.Tdm(order=order),
+        multiplexing=dc.multiplexing.Tdm(order=order),
     )
     return replace(radar, frame=frame, array=replace(radar.array, tx_m=tx_m))
 
@@ -87,7 +87,7 @@ def test_a_moving_target_is_found_at_its_range_and_velocity(radar, order, share)
         allowed = 5 * found[f"{name}_std"].item() + 6e-6
         assert found[name].item() == pytest.approx(truth[name].item(), abs=allowed)
     # The noise level comes from 320 cells that a Hann window correlates: 0.2 dB.
-    assert decibels(found.snr.item()) == pytest.approx(decibels(truth.snr.item()), abs=1)
+    assert to_decibels(found.snr.item()) == pytest.approx(to_decibels(truth.snr.item()), abs=1)
     assert found.time.item() == truth.time.item() == radar.frame.mid_frame_s
 
 
@@ -96,7 +96,7 @@ def test_a_target_faster_than_the_turns_allow_folds_on_the_map_and_is_unfolded(r
     # 16 m/s are unambiguous for one transmitter, up to 27.7 m/s, but not for two.
     target = dc.Target(name="car", position_m=(20, 0, 0), velocity_m_per_s=(16, 0, 0), rcs_m2=10)
     folded = 16 - 2 * radar.frame.max_velocity_m_per_s
-    told = f"car.velocity.*folds to 20.* m at {folded:.1f}.*up to 27.* detections are unfolded"
+    told = f"car.velocity.*is aliased to 20.* m at {folded:.1f}.*up to 27.* detections are unfolded"
     with pytest.warns(dc.PhysicsWarning, match=told):
         cube = dc.simulate(dc.Scene(targets=[target]), radar, seed=2)
     power = dc.power_map(cube.isel(frame=0), radar, dc.Chain())
@@ -104,8 +104,8 @@ def test_a_target_faster_than_the_turns_allow_folds_on_the_map_and_is_unfolded(r
     found = dc.detect(cube, radar)
 
     assert peak[0] == pytest.approx(folded, abs=radar.frame.velocity_resolution_m_per_s)
-    assert found.fold.item() == 1
-    assert found.fold_confidence.item() > 0.9999
+    assert found.ambiguity_number.item() == 1
+    assert found.ambiguity_confidence.item() > 0.9999
     # Its standard error is below 1 mm/s; velocities fold at the wavelength of the echo.
     assert found.velocity.item() == pytest.approx(16, abs=0.01)
     # The coupling of a whole span of velocities, 0.11 m, went the right way.
@@ -136,12 +136,12 @@ def test_errors_reach_the_bounds_of_all_transmitters_together(radar):
     target = dc.Target(position_m=(13.37, 0, 0), velocity_m_per_s=(-7.3, 0, 0))
     scene = dc.Scene(targets=[target])
     clean, truth = dc.simulate(scene, radar, impairments=()), dc.truth(scene, radar)
-    ranges, velocities = standard_errors(
+    ranges, velocities = crlb_standard_errors(
         radar.frame, snr=0.1 * chirp.n_samples * 32 * radar.n_channels
     )
     rng = np.random.default_rng(4)
     small = dc.Cfar(
-        estimator=dc.CellAveraging(),
+        estimator=dc.cfar.CellAveraging(),
         n_training=dc.Cells(range=8, velocity=6),
         false_alarm_probability=1e-6,
     )
@@ -180,14 +180,14 @@ def test_the_link_budget_counts_every_channel(radar):
     levels = {line.name: line.level_db for line in link_budget(scenario, radar)}
 
     assert radar.integration_gain == 256 * 128 * 2 * 2
-    assert levels["integration"] == pytest.approx(decibels(256 * 128 * 4))
-    assert levels["channels"] == pytest.approx(decibels(1 / 4))
+    assert levels["integration"] == pytest.approx(to_decibels(256 * 128 * 4))
+    assert levels["channels"] == pytest.approx(to_decibels(1 / 4))
     chain, clean = scenario.chain, dc.simulate(scenario.scene, radar, impairments=())
     noise = dc.simulate(dc.Scene(), radar, seed=6)
     echo_w = dc.power_map(clean.isel(frame=0), radar, chain).max().item()
     noise_w = dc.power_map(noise.isel(frame=0), radar, chain).mean().item()
     # Mean of 32,768 cells of four channels: 0.02 dB for a Hann window.
-    assert levels["SNR in the map"] == pytest.approx(decibels(echo_w / noise_w), abs=0.1)
+    assert levels["SNR in the map"] == pytest.approx(to_decibels(echo_w / noise_w), abs=0.1)
 
 
 def test_channels_are_ordered_by_slot_and_then_by_receiver(radar):
@@ -195,7 +195,7 @@ def test_channels_are_ordered_by_slot_and_then_by_receiver(radar):
     tag = np.array([2, 0, 1] * 4)[:, None] * 10 + np.arange(2)
     samples = np.broadcast_to(tag[..., None], (12, 2, 5)).copy()
 
-    parted = channels(samples, frame)
+    parted = split_slots(samples, frame)
 
     assert parted.shape == (4, 6, 5)
     assert parted[3, :, 4].tolist() == [20, 21, 0, 1, 10, 11]
@@ -206,7 +206,7 @@ def test_no_sample_is_copied_where_the_order_is_that_of_the_array(radar):
         frame = taking_turns(radar, *order, n_chirps=4).frame
         samples = np.zeros((4 * len(order), 2, 8), np.complex64)
 
-        assert np.shares_memory(channels(samples, frame), samples)
+        assert np.shares_memory(split_slots(samples, frame), samples)
 
 
 def test_range_profiles_keep_the_transmitter_of_each_chirp(radar):
@@ -222,5 +222,5 @@ def test_range_profiles_keep_the_transmitter_of_each_chirp(radar):
 def test_a_cube_with_the_chirps_of_one_transmitter_alone_is_refused(radar):
     cube = dc.simulate(dc.Scene(), radar)
 
-    with pytest.raises(dc.InvalidSetting, match="128 along chirp, but must be 256"):
+    with pytest.raises(dc.InvalidSetting, match="128 along chirp; expected 256"):
         dc.detect(cube, taking_turns(radar, 0, 1))

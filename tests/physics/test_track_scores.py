@@ -7,22 +7,22 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.evaluate.look import Case, Look
-from dechirp.evaluate.match import Match
-from dechirp.evaluate.score.clusters_per_target import ClustersPerTarget
-from dechirp.evaluate.score.false_tracks import FalseTracks
-from dechirp.evaluate.score.one_cluster_probability import OneClusterProbability
-from dechirp.evaluate.score.track_gospa import TrackGospa
-from dechirp.evaluate.score.track_held import TrackHeld
-from dechirp.evaluate.score.track_identity_changes import TrackIdentityChanges
-from dechirp.evaluate.score.track_nees import TrackNees
-from dechirp.evaluate.score.track_ospa import TrackOspa
-from dechirp.evaluate.tracked import STATE, states
+from dechirp.evaluation.association import Association
+from dechirp.evaluation.score.clusters_per_target import ClustersPerTarget
+from dechirp.evaluation.score.false_tracks import FalseTracks
+from dechirp.evaluation.score.identity_switches import IdentitySwitches
+from dechirp.evaluation.score.one_cluster_probability import OneClusterProbability
+from dechirp.evaluation.score.track_completeness import TrackCompleteness
+from dechirp.evaluation.score.track_gospa import TrackGospa
+from dechirp.evaluation.score.track_nees import TrackNees
+from dechirp.evaluation.score.track_ospa import TrackOspa
+from dechirp.evaluation.track_states import STATE_NAMES, target_states
+from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.scene.truth import truth
 
 STD = np.array([0.2, 0.1, 0.3, 0.4])
 """Of x, vx, y and vy, m and m/s."""
-OF_TRACKS = (TrackGospa, TrackOspa, TrackHeld, TrackIdentityChanges, TrackNees, FalseTracks)
+OF_TRACKS = (TrackGospa, TrackOspa, TrackCompleteness, IdentitySwitches, TrackNees, FalseTracks)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def case(radar):
     radar = replace(radar, frame=replace(radar.frame, period_s=0.05))
     known = truth(scene, radar, n_frames=20)
     chain = dc.Chain(cluster=dc.Dbscan())
-    return Case(scene, radar, chain, known, 1e-12, known.time.values)
+    return TrialContext(scene, radar, chain, known, 1e-12, known.time.values)
 
 
 def tracks_at(case, state):
@@ -44,39 +44,42 @@ def tracks_at(case, state):
     over = ("track", "frame")
     there = np.isfinite(state).all(axis=-1)
     covariance = np.where(there[..., None, None], np.diag(STD**2), np.nan)
-    columns = {name: (over, state[..., i]) for i, name in enumerate(STATE)}
+    columns = {name: (over, state[..., i]) for i, name in enumerate(STATE_NAMES)}
     columns |= {
         "covariance": ((*over, "state", "other_state"), covariance),
         "status": (over, np.where(there, "confirmed", "")),
     }
     frame = case.truth["frame"].values
     return xr.Dataset(
-        columns, coords={"frame": frame, "state": list(STATE), "other_state": list(STATE)}
+        columns,
+        coords={"frame": frame, "state": list(STATE_NAMES), "other_state": list(STATE_NAMES)},
     )
 
 
 def true_state(case):
-    known = states(case)
-    return np.stack([known[name].values for name in STATE], axis=-1)
+    known = target_states(case)
+    return np.stack([known[name].values for name in STATE_NAMES], axis=-1)
 
 
 def look_of(tracks=None, clusters=None, columns=None, target=()):
     errors = np.full((4, len(target)), np.nan)
-    match = Match(np.array(target, int), *errors)
-    return Look(detections=columns or {}, match=match, clusters=clusters, tracks=tracks)
+    match = Association(np.array(target, int), *errors)
+    return TrialResult(
+        detections=columns or {}, association=match, clusters=clusters, tracks=tracks
+    )
 
 
 def scored(score, case, *states_of_trials):
     """Estimate of trials whose tracks have those states."""
     looks = [look_of(tracks_at(case, state)) for state in states_of_trials]
-    every = [score.sums(look, case) for look in looks]
+    every = [score.trial_sums(look, case) for look in looks]
     assert {one.shape for one in every} == {(max(len(score.subjects(case)), 1), score.n_sums)}
     sums = np.array(every).sum(axis=1)
     return score.estimate(sums, confidence=0.9)
 
 
 def test_the_truth_of_tracks_is_where_the_radar_sees_targets(case):
-    known, seen = states(case), case.truth
+    known, seen = target_states(case), case.truth
     np.testing.assert_allclose(np.hypot(known.x, known.y), seen.range, rtol=1e-12)
     np.testing.assert_allclose(np.arctan2(known.y, known.x), seen.azimuth, atol=1e-12)
     along = (known.x * known.vx + known.y * known.vy) / seen.range
@@ -85,7 +88,7 @@ def test_the_truth_of_tracks_is_where_the_radar_sees_targets(case):
 
 def test_perfect_tracks_have_no_error_and_hold_their_targets(case):
     perfect = true_state(case)
-    expected = {TrackHeld: 1.0}
+    expected = {TrackCompleteness: 1.0}
     for member in OF_TRACKS:
         assert scored(member(), case, perfect, perfect).value == expected.get(member, 0.0)
 
@@ -95,7 +98,7 @@ def test_no_tracks_are_errors_of_the_cut_off(case):
     assert scored(TrackOspa(cutoff_m=4.0), case, none, none).value == pytest.approx(4.0)
     # Order 2: two misses of half its square each.
     assert scored(TrackGospa(cutoff_m=4.0), case, none, none).value == pytest.approx(4.0)
-    assert scored(TrackHeld(), case, none, none).value == 0
+    assert scored(TrackCompleteness(), case, none, none).value == 0
     assert np.isnan(scored(TrackNees(), case, none, none).value)
 
 
@@ -116,9 +119,9 @@ def test_tracks_that_swap_their_targets_change_identity_once_each(case):
     state = true_state(case)
     swapped = state.copy()
     swapped[:, 12:] = state[::-1, 12:]
-    changes = scored(TrackIdentityChanges(), case, swapped, state)
+    changes = scored(IdentitySwitches(), case, swapped, state)
     assert changes.value == 0.5  # a change of each target in one of two trials
-    assert scored(TrackHeld(), case, swapped).value == 1
+    assert scored(TrackCompleteness(), case, swapped).value == 1
     assert scored(TrackOspa(), case, swapped).value == 0
 
 
@@ -129,7 +132,7 @@ def test_a_late_track_and_one_of_nothing_count_by_frames(case):
     ghost = np.full((1, 20, 4), np.nan)
     ghost[0, 15:] = [80.0, 0.0, 20.0, 0.0]
     both = np.concatenate([late, ghost])
-    assert scored(TrackHeld(), case, both).value == 35 / 40
+    assert scored(TrackCompleteness(), case, both).value == 35 / 40
     assert scored(FalseTracks(), case, both, state).value == 5 / 40
     # Of two targets one is missing, or of three tracks one too many.
     expected = (5 * 3.0 / 2 + 5 * 3.0 / 3) / 20
@@ -141,7 +144,7 @@ def test_a_late_track_and_one_of_nothing_count_by_frames(case):
 def test_frames_of_a_track_make_no_surer_than_its_trials(case):
     state = true_state(case)
     lost = np.full_like(state, np.nan)
-    few = scored(TrackHeld(), case, *([state] * 8 + [lost] * 2))
+    few = scored(TrackCompleteness(), case, *([state] * 8 + [lost] * 2))
     assert few.value == 0.8
     # Ten trials, not 400 looks: between 0.49 and 0.96.
     assert few.low < 0.6 and few.high > 0.9
@@ -163,7 +166,7 @@ def test_clusters_belong_to_the_target_of_most_of_their_power(case):
     columns = {"frame": frame, "cluster": cluster, "snr": snr}
     look = look_of(None, clusters_of([0, 0, 1, 2, 2, 2]), columns, target)
     one, parts = (
-        score.sums(look, case) for score in (OneClusterProbability(), ClustersPerTarget())
+        score.trial_sums(look, case) for score in (OneClusterProbability(), ClustersPerTarget())
     )
 
     # Left: parts, lost, one; right: lost, one, one; of 20 frames.
@@ -175,12 +178,12 @@ def test_clusters_belong_to_the_target_of_most_of_their_power(case):
 def test_scores_of_clusters_and_tracks_say_what_is_missing(case):
     empty = replace(case, scene=dc.Scene())
     for member in (*OF_TRACKS[:-1], OneClusterProbability, ClustersPerTarget):
-        member().check(case)
+        member().check_context(case)
         with pytest.raises(dc.InvalidSetting, match="without targets"):
-            member().check(empty)
-    FalseTracks().check(empty)
+            member().check_context(empty)
+    FalseTracks().check_context(empty)
     for member in (OneClusterProbability, ClustersPerTarget):
-        with pytest.raises(dc.InvalidSetting, match="no clusters"):
-            member().check(replace(case, chain=dc.Chain()))
+        with pytest.raises(dc.InvalidSetting, match="without clusters"):
+            member().check_context(replace(case, chain=dc.Chain()))
     with pytest.raises(dc.InvalidSetting, match="cutoff_m"):
         TrackGospa(cutoff_m=0.0)

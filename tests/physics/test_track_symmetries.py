@@ -6,9 +6,9 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dechirp.tracking.batch import track
 from dechirp.tracking.false_alarms import FalseAlarms
 from dechirp.tracking.tracker import Tracker
-from dechirp.tracking.tracks import track
 
 N_FRAMES, EVERY_S = 12, 0.1
 STD = {"range": 0.15, "azimuth": 0.01, "velocity": 0.1}

@@ -8,15 +8,17 @@ import pytest
 from scipy.stats import binom, chi2
 
 import dechirp as dc
-from dechirp.process.folds.pairing import Peaks, paired
-from dechirp.process.refine import Tones
-from dechirp.radar.accuracy import standard_errors
-from dechirp.scene.surprises import surprises
+from dechirp.processing.refine import RefinedPeaks, Tones
+from dechirp.processing.velocity_ambiguity.triangular_pairing import pair_ramps
+from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.scene.scene_warnings import scene_findings
 
 
 def triangles(radar, *, n_chirps=64, sampling="complex"):
     chirp = replace(radar.frame.chirp, sampling=sampling)
-    frame = replace(radar.frame, chirp=chirp, n_chirps=n_chirps, modulation=dc.Triangular())
+    frame = replace(
+        radar.frame, chirp=chirp, n_chirps=n_chirps, modulation=dc.modulations.Triangular()
+    )
     return replace(radar, frame=frame)
 
 
@@ -26,7 +28,9 @@ def slow(radar, **chirp):
         start_frequency_hz=77e9, slope_hz_per_s=200e9, adc_start_s=20e-6, ramp_duration_s=1e-3,
         sample_rate_hz=1e6, n_samples=900, **{"sampling": "complex", **chirp},
     )  # fmt: skip
-    frame = dc.Frame(chirp=made, n_chirps=1, interval_s=1e-3, modulation=dc.Triangular())
+    frame = dc.Frame(
+        chirp=made, n_chirps=1, interval_s=1e-3, modulation=dc.modulations.Triangular()
+    )
     return replace(radar, frame=frame)
 
 
@@ -47,8 +51,8 @@ def test_the_difference_of_the_beats_tells_in_which_fold_a_velocity_is(radar, ve
     # Five standard errors, and the way to the second receiver.
     assert abs(found.range - truth.range).item() < 5 * found.range_std.item() + 1e-4
     assert abs(found.velocity - truth.velocity).item() < 5 * found.velocity_std.item()
-    assert found.fold.item() == round(velocity / (2 * radar.frame.max_velocity_m_per_s))
-    assert found.fold_confidence.item() > 0.99
+    assert found.ambiguity_number.item() == round(velocity / (2 * radar.frame.max_velocity_m_per_s))
+    assert found.ambiguity_confidence.item() > 0.99
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
@@ -65,7 +69,7 @@ def test_one_triangle_tells_ranges_and_velocities(radar, sampling):
     for name in ("range", "velocity"):
         off = abs(found[name].values[order] - truth[name].values)
         assert np.all(off < 5 * found[f"{name}_std"].values[order] + 2e-3)
-    assert np.all(found.fold_confidence > 0.99)
+    assert np.all(found.ambiguity_confidence > 0.99)
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
@@ -78,7 +82,9 @@ def test_ramps_of_a_wide_sweep_are_paired_whatever_walks_in_them(radar, rcs_m2, 
         start_frequency_hz=77e9, slope_hz_per_s=1e14, adc_start_s=1e-6, ramp_duration_s=32e-6,
         sample_rate_hz=10e6, n_samples=300, sampling=sampling,
     )  # fmt: skip
-    frame = dc.Frame(chirp=chirp, n_chirps=64, interval_s=34e-6, modulation=dc.Triangular())
+    frame = dc.Frame(
+        chirp=chirp, n_chirps=64, interval_s=34e-6, modulation=dc.modulations.Triangular()
+    )
     radar = replace(radar, frame=frame)
     scene = dc.Scene(targets=[ahead(3, 13, rcs_m2)])
     found = dc.detect(dc.simulate(scene, radar, seed=1), radar, dc.Chain(range_walk="keystone"))
@@ -88,7 +94,7 @@ def test_ramps_of_a_wide_sweep_are_paired_whatever_walks_in_them(radar, rcs_m2, 
     # Five standard errors, and 10 um for what a second receiver and half-wavelength do near by.
     assert abs(found.range - truth.range).item() < 5 * found.range_std.item() + 1e-5
     assert abs(found.velocity - truth.velocity).item() < 5 * found.velocity_std.item() + 1e-4
-    assert found.fold.item() == 0 and found.fold_confidence.item() > 0.99
+    assert found.ambiguity_number.item() == 0 and found.ambiguity_confidence.item() > 0.99
 
 
 def test_what_folds_and_walks_in_the_maps_of_triangles_is_said_to_be_lost(radar):
@@ -97,14 +103,16 @@ def test_what_folds_and_walks_in_the_maps_of_triangles_is_said_to_be_lost(radar)
         start_frequency_hz=77e9, slope_hz_per_s=1e14, adc_start_s=1e-6, ramp_duration_s=32e-6,
         sample_rate_hz=10e6, n_samples=300, sampling="complex",
     )  # fmt: skip
-    frame = dc.Frame(chirp=chirp, n_chirps=64, interval_s=34e-6, modulation=dc.Triangular())
+    frame = dc.Frame(
+        chirp=chirp, n_chirps=64, interval_s=34e-6, modulation=dc.modulations.Triangular()
+    )
     radar = replace(radar, frame=frame)
     is_found = []
     velocities = np.array([-12.0, 3.0, 10.0, 13.0, 17.0, 20.0, -24.0, 35.0, -45.0, 52.0, 60.0])
     is_told = abs(velocities) > 14
     for velocity, said in zip(velocities, is_told, strict=True):
         scene = dc.Scene(targets=[ahead(6, velocity, 10.0)])
-        told = [one for one in surprises(scene, radar) if "range cells" in one.got]
+        told = [one for one in scene_findings(scene, radar) if "range cells" in one.value]
         assert [one.level for one in told] == ["warning"] * int(said)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", dc.PhysicsWarning)
@@ -123,7 +131,7 @@ def test_errors_of_one_triangle_are_at_the_bound(radar):
     echo_w = float(np.mean(abs(clean.values) ** 2))
     # 24 dB after integration over both ramps and receivers, 21 in each map.
     noise_w = echo_w * radar.integration_gain / 250
-    std = [float(of) for of in standard_errors(radar.frame, snr=250.0)]
+    std = [float(of) for of in crlb_standard_errors(radar.frame, snr=250.0)]
     errors = np.full((trials, 2), np.nan)
     for trial in range(trials):
         noise = rng.standard_normal((2, *clean.shape)) * np.sqrt(noise_w / 2)
@@ -165,7 +173,7 @@ def crowd(radar, range_m, velocity, snr, rng, unlike_db=0.0):
             energy=abs(seen) ** 2, amplitude=seen[:, None],
         )  # fmt: skip
         order = rng.permutation(n)
-        made.append((Peaks(some(tones, order), abs(seen[order]) ** 2, np.ones(n)), order))
+        made.append((RefinedPeaks(some(tones, order), abs(seen[order]) ** 2, np.ones(n)), order))
     assert frame.n_chirps == 1
     return made
 
@@ -179,10 +187,10 @@ def test_a_pair_that_is_called_certain_is_one(radar):
         (up, up_is), (down, down_is) = crowd(
             radar, rng.uniform(20, 100, n), rng.uniform(-40, 40, n), 200.0, rng, unlike_db=30
         )
-        found = paired(up, down, radar.frame)
+        found = pair_ramps(up, down, radar.frame)
         n_targets += n
         beats = found.peaks.tones.fast
-        said.append(found.folds.confidence)
+        said.append(found.hypotheses.confidence)
         # Range and Doppler frequency give the two beats back, and with them the two peaks.
         turn = 2 * np.pi / radar.frame.chirp.sample_rate_hz
         of_up = up_is[abs(beats[:, None] - up.tones.fast).argmin(axis=1)]
@@ -199,17 +207,17 @@ def test_a_pair_that_is_called_certain_is_one(radar):
 def test_two_alike_targets_of_which_nothing_tells_are_marked(radar):
     radar, rng = slow(radar), np.random.default_rng(5)
     (up, _), (down, _) = crowd(radar, np.array([40.0, 44.0]), np.array([5.0, -5.0]), 300.0, rng)
-    found = paired(up, down, radar.frame)
+    found = pair_ramps(up, down, radar.frame)
     assert len(found.doppler_hz) == 2
-    assert np.isnan(found.folds.certain).all()
-    assert np.all(found.folds.confidence < 0.9)
+    assert np.isnan(found.hypotheses.certain_number).all()
+    assert np.all(found.hypotheses.confidence < 0.9)
 
 
 def test_noise_has_no_partner(radar):
     radar, rng = slow(radar), np.random.default_rng(6)
     (up, _), (down, _) = crowd(radar, np.array([40.0]), np.array([5.0]), 300.0, rng)
-    lost = Peaks(some(down.tones, slice(0)), down.snr[:0], down.amplitude_noise[:0])
-    assert len(paired(up, lost, radar.frame).doppler_hz) == 0
+    lost = RefinedPeaks(some(down.tones, slice(0)), down.snr[:0], down.amplitude_noise[:0])
+    assert len(pair_ramps(up, lost, radar.frame).doppler_hz) == 0
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
@@ -234,8 +242,8 @@ def test_what_does_not_know_of_falling_ramps_is_refused(radar):
     radar = triangles(radar, n_chirps=4)
     scene = dc.Scene(targets=[ahead(20, 0)])
     with pytest.raises(dc.InvalidSetting, match="triangular, with an impairment of kind pll"):
-        dc.simulate(scene, radar, impairments=[dc.Pll(natural_frequency_hz=3e5)])
+        dc.simulate(scene, radar, impairments=[dc.impairments.Pll(natural_frequency_hz=3e5)])
     with pytest.raises(dc.InvalidSetting, match="tail, with ramps that differ"):
         dc.simulate(scene, radar, engine=dc.Engine(late="tail"))
-    with pytest.raises(dc.InvalidSetting, match="one or the other"):
-        replace(radar.frame, multiplexing=dc.Tdm(order=(0, 1)))
+    with pytest.raises(dc.InvalidSetting, match="only one of the two"):
+        replace(radar.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1)))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.echoes.codes import is_coded
-from dechirp.echoes.impairments.if_filter import IfFilter
-from dechirp.echoes.impairments.iq_imbalance import IqImbalance
-from dechirp.echoes.impairments.typical_77ghz import Typical77Ghz
-from dechirp.echoes.stages import by_stage
+from dechirp.simulation.adc_codes import has_adc_codes
+from dechirp.simulation.impairments.if_filter import IfFilter
+from dechirp.simulation.impairments.iq_imbalance import IqImbalance
+from dechirp.simulation.impairments.typical_77ghz import Typical77Ghz
+from dechirp.simulation.stages import sort_into_stages
 
 
 def with_sampling(radar, sampling):
@@ -36,7 +36,7 @@ def test_its_image_and_its_high_pass_are_those_of_the_data_sheets(radar):
 
 def test_one_mixer_has_no_image_and_all_else_alike(radar):
     both, one = (
-        by_stage([Typical77Ghz()], with_sampling(radar, sampling)).all
+        sort_into_stages([Typical77Ghz()], with_sampling(radar, sampling)).impairments
         for sampling in ("complex", "real")
     )
     assert [a for a in both if not isinstance(a, IqImbalance)] == list(one)
@@ -49,7 +49,7 @@ def test_a_target_is_where_and_as_strong_as_it_should_be(radar, sampling):
     cube = dc.simulate(scene, radar, impairments=[Typical77Ghz()], seed=1)
     truth = dc.truth(scene, radar).isel(target=0, frame=0)
 
-    assert is_coded(cube)
+    assert has_adc_codes(cube)
     found = dc.detect(cube, radar)
     nearest = found.isel(detection=np.argmin(abs(found.range - truth.range).values))
     for name in ("range", "velocity"):

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.files import parse
+from dechirp.config.loading import parse_settings
 from dechirp.scene.bodies.base import Body
-from dechirp.scene.bodies.car import Car
-from dechirp.scene.bodies.truck import Truck
-from dechirp.scene.bodies.van import Van
+from dechirp.scene.bodies.vehicle import Car, Truck, Van
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 
@@ -41,7 +39,7 @@ def seen_m2(body, azimuth_deg, elevation_deg=0.0, range_m=1e5):
     level = np.cos(elevation)
     z = np.full(azimuth.shape, np.sin(elevation))
     to_radar = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), z], axis=-1)
-    return body.seen_from_m2(range_m * to_radar, WAVELENGTH_M)
+    return body.cross_sections_towards_m2(range_m * to_radar, WAVELENGTH_M)
 
 
 def decibels(power):
@@ -107,7 +105,9 @@ def test_the_flash_of_a_side_wanders_along_it_as_the_radar_passes():
     x_m, y_m, _ = body.offsets_m(np.zeros(1))[0].T
     side = (y_m > 0.499 * body.width_m) & (abs(x_m) < 0.499 * body.length_m)
     for abreast_m in (-5.0, 0.0, 4.0):
-        seen = body.seen_from_m2(np.array([[abreast_m, 6.0, 0.5]]), WAVELENGTH_M)[0, side]
+        seen = body.cross_sections_towards_m2(np.array([[abreast_m, 6.0, 0.5]]), WAVELENGTH_M)[
+            0, side
+        ]
         assert np.average(x_m[side], weights=seen) == pytest.approx(abreast_m, abs=0.2)
         # As far to both sides as its lobe is wide: 26.9 deg at 4.7 m.
         near = abs(x_m[side] - abreast_m) < 4.7 * np.tan(np.radians(26.9))
@@ -213,15 +213,15 @@ def test_the_truth_of_a_car_is_that_of_all_it_shows(radar):
 @pytest.mark.parametrize(
     ("kind", "of", "message"),
     [
-        (Car, {"length_m": -4.5}, r"Car.length_m is -4.5"),
-        (Van, {"width_m": 0}, r"Van.width_m is 0"),
-        (Truck, {"height_m": float("nan")}, r"Truck.height_m is nan"),
-        (Car, {"length_m": 4500.0}, r"Car.length_m is 4500"),
-        (Car, {"wheel_radius_m": 0}, r"Car.wheel_radius_m is 0"),
-        (Car, {"wheel_radius_m": 0.9}, r"Car.wheel_radius_m is 0.9 m, but must be at most 0.8 m"),
-        (Truck, {"wheel_radius_m": 0.7}, r"Truck.wheel_radius_m .* beside each other"),
-        (Van, {"speed_m_per_s": float("inf")}, r"Van.speed_m_per_s is inf"),
-        (Car, {"speed_m_per_s": 2e5}, r"Car.speed_m_per_s is 4e\+05 m/s at the top of the wheels"),
+        (Car, {"length_m": -4.5}, r"Car.length_m: -4.5"),
+        (Van, {"width_m": 0}, r"Van.width_m: 0"),
+        (Truck, {"height_m": float("nan")}, r"Truck.height_m: nan"),
+        (Car, {"length_m": 4500.0}, r"Car.length_m: 4500"),
+        (Car, {"wheel_radius_m": 0}, r"Car.wheel_radius_m: 0"),
+        (Car, {"wheel_radius_m": 0.9}, r"Car.wheel_radius_m: 0.9 m; expected at most 0.8 m"),
+        (Truck, {"wheel_radius_m": 0.7}, r"Truck.wheel_radius_m.* beside each other"),
+        (Van, {"speed_m_per_s": float("inf")}, r"Van.speed_m_per_s: inf"),
+        (Car, {"speed_m_per_s": 2e5}, r"Car.speed_m_per_s: 4e\+05 m/s at the top of the wheels"),
     ],
 )
 def test_a_vehicle_that_cannot_be_is_refused_by_name(kind, of, message):
@@ -231,7 +231,7 @@ def test_a_vehicle_that_cannot_be_is_refused_by_name(kind, of, message):
 
 def test_settings_files_choose_vehicles_by_kind():
     text = "position: [20 m, 0 m, -0.5 m]\nbody: {kind: truck, speed: 80 km/h, height: 3.5 m}"
-    body = parse(text, Target).body
+    body = parse_settings(text, Target).body
 
     assert isinstance(body, Truck)
     assert body.speed_m_per_s == pytest.approx(80 / 3.6)

@@ -95,10 +95,10 @@ def test_the_middle_of_the_frame_is_the_mean_of_all_sampling_instants():
 def test_transmitters_in_turns_share_the_chirps_and_the_velocities():
     turns = replace(FRAME, multiplexing=Tdm(order=(1, 2, 0)))
 
-    assert (turns.n_slots, turns.n_sent) == (3, 384)
+    assert (turns.n_slots, turns.n_chirps_total) == (3, 384)
     assert turns.repetition_s == pytest.approx(22e-6)
     assert turns.duration_s == pytest.approx(3 * FRAME.duration_s)
-    assert turns.start_s(2) == pytest.approx(6 * FRAME.duration_s)
+    assert turns.frame_start_s(2) == pytest.approx(6 * FRAME.duration_s)
     assert turns.max_velocity_m_per_s == pytest.approx(FRAME.max_velocity_m_per_s / 3)
     assert turns.velocity_resolution_m_per_s == pytest.approx(FRAME.velocity_resolution_m_per_s / 3)
     assert turns.velocity_bins_m_per_s() == pytest.approx(FRAME.velocity_bins_m_per_s() / 3)
@@ -107,8 +107,8 @@ def test_transmitters_in_turns_share_the_chirps_and_the_velocities():
 
 
 def test_a_frame_without_multiplexing_is_one_transmitter_in_every_chirp():
-    assert (FRAME.n_slots, FRAME.n_sent, FRAME.repetition_s) == (1, 128, FRAME.interval_s)
-    assert replace(FRAME, multiplexing=Tdm(order=(0,))).n_sent == 128
+    assert (FRAME.n_slots, FRAME.n_chirps_total, FRAME.repetition_s) == (1, 128, FRAME.interval_s)
+    assert replace(FRAME, multiplexing=Tdm(order=(0,))).n_chirps_total == 128
 
 
 def test_one_chirp_is_a_frame_with_one_velocity_bin():
@@ -120,7 +120,7 @@ def test_one_chirp_is_a_frame_with_one_velocity_bin():
 
 
 @pytest.mark.parametrize(
-    ("order", "need"),
+    ("order", "expected"),
     [
         ((0, 0), "every transmitter once"),
         ((0, 1, 0), "every transmitter once"),
@@ -133,8 +133,8 @@ def test_one_chirp_is_a_frame_with_one_velocity_bin():
         ((0, True), "a whole number from 0"),
     ],
 )
-def test_an_order_of_turns_that_cannot_be_is_refused(order, need):
-    with pytest.raises(InvalidSetting, match=f"Tdm.order is .*{need}"):
+def test_an_order_of_turns_that_cannot_be_is_refused(order, expected):
+    with pytest.raises(InvalidSetting, match=f"Tdm.order: .*{expected}"):
         Tdm(order=order)
 
 
@@ -144,7 +144,7 @@ def test_an_order_may_be_any_collection_of_numbers():
 
 @pytest.mark.parametrize("wrong", ["tdm", (0, 1), Tdm])
 def test_multiplexing_that_is_none_of_the_family_is_refused(wrong):
-    with pytest.raises(InvalidSetting, match=r"Frame\.multiplexing is .*Give Tdm"):
+    with pytest.raises(InvalidSetting, match=r"Frame\.multiplexing: .*give Tdm"):
         replace(FRAME, multiplexing=wrong)
 
 
@@ -152,16 +152,16 @@ def test_multiplexing_that_is_none_of_the_family_is_refused(wrong):
     ("order", "n_tx", "told"),
     [
         (None, 2, r"none, with 2 transmitters.*kind tdm with order \[0, 1\], or keep one"),
-        ((0, 1), 1, r"of 2 transmitters: 0, 1, .* the 1 in array.tx: 0\."),
-        ((0, 1), 3, r"of 2 transmitters: 0, 1, .* the 3 in array.tx: 0, 1, 2\."),
-        ((0, 2), 2, r"of 2 transmitters: 0, 2, .* the 2 in array.tx: 0, 1\."),
+        ((0, 1), 1, r"2 transmitters: 0, 1; .* the 1 in array.tx: 0;"),
+        ((0, 1), 3, r"2 transmitters: 0, 1; .* the 3 in array.tx: 0, 1, 2;"),
+        ((0, 2), 2, r"2 transmitters: 0, 2; .* the 2 in array.tx: 0, 1;"),
     ],
 )
 def test_a_radar_whose_transmitters_do_not_all_take_their_turn_is_refused(order, n_tx, told):
     frame = replace(FRAME, multiplexing=None if order is None else Tdm(order=order))
     array = Array(tx_m=[(0, 0.008 * k, 0) for k in range(n_tx)])
 
-    with pytest.raises(InvalidSetting, match=rf"Radar\.frame\.multiplexing is {told}"):
+    with pytest.raises(InvalidSetting, match=rf"Radar\.frame\.multiplexing: {told}"):
         Radar(frame=frame, array=array)
 
 
@@ -170,8 +170,8 @@ def test_the_reference_frame_lasts_0_94_ms():
 
 
 def test_frames_follow_without_a_gap_unless_a_period_is_given():
-    assert FRAME.start_s(3) == pytest.approx(3 * FRAME.duration_s)
-    assert replace(FRAME, period_s=0.05).start_s(3) == pytest.approx(0.15)
+    assert FRAME.frame_start_s(3) == pytest.approx(3 * FRAME.duration_s)
+    assert replace(FRAME, period_s=0.05).frame_start_s(3) == pytest.approx(0.15)
 
 
 NUMBERS = ["start_frequency_hz", "slope_hz_per_s", "ramp_duration_s", "sample_rate_hz"]
@@ -209,7 +209,7 @@ ABSURD = [
 @pytest.mark.parametrize(("owner", "field", "wrong", "bounds"), ABSURD)
 def test_a_number_that_no_radar_has_is_refused_with_the_bounds(owner, field, wrong, bounds):
     where = f"{type(owner).__name__}.{field}"
-    with pytest.raises(InvalidSetting, match=f"{where} .*a number from {bounds}. Check the unit"):
+    with pytest.raises(InvalidSetting, match=f"{where}: .*a number from {bounds}; check the unit"):
         replace(owner, **{field: wrong})
 
 
@@ -234,7 +234,7 @@ def test_sampling_before_the_ramp_is_refused():
 
 
 def test_samples_after_the_end_of_the_ramp_are_refused():
-    with pytest.raises(InvalidSetting, match=r"Chirp\.ramp_duration_s is 5e-05 s"):
+    with pytest.raises(InvalidSetting, match=r"Chirp\.ramp_duration_s: 5e-05 s"):
         replace(EASED, ramp_duration_s=50e-6)
 
 
@@ -244,12 +244,12 @@ def test_a_sampling_that_is_neither_complex_nor_real_is_refused():
 
 
 def test_an_interval_shorter_than_the_ramp_is_refused():
-    with pytest.raises(InvalidSetting, match="Lengthen the interval"):
+    with pytest.raises(InvalidSetting, match="lengthen the interval"):
         replace(FRAME, interval_s=7e-6)
 
 
 def test_a_period_shorter_than_its_chirps_is_refused():
-    with pytest.raises(InvalidSetting, match="Lengthen the period"):
+    with pytest.raises(InvalidSetting, match="lengthen the period"):
         replace(FRAME, period_s=0.5e-3)
 
 

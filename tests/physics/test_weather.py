@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.echoes.impairments.fog import Fog
-from dechirp.echoes.impairments.gas import Gas
-from dechirp.echoes.impairments.radome import Radome
-from dechirp.echoes.impairments.rain import Rain
-from dechirp.echoes.impairments.rain_backscatter import RainBackscatter
-from dechirp.echoes.parts import direct_parts, window
 from dechirp.radar.patterns.cosine import CosinePattern
+from dechirp.simulation.echo_groups import direct_echo_groups, sample_window
+from dechirp.simulation.impairments.fog_attenuation import FogAttenuation
+from dechirp.simulation.impairments.gas_attenuation import GasAttenuation
+from dechirp.simulation.impairments.radome import Radome
+from dechirp.simulation.impairments.rain_attenuation import RainAttenuation
+from dechirp.simulation.impairments.rain_backscatter import RainBackscatter
 from dechirp.theory.attenuation import fog_db_per_km, gas_db_per_km, rain_db_per_km
-from dechirp.theory.rain_echo import (
+from dechirp.theory.rain_backscatter import (
     DIAMETERS_M,
-    fall_speed_m_per_s,
-    reflectivity_per_m,
-    reflectivity_per_m4,
+    drop_fall_speed_m_per_s,
+    rain_reflectivity_per_m,
+    rain_reflectivity_per_m4,
 )
-from dechirp.theory.water import film_loss
+from dechirp.theory.water_permittivity import water_film_loss
 
 HEAVY = 25e-3 / 3600
 FAR = dc.Scene(targets=[dc.Target(position_m=(70.0, 5.0, 0.0), velocity_m_per_s=(-3, 1, 0))])
@@ -35,14 +35,14 @@ def level_db(cube, other):
 @pytest.mark.parametrize(
     ("air", "db_per_km"),
     [
-        (Gas(), gas_db_per_km(77.3e9)),
-        (Gas(vapour_kg_per_m3=0.02), gas_db_per_km(77.3e9, vapour_kg_per_m3=0.02)),
-        (Rain(rate_m_per_s=HEAVY), rain_db_per_km(77.3e9, HEAVY)),
+        (GasAttenuation(), gas_db_per_km(77.3e9)),
+        (GasAttenuation(vapour_kg_per_m3=0.02), gas_db_per_km(77.3e9, vapour_kg_per_m3=0.02)),
+        (RainAttenuation(rate_m_per_s=HEAVY), rain_db_per_km(77.3e9, HEAVY)),
         (
-            Rain(rate_m_per_s=HEAVY, tilt_rad=math.pi / 2),
+            RainAttenuation(rate_m_per_s=HEAVY, tilt_rad=math.pi / 2),
             rain_db_per_km(77.3e9, HEAVY, tilt_rad=math.pi / 2),
         ),
-        (Fog(water_kg_per_m3=5e-4), fog_db_per_km(77.3e9, 5e-4)),
+        (FogAttenuation(water_kg_per_m3=5e-4), fog_db_per_km(77.3e9, 5e-4)),
     ],
     ids=lambda one: type(one).__name__ if not isinstance(one, float) else "",
 )
@@ -62,7 +62,8 @@ def test_rain_takes_4_6_db_from_an_echo_at_200_m(radar):
     far = replace(radar, frame=replace(radar.frame, chirp=chirp))
     scene = dc.Scene(targets=[dc.Target(position_m=(200, 0, 0))])
     clear, wet = (
-        dc.simulate(scene, far, impairments=weather) for weather in ((), [Rain(rate_m_per_s=HEAVY)])
+        dc.simulate(scene, far, impairments=weather)
+        for weather in ((), [RainAttenuation(rate_m_per_s=HEAVY)])
     )
     assert level_db(wet, clear) == pytest.approx(-4.6, abs=0.05)
 
@@ -70,10 +71,12 @@ def test_rain_takes_4_6_db_from_an_echo_at_200_m(radar):
 def test_each_part_is_weakened_over_its_own_ways(radar):
     # As images of the antennas in a wall are: these are 30 m further back.
     index, rng = 0, np.random.default_rng(0)
-    (part,) = direct_parts(FAR, radar, index, rng)
-    image = part._replace(sent=part.sent._replace(tx_m=part.sent.tx_m - [30.0, 0, 0]))
-    here, there = Rain(rate_m_per_s=HEAVY).parts(
-        [part, image], window(radar, index), FAR, radar, rng
+    (part,) = direct_echo_groups(FAR, radar, index, rng)
+    image = part._replace(
+        transmission=part.transmission._replace(tx_m=part.transmission.tx_m - [30.0, 0, 0])
+    )
+    here, there = RainAttenuation(rate_m_per_s=HEAVY).transform_echoes(
+        [part, image], sample_window(radar, index), FAR, radar, rng
     )
     factor = there.scatterers.amplitudes[0] / here.scatterers.amplitudes[0]
     at_m = part.scatterers.path_m[0][0]
@@ -84,7 +87,11 @@ def test_each_part_is_weakened_over_its_own_ways(radar):
 
 
 def test_weather_adds_up_in_decibels(radar):
-    together = [Gas(), Rain(rate_m_per_s=HEAVY), Fog(water_kg_per_m3=5e-4)]
+    together = [
+        GasAttenuation(),
+        RainAttenuation(rate_m_per_s=HEAVY),
+        FogAttenuation(water_kg_per_m3=5e-4),
+    ]
     clear = dc.simulate(FAR, radar, impairments=())
     alone_db = [level_db(dc.simulate(FAR, radar, impairments=[one]), clear) for one in together]
     found_db = level_db(dc.simulate(FAR, radar, impairments=together), clear)
@@ -136,7 +143,7 @@ def test_rain_sends_back_what_the_radar_equation_for_a_volume_says(radar, hardwa
     # Without a pattern, a gain of 10 in 4 pi / 10 sr.
     angle_sr = solid_angle_sr(radar.hardware) if hardware else 10.0**2 * 4 * math.pi / 10
     chirp = radar.frame.chirp
-    eta = reflectivity_per_m(chirp.mid_window_frequency_hz, HEAVY)
+    eta = rain_reflectivity_per_m(chirp.mid_window_frequency_hz, HEAVY)
     factor = radar.hardware.transmit_power_w * chirp.wavelength_m**2 * eta / (4 * math.pi) ** 3
     width_m = chirp.range_resolution_m
     for low_m, high_m in [(8, 16), (16, 32), (32, 64)]:
@@ -173,8 +180,8 @@ def test_rain_falls_towards_a_radar_that_looks_up(radar):
     turn_rad = np.angle((cube[:, 1:] * cube[:, :-1].conj()).sum())
     velocity = turn_rad * radar.frame.chirp.wavelength_m / (4 * math.pi * 35e-6)
 
-    shares = reflectivity_per_m4(radar.frame.chirp.mid_window_frequency_hz, HEAVY)
-    fall = float((shares * fall_speed_m_per_s(DIAMETERS_M)).sum() / shares.sum())
+    shares = rain_reflectivity_per_m4(radar.frame.chirp.mid_window_frequency_hz, HEAVY)
+    fall = float((shares * drop_fall_speed_m_per_s(DIAMETERS_M)).sum() / shares.sum())
     assert 4 < fall < 8
     # The radar sinks at 2 m/s, away from drops that fall faster. The beam's width takes a
     # hundredth; a spread of 1.3 m/s among hundreds of scatterers leaves 0.1 m/s.
@@ -202,9 +209,9 @@ def test_drops_keep_their_places_while_the_radar_turns(radar):
     )
     rain = RainBackscatter(rate_m_per_s=HEAVY, n_scatterers=20, wind_m_per_s=(3, 2, 0))
     rng = np.random.default_rng(3)
-    (part,) = rain.parts([], window(radar, 2), dc.Scene(ego=ego), radar, rng)
-    mid_s = radar.frame.start_s(2) + radar.frame.mid_frame_s
-    axes, own_m = ego.axes(np.array([mid_s]))[0], ego.ways_m(np.array([mid_s]))[0]
+    (part,) = rain.transform_echoes([], sample_window(radar, 2), dc.Scene(ego=ego), radar, rng)
+    mid_s = radar.frame.frame_start_s(2) + radar.frame.mid_frame_s
+    axes, own_m = ego.axes(np.array([mid_s]))[0], ego.displacements_m(np.array([mid_s]))[0]
     path_m = part.scatterers.path_m
     turn = np.array([0, 0, 0.6])
     for i in range(20):
@@ -239,7 +246,7 @@ def test_rain_weakens_its_own_echoes_where_it_comes_later(radar):
     drops = RainBackscatter(rate_m_per_s=HEAVY, min_range_m=60.0, max_range_m=70.0)
     alone = dc.simulate(dc.Scene(), short_radar, impairments=[drops], seed=4)
     after = dc.simulate(
-        dc.Scene(), short_radar, impairments=[drops, Rain(rate_m_per_s=HEAVY)], seed=4
+        dc.Scene(), short_radar, impairments=[drops, RainAttenuation(rate_m_per_s=HEAVY)], seed=4
     )
     assert level_db(after, alone) == pytest.approx(-11.4 * 0.13, abs=0.1)
 
@@ -247,7 +254,9 @@ def test_rain_weakens_its_own_echoes_where_it_comes_later(radar):
 def test_a_wet_radome_weakens_echoes_twice(radar):
     clear = dc.simulate(FAR, radar, impairments=())
     wet = dc.simulate(FAR, radar, impairments=[Radome(film_m=0.1e-3)])
-    film_db = 10 * math.log10(film_loss(radar.frame.chirp.mid_window_frequency_hz, 0.1e-3, 283.15))
+    film_db = 10 * math.log10(
+        water_film_loss(radar.frame.chirp.mid_window_frequency_hz, 0.1e-3, 283.15)
+    )
     assert film_db == pytest.approx(6.3, abs=0.1)
     assert level_db(wet, clear) == pytest.approx(-2 * film_db, abs=1e-3)
 
@@ -271,15 +280,18 @@ def test_a_radome_weakens_rain_beyond_it_wherever_it_is_listed(radar):
 @pytest.mark.parametrize(
     ("make", "setting"),
     [
-        (lambda: Gas(pressure_pa=-1.0), "Gas.pressure_pa"),
-        (lambda: Gas(temperature_k=15.0), "Gas.temperature_k"),
-        (lambda: Gas(vapour_kg_per_m3=7.5), "Gas.vapour_kg_per_m3"),
-        (lambda: Rain(rate_m_per_s=-1e-6), "Rain.rate_m_per_s"),
-        (lambda: Rain(rate_m_per_s=25.0), "Rain.rate_m_per_s is 9e.07 mm/h"),
-        (lambda: Rain(rate_m_per_s=math.nan), "Rain.rate_m_per_s"),
-        (lambda: Rain(rate_m_per_s=HEAVY, tilt_rad=45.0), "Rain.tilt_rad"),
-        (lambda: Fog(water_kg_per_m3=0.5), "Fog.water_kg_per_m3"),
-        (lambda: Fog(water_kg_per_m3=5e-4, temperature_k=10.0), "Fog.temperature_k"),
+        (lambda: GasAttenuation(pressure_pa=-1.0), "GasAttenuation.pressure_pa"),
+        (lambda: GasAttenuation(temperature_k=15.0), "GasAttenuation.temperature_k"),
+        (lambda: GasAttenuation(vapour_kg_per_m3=7.5), "GasAttenuation.vapour_kg_per_m3"),
+        (lambda: RainAttenuation(rate_m_per_s=-1e-6), "RainAttenuation.rate_m_per_s"),
+        (lambda: RainAttenuation(rate_m_per_s=25.0), "RainAttenuation.rate_m_per_s: 9e.07 mm/h"),
+        (lambda: RainAttenuation(rate_m_per_s=math.nan), "RainAttenuation.rate_m_per_s"),
+        (lambda: RainAttenuation(rate_m_per_s=HEAVY, tilt_rad=45.0), "RainAttenuation.tilt_rad"),
+        (lambda: FogAttenuation(water_kg_per_m3=0.5), "FogAttenuation.water_kg_per_m3"),
+        (
+            lambda: FogAttenuation(water_kg_per_m3=5e-4, temperature_k=10.0),
+            "FogAttenuation.temperature_k",
+        ),
         (lambda: RainBackscatter(rate_m_per_s=-1e-6), "RainBackscatter.rate_m_per_s"),
         (lambda: RainBackscatter(rate_m_per_s=HEAVY, n_scatterers=0), "n_scatterers"),
         (lambda: RainBackscatter(rate_m_per_s=HEAVY, min_range_m=0.0), "min_range_m"),
@@ -297,9 +309,9 @@ def test_weather_that_cannot_be_is_refused(make, setting):
 @pytest.mark.parametrize(
     ("air", "frequency_hz"),
     [
-        (Gas(), 0.5e9),
-        (Rain(rate_m_per_s=HEAVY), 0.5e9),
-        (Fog(water_kg_per_m3=5e-4), 300e9),
+        (GasAttenuation(), 0.5e9),
+        (RainAttenuation(rate_m_per_s=HEAVY), 0.5e9),
+        (FogAttenuation(water_kg_per_m3=5e-4), 300e9),
         (RainBackscatter(rate_m_per_s=HEAVY), 2e12),
         (Radome(film_m=1e-4), 2e12),
     ],
@@ -308,21 +320,23 @@ def test_weather_that_cannot_be_is_refused(make, setting):
 def test_a_formula_says_at_which_frequencies_it_does_not_hold(radar, air, frequency_hz):
     chirp = replace(radar.frame.chirp, start_frequency_hz=frequency_hz)
     elsewhere = replace(radar, frame=replace(radar.frame, chirp=chirp))
-    with pytest.raises(dc.InvalidSetting, match=r"kind is .*, for a radar at .* GHz"):
+    with pytest.raises(dc.InvalidSetting, match=r"kind: .*, with a radar at .* GHz"):
         air.check(FAR, elsewhere)
 
 
 def test_rain_in_no_ranges_or_directions_is_refused(radar):
-    with pytest.raises(dc.InvalidSetting, match="max_range is 75 m, but must be beyond min_range"):
+    with pytest.raises(dc.InvalidSetting, match="max_range: 75 m; expected beyond min_range"):
         RainBackscatter(rate_m_per_s=HEAVY, min_range_m=75.0, max_range_m=75.0).check(FAR, radar)
     back = replace(BEAM, beam_azimuth_rad=math.pi)
     blind = replace(radar, hardware=replace(radar.hardware, tx_pattern=BEAM, rx_pattern=back))
-    with pytest.raises(dc.InvalidSetting, match="antennas that see no direction together"):
+    with pytest.raises(dc.InvalidSetting, match="antennas whose beams do not overlap"):
         RainBackscatter(rate_m_per_s=HEAVY).check(FAR, blind)
 
 
 def test_settings_that_functions_of_one_ratio_return_are_kept_as_numbers():
     rate, power = np.array(7e-6), np.array(1e-3)
-    assert hash(Rain(rate_m_per_s=rate)) == hash(Rain(rate_m_per_s=7e-6))
-    assert type(Rain(rate_m_per_s=rate).rate_m_per_s) is float
-    assert hash(dc.Compression(p1db_w=power)) == hash(dc.Compression(p1db_w=1e-3))
+    assert hash(RainAttenuation(rate_m_per_s=rate)) == hash(RainAttenuation(rate_m_per_s=7e-6))
+    assert type(RainAttenuation(rate_m_per_s=rate).rate_m_per_s) is float
+    assert hash(dc.impairments.Compression(p1db_w=power)) == hash(
+        dc.impairments.Compression(p1db_w=1e-3)
+    )

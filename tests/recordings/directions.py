@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from dechirp.formats.recording import open as open_recording
-from dechirp.process.angle.base import DirectionEstimator
-from dechirp.process.angle.fft import Fft
-from dechirp.process.calibration.calibrate import calibrate
-from dechirp.process.cfar.base import Cells, Cfar
-from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain
-from dechirp.process.detect import detect
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.angle.fft import Fft
+from dechirp.processing.calibration.calibrate import calibrate
+from dechirp.processing.cfar.base import Cells, Cfar
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.chain import Chain
+from dechirp.processing.detect import detect
 from dechirp.radar.array import Array
 from dechirp.radar.calibration import Calibration
-from dechirp.radar.devices.known import device
+from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
+from dechirp.recordings.recording import open as open_recording
 from recordings.opened import TURNTABLE, opened
 
 STILL = Cfar(
@@ -67,7 +67,7 @@ def of_people(folder: Path) -> xr.Dataset:
     """Detections of the two people in the room, strongest first."""
     one = opened(folder, "doppler_example_1.npy").radar
     frame = replace(one.frame, interval_s=92e-6, multiplexing=Tdm(order=(0, 1)))
-    radar = Radar(frame=frame, array=device("xwr1642").part(0b11, 0b1111))
+    radar = Radar(frame=frame, array=device("xwr1642").select_antennas(0b11, 0b1111))
     recording = open_recording(
         folder / "doppler_example_1.npy",
         radar=radar,

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from dechirp.formats.recording import Recording
-from dechirp.formats.recording import open as open_recording
 from dechirp.radar.array import Array
 from dechirp.radar.chirp import Chirp
-from dechirp.radar.devices.known import device
+from dechirp.radar.devices.lookup import device
 from dechirp.radar.frame import Frame
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
+from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import open as open_recording
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "radar.yaml"
 
@@ -26,7 +26,7 @@ ROADSIDE = Radar(
         n_chirps=128,
         interval_s=29.56e-6,
     ),
-    array=device("xwr1243").part(0b001, 0b1111),
+    array=device("xwr1243").select_antennas(0b001, 0b1111),
 )
 
 TEST_SOURCE = Radar(
@@ -42,7 +42,7 @@ TEST_SOURCE = Radar(
         n_chirps=4,
         interval_s=486.14e-6,
     ),
-    array=device("xwr1843").part(0b001, 0b1111),
+    array=device("xwr1843").select_antennas(0b001, 0b1111),
 )
 
 # One mixer, but each channel was multiplied by a complex number to calibrate its phase: to be

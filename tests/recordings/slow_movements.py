@@ -8,13 +8,13 @@ import xarray as xr
 from scipy.ndimage import median_filter
 
 from dechirp.core.findings import PhysicsWarning
-from dechirp.process.slow_time import (
-    by_frame,
+from dechirp.processing.slow_time import (
     displacement,
     displacement_spectrum,
+    frame_means,
     range_track,
     slow_time,
-    strongest_line,
+    strongest_oscillation,
 )
 from recordings.opened import opened
 
@@ -22,10 +22,10 @@ from recordings.opened import opened
 def breath(folder: Path) -> xr.Dataset:
     """The strongest movement between 0.1 and 1 Hz of the person at 0.327 m, by receiver."""
     recording = opened(folder, "RadarIfxAvian_00")
-    trace = by_frame(slow_time(recording.cube, recording.radar, 0.327))
+    trace = frame_means(slow_time(recording.cube, recording.radar, 0.327))
     with pytest.warns(PhysicsWarning, match="1%"):  # where the person shifts, once
         moved = displacement(trace, recording.radar)
-    return strongest_line(displacement_spectrum(moved), (0.1, 1.0))
+    return strongest_oscillation(displacement_spectrum(moved), (0.1, 1.0))
 
 
 def somebody_breathes(folder: Path) -> None:
@@ -46,7 +46,7 @@ def shaking(folder: Path, name: str) -> xr.Dataset:
     trace = slow_time(recording.cube, recording.radar, 2.15)
     spectrum = displacement_spectrum(displacement(trace, recording.radar))
     strongest = int(abs(trace).mean("time").argmax("channel"))
-    return strongest_line(spectrum, (25.0, 499.0)).isel(channel=strongest)
+    return strongest_oscillation(spectrum, (25.0, 499.0)).isel(channel=strongest)
 
 
 def a_pipe_shakes_only_while_the_device_is_on(folder: Path) -> None:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process.angle.fft import Fft
-from dechirp.process.angle.music import Music
-from dechirp.process.chain import Chain
+from dechirp.experiments.scenario import RecordingSource
+from dechirp.processing.angle.fft import Fft
+from dechirp.processing.angle.music import Music
+from dechirp.processing.chain import Chain
 from recordings.directions import STILL, calibration, of_people, of_reflectors
 from recordings.opened import opened
 
@@ -20,7 +21,7 @@ def test_the_calibration_is_near_the_one_of_the_laboratory(real_data):
     told = json.loads((folder / "calibration_yellow.json").read_text())
     theirs = np.array(told["per_virtual_channel_complex_gain"]) @ np.array([1, 1j])
 
-    apart = calibration(folder).factors() / theirs
+    apart = calibration(folder).element_corrections() / theirs
 
     # Theirs brings known angles within 0.3 degrees; both differ by what else is in the room.
     turns = np.angle(apart * np.exp(-1j * np.angle(apart.sum())), deg=True)
@@ -44,7 +45,7 @@ def test_angles_are_nearer_after_calibration_than_before(real_data, name, azimut
 def test_a_run_names_the_method_that_parts_two_reflectors(real_data):
     folder = real_data / KNOWN
     scenario = dc.Scenario(
-        recording=dc.Source(
+        recording=RecordingSource(
             path=str(folder / "az_-1010.raw"),
             device="xwr1443",
             settings_path=str(folder / "radar_full_band.cfg"),
@@ -72,7 +73,7 @@ def test_two_people_walk_on_two_sides_of_a_reflector_ahead(real_data):
     assert np.degrees(away.azimuth.values) == pytest.approx(6.7, abs=1.5)
     assert np.all(np.degrees(near.azimuth.values) < -10)
     assert np.all(np.degrees(near.azimuth.values) > -18)
-    assert np.all(people.fold.values == 0)
+    assert np.all(people.ambiguity_number.values == 0)
     # The strongest of what stands still beyond the coupling of the antennas.
     still = found.isel(detection=np.flatnonzero((abs(found.velocity) < 0.05) & (found.range > 0.2)))
     assert float(still.range[0]) == pytest.approx(5.2, abs=0.1)

@@ -3,8 +3,8 @@
 import pytest
 import xarray as xr
 
-from dechirp.process.health.findings import findings
-from dechirp.process.health.measures import measure
+from dechirp.processing.quality.findings import recording_findings
+from dechirp.processing.quality.measures import measure_frame
 from recordings.opened import RECORDINGS, opened
 
 # Chirp 0 of both settles: its first samples hold a transient. In 190347 as much energy lies
@@ -26,8 +26,8 @@ def test_warnings_are_given_of_what_is_wrong_and_of_nothing_else(real_data, fold
     recording = opened(real_data / folder, name)
     said = recording.findings
     if recording.sizes:
-        measures = [measure(frame, recording.radar) for frame in recording.frames()]
-        said += findings(xr.concat(measures, "frame"), recording.radar)
+        measures = [measure_frame(frame, recording.radar) for frame in recording.frames()]
+        said += recording_findings(xr.concat(measures, "frame"), recording.radar)
 
     assert {f.setting for f in said if f.level == "warning"} == WRONG.get(name, set())
 
@@ -35,7 +35,7 @@ def test_warnings_are_given_of_what_is_wrong_and_of_nothing_else(real_data, fold
 def test_the_image_of_a_real_mixer_is_as_strong_as_it_was_measured(real_data):
     recording = opened(real_data / "sirad122_walk", "giulioCammina.json")
 
-    image = measure(recording.cube, recording.radar)["image"].item()
+    image = measure_frame(recording.cube, recording.radar)["image"].item()
 
     # A power ratio of 3.2 of the two sides, by the script of the collection.
     assert 1 / image == pytest.approx(3.2, rel=0.15)

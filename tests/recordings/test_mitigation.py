@@ -5,11 +5,11 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.process.health.walks import walk
-from dechirp.process.mitigation.base import Mitigation
-from dechirp.process.mitigation.cleaned import cleaned
-from dechirp.process.mitigation.leakage_subtraction import LeakageSubtraction
-from dechirp.process.mitigation.noise import evened, noise_left
+from dechirp.processing.mitigation.apply import apply_mitigation
+from dechirp.processing.mitigation.base import Mitigation
+from dechirp.processing.mitigation.leakage_subtraction import LeakageSubtraction
+from dechirp.processing.mitigation.noise_loss import equalise, mitigation_noise_gain
+from dechirp.processing.quality.synchronous_interference import find_ghost_track
 from recordings.opened import RECORDINGS, ROADSIDE, opened
 
 GHOST = "20181128-214451.bin"
@@ -36,8 +36,8 @@ def test_the_ghost_is_told_and_nothing_in_any_other_recording(real_data, folder,
     for index, cube in enumerate(recording.frames()):
         samples = samples_of(cube)
         lost = np.zeros(len(samples), bool)
-        frame = recording.radar.frame.at(index)
-        found.append(walk(samples, lost, frame, float(abs(samples).max()) or 1.0))
+        frame = recording.radar.frame.for_frame(index)
+        found.append(find_ghost_track(samples, lost, frame, float(abs(samples).max()) or 1.0))
     speeds = [one.velocity_m_per_s for one in found]
 
     if name != GHOST:
@@ -47,8 +47,8 @@ def test_the_ghost_is_told_and_nothing_in_any_other_recording(real_data, folder,
     # 25.5 m to 28.5 m in the 102 chirps in which it is, and 24 m/s are what 15 folds leave of it.
     assert speeds == pytest.approx([1004], abs=5)
     assert 2 / SPEED_OF_LIGHT * speeds[0] == pytest.approx(6.7e-6, abs=0.1e-6)
-    assert (found[0].first, found[0].last) == (0, 101)
-    middle_m = found[0].range_m + speeds[0] * ROADSIDE.frame.chirps_s[51]
+    assert (found[0].first_chirp, found[0].last_chirp) == (0, 101)
+    middle_m = found[0].range_m + speeds[0] * ROADSIDE.frame.chirp_starts_s[51]
     assert middle_m == pytest.approx(27.4, abs=0.5)
     fold = 2 * ROADSIDE.frame.max_velocity_m_per_s
     assert abs((speeds[0] - 24) / fold - 15) < 0.1
@@ -59,14 +59,16 @@ def test_clean_up_costs_the_car_less_than_a_decibel(real_data, kind):
     recording = opened(real_data / "awr1243_interference", CLEAN)
     samples, frame = samples_of(recording.cube), ROADSIDE.frame
     method = example(Mitigation.members()[kind])
-    done = cleaned(samples, frame, [method])
+    done = apply_mitigation(samples, frame, [method])
 
-    noise = dc.Chain().noise(ROADSIDE)
-    left = noise_left((method,), frame.chirp, noise.over_range, noise.over_velocity)
+    noise = dc.Chain().map_noise(ROADSIDE)
+    left = mitigation_noise_gain(
+        (method,), frame.chirp, noise.range_transform, noise.doppler_transform
+    )
 
     def car_db(numbers, left):
         power = dc.power_map(recording.cube.isel(frame=0).copy(data=numbers), ROADSIDE, dc.Chain())
-        power = power.copy(data=evened(power.values, left))
+        power = power.copy(data=equalise(power.values, left))
         near = power.sel(velocity=slice(-14.5, -11), range=slice(13.5, 15))
         return 10 * np.log10(near.max().item())
 
@@ -75,7 +77,7 @@ def test_clean_up_costs_the_car_less_than_a_decibel(real_data, kind):
     (removed,) = done.removed
     if kind.startswith("interference"):
         # The first chirp, in which the receivers had not settled, and nothing else.
-        assert removed.n_chirps == 1
+        assert removed.n_changed_chirps == 1
     else:
         # A roadside that stands still.
-        assert removed.power > removed.left
+        assert removed.removed_power > removed.remaining_power

@@ -12,12 +12,12 @@ import pytest
 import xarray as xr
 
 from dechirp.cli.main import main
-from dechirp.formats.recording import Recording
-from dechirp.formats.recording import open as open_recording
-from dechirp.process.cfar.base import Cells, Cfar
-from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain
-from dechirp.process.detect import detect
+from dechirp.processing.cfar.base import Cells, Cfar
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.chain import Chain
+from dechirp.processing.detect import detect
+from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import open as open_recording
 
 OPENRADAR = Path(__file__).parents[2] / "examples" / "radar.yaml"
 

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from dechirp.formats.settings.read import find_settings, read_settings
-from dechirp.formats.settings.write_ti_cfg import ti_cfg_text
-from dechirp.radar.devices.known import device
+from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.tdm import Tdm
+from dechirp.recordings.settings.read import find_settings, read_settings
+from dechirp.recordings.settings.write_ti_cfg import format_ti_cfg
 
 CFGS = [
     ("dca1000_pcap/xwr18xx_profile.cfg", None),
@@ -54,7 +54,7 @@ def test_both_files_of_studio_give_the_known_waveform(real_data, name):
     agrees(settings.radar.frame, waveform)
     assert settings.n_frames == waveform["num_frames"]
     assert settings.radar.frame.multiplexing is None  # both are on, but one sends
-    assert (settings.iq, settings.interleaved, settings.bits) == ("iq", True, 16)
+    assert (settings.iq, settings.is_interleaved, settings.bits) == ("iq", True, 16)
     assert settings.receivers == (0, 1, 2, 3)
     assert settings.device == ("xwr1443" if "setup" in name else None)
 
@@ -74,8 +74,8 @@ def test_the_cfg_of_known_angles_gives_the_known_waveform(real_data):
     frame = settings.radar.frame
     agrees(frame, waveform)
     assert frame.multiplexing == Tdm(order=(0, 1))
-    assert settings.radar.array == device("xwr1443").part(0b101, 0b1111)
-    assert (settings.n_frames, settings.interleaved, settings.iq) == (1, True, "iq")
+    assert settings.radar.array == device("xwr1443").select_antennas(0b101, 0b1111)
+    assert (settings.n_frames, settings.is_interleaved, settings.iq) == (1, True, "iq")
     narrow = read_settings(folder / "radar_1GHz.cfg").radar.frame.chirp
     slope = waveform["alternative_slope_hz_per_s_for_1GHz_files"]
     assert narrow.slope_hz_per_s == pytest.approx(slope, rel=1e-6)
@@ -91,14 +91,14 @@ def test_a_cfg_of_the_visualizer_is_read(real_data):
     assert frame.chirp.range_resolution_m == pytest.approx(0.044, abs=5e-4)
     assert frame.velocity_resolution_m_per_s == pytest.approx(0.13, abs=0.01)
     assert frame.max_velocity_m_per_s == pytest.approx(1, abs=0.05)
-    assert (settings.device, settings.iq, settings.interleaved) == ("xwr1843", "qi", False)
+    assert (settings.device, settings.iq, settings.is_interleaved) == ("xwr1843", "qi", False)
 
 
 @pytest.mark.parametrize(("name", "told"), CFGS)
 def test_a_real_cfg_survives_being_written_and_read(real_data, tmp_path, name, told):
     settings = read_settings(real_data / name, None if told is None else device(told))
 
-    text = ti_cfg_text(settings.radar, device=settings.device, n_frames=settings.n_frames or 0)
+    text = format_ti_cfg(settings.radar, device=settings.device, n_frames=settings.n_frames or 0)
     (tmp_path / "radar.cfg").write_text(text)
     back = read_settings(tmp_path / "radar.cfg")
 
@@ -124,8 +124,8 @@ def test_the_log_names_the_chip_and_so_its_antennas(real_data, name):
 
     settings = read_settings(folder / f"{name}_LogFile.txt")
 
-    assert (settings.device, settings.interleaved, settings.bits) == ("xwr1642", False, 16)
-    assert settings.radar.array == device("xwr1642").part(0b1, 0b1111)
+    assert (settings.device, settings.is_interleaved, settings.bits) == ("xwr1642", False, 16)
+    assert settings.radar.array == device("xwr1642").select_antennas(0b1, 0b1111)
 
 
 @pytest.mark.parametrize("name", ["bgt60_breathing", "bgt60_people_room", "bgt60_two_reflectors"])
@@ -137,7 +137,7 @@ def test_antennas_of_infineon_are_those_of_the_device_that_is_given(real_data, n
 
     assert known.radar.frame == assumed.radar.frame
     rx_mask = sum(1 << receiver for receiver in known.receivers)
-    assert known.radar.array == board.part(0b1, rx_mask)
+    assert known.radar.array == board.select_antennas(0b1, rx_mask)
     waveform = said(real_data / name)
     chirp = known.radar.frame.chirp
     assert chirp.slope_hz_per_s == pytest.approx(waveform["slope_hz_per_s"], rel=1e-6)

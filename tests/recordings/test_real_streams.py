@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.live.replay import packet, packets
+from dechirp.recordings.live.replay import build_packet, iter_packets
 from recordings.opened import opened
 from sent import heard
 
@@ -32,7 +32,7 @@ def pipe(real_data) -> tuple[Path, dict[str, object]]:
 def test_a_capture_that_is_sent_again_comes_as_it_was_recorded(pipe):
     path, told = pipe
 
-    frames, stream = heard(packets(path), **told)
+    frames, stream = heard(iter_packets(path), **told)
 
     same = list(dc.open(path, **told).frames())
     assert len(frames) == len(same) == 10
@@ -69,7 +69,7 @@ def test_the_packets_of_a_real_dca1000_are_those_that_are_replayed(real_data):
     datagrams = [part for part in file.split(ADDRESSES)[1:] if part[2:4] == PORT]
     sent = [one[8 : int.from_bytes(one[4:6], "big")] for one in datagrams]
     assert len(sent) == 12
-    assert [packet(n, one[10:]) for n, one in enumerate(sent, 1)] == sent
+    assert [build_packet(n, one[10:]) for n, one in enumerate(sent, 1)] == sent
 
     frames, _ = heard(sent, recording.radar, device="xwr1843", iq="qi")
 

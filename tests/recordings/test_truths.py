@@ -16,16 +16,16 @@ import pytest
 import xarray as xr
 
 from dechirp.core.errors import RecordingError
-from dechirp.formats.recording import Recording
-from dechirp.formats.recording import open as open_recording
-from dechirp.formats.settings.read import read_radar
-from dechirp.process.angle.fft import Fft
-from dechirp.process.angle.music import Music
-from dechirp.process.cfar.base import Cells, Cfar
-from dechirp.process.cfar.cell_averaging import CellAveraging
-from dechirp.process.chain import Chain
-from dechirp.process.detect import detect
-from dechirp.process.maps import power_map
+from dechirp.processing.angle.fft import Fft
+from dechirp.processing.angle.music import Music
+from dechirp.processing.cfar.base import Cells, Cfar
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.chain import Chain
+from dechirp.processing.detect import detect
+from dechirp.processing.range_doppler_map import power_map
+from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.settings.read import read_radar
 from recordings.directions import of_reflectors, on_the_turntable
 from recordings.opened import KTH, RECORDINGS, opened
 from recordings.slow_movements import (
@@ -225,7 +225,7 @@ def a_parser_returns_the_waveform(folder: Path) -> None:
             "sample_rate_hz": chirp.sample_rate_hz,
             "samples_per_chirp": chirp.n_samples,
             "chirp_repetition_time_s": frame.interval_s,
-            "chirps_per_frame": frame.n_sent,
+            "chirps_per_frame": frame.n_chirps_total,
             "frame_period_s": frame.period_s,
             "sampled_bandwidth_hz": chirp.sampled_bandwidth_hz,
             "adc_start_time_s": chirp.adc_start_s,
@@ -396,7 +396,7 @@ def test_every_recording_opens_and_its_samples_are_whole(real_data, folder, name
     recording = opened(real_data / folder, name)
 
     if recording.points is not None:
-        with pytest.raises(RecordingError, match="detections and no samples"):
+        with pytest.raises(RecordingError, match="detections without samples"):
             _ = recording.cube
         return
     cube = recording.cube
@@ -421,7 +421,7 @@ def test_all_files_of_samples_in_the_collection_are_opened_by_these_tests(real_d
 
 
 def test_a_capture_of_commands_alone_says_so(real_data):
-    with pytest.raises(RecordingError, match="without a packet of samples"):
+    with pytest.raises(RecordingError, match="no packets of samples"):
         opened(real_data / "dca1000_pcap", "command_only.pcap")
 
 

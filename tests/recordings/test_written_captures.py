@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.exchange.convert import write
+from dechirp.recordings.convert import write
 from recordings.opened import opened
 
 

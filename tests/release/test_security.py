@@ -19,8 +19,8 @@ def test_every_promise_has_its_test():
 
 
 def test_sizes_that_are_promised_are_those_of_the_server():
-    from dechirp.studio.server import MOST_MESSAGE, MOST_PAGES
+    from dechirp.studio.server import MAX_MESSAGE_BYTES, MAX_PAGES
 
     page = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
-    assert f"above {MOST_MESSAGE // 2**20} MiB" in page
-    assert f"more than {MOST_PAGES} pages" in page
+    assert f"above {MAX_MESSAGE_BYTES // 2**20} MiB" in page
+    assert f"more than {MAX_PAGES} pages" in page

@@ -11,12 +11,12 @@ from bokeh.models import Button, Div
 
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
-from dechirp.echoes.impairments.white_noise import WhiteNoise
-from dechirp.experiment.scenario import Scenario, Source
-from dechirp.studio.compare import Comparison, Row, differences
+from dechirp.experiments.scenario import RecordingSource, Scenario
+from dechirp.simulation.impairments.white_noise import WhiteNoise
+from dechirp.studio.compare import Comparison, ComparisonRow, changed_settings
 from dechirp.studio.panels.compare import Compare
+from dechirp.studio.scenario_edits import PageLimits, apply_options
 from dechirp.studio.session import Session
-from dechirp.studio.settings import Limits, changed
 from trial_cases import small, target
 
 # Of each interval: all of them together fail by chance in one of a hundred thousand seeds.
@@ -31,14 +31,14 @@ def scenario(**settings) -> Scenario:
 
 
 def turned(one: Scenario, *options: str) -> Scenario:
-    return changed(one, options, Limits())
+    return apply_options(one, options, PageLimits())
 
 
-def counted(a: Scenario, b: Scenario, n_trials: int) -> dict[str, Row]:
+def counted(a: Scenario, b: Scenario, n_trials: int) -> dict[str, ComparisonRow]:
     """Rows by their score, after so many trials of each."""
     comparison = Comparison(a, b, confidence=CONFIDENCE)
     while comparison.n_trials < n_trials:
-        comparison.go_on(0.0)
+        comparison.run_for(0.0)
     return {row.score.label(): row for row in comparison.rows()}
 
 
@@ -96,7 +96,7 @@ def test_a_step_is_one_trial_or_one_law():
     comparison = Comparison(scenario(), scenario())
     n_laws = 6 + 6
     for n_steps in range(1, n_laws + 7):
-        comparison.go_on(0.0)
+        comparison.run_for(0.0)
         done = max(n_steps - n_laws, 0)
         # That both have a trial is counted when the next one begins.
         assert comparison.n_trials == max(done - 1, 0) // 2
@@ -115,13 +115,13 @@ def test_of_many_frames_the_first_is_tried_and_of_tracks_none():
 
 
 def test_a_recording_has_no_truth_to_be_compared_with():
-    recording = Scenario(recording=Source(path="walk.bin"))
+    recording = Scenario(recording=RecordingSource(path="walk.bin"))
     with pytest.raises(InvalidSetting, match="a scene that can be simulated again"):
         Comparison(recording, scenario())
 
 
 def test_differences_are_the_settings_that_were_turned_and_no_others():
-    found = differences(
+    found = changed_settings(
         scenario(),
         turned(scenario(), "scene.targets.car.rcs=10 dBsm", "chain.range_window=rectangular"),
     )
@@ -137,7 +137,7 @@ def test_the_page_counts_by_itself_until_it_is_closed_and_shows_names_as_text():
 
     async def counted_on_page() -> str:
         document, before = Document(), asyncio.all_tasks()
-        panel = Compare(Session(document, worker, one, Limits()))
+        panel = Compare(Session(document, worker, one, PageLimits()))
         for button in panel.root.select({"type": Button}):
             if button.label.startswith("Keep"):
                 button._trigger_event(ButtonClick(button))

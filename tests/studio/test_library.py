@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.texts import dump
+from dechirp.config.dumping import dump
 from dechirp.core.errors import DechirpError
-from dechirp.experiment.scenario import reference
+from dechirp.experiments.scenario import reference
 from dechirp.studio import library
-from dechirp.studio.advice import for_page
-from dechirp.studio.folders import DEEPEST, is_plain
-from dechirp.studio.library import Item, Library, looked_over, opened
-from dechirp.studio.settings import Limits, changed, parsed
-from dechirp.studio.sources import frames_of
+from dechirp.studio.folders import MAX_DEPTH, is_allowed
+from dechirp.studio.frame_sources import open_frame_source
+from dechirp.studio.library import FolderScan, LibraryItem, inspect_item, open_item
+from dechirp.studio.option_hints import adapt_fix_to_page
+from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
 from trial_cases import small, target
 
 
@@ -30,20 +30,20 @@ def folder(tmp_path):
 def capture(path):
     """Two frames of the small radar, with its settings in them."""
     cube = dc.simulate(dc.Scene(targets=[target()]), small(), n_frames=2, seed=1)
-    dc.write(dc.recording_of(cube, small()), path)
+    dc.write(dc.recording_from_cube(cube, small()), path)
     return path
 
 
 def looked(*folders) -> dict[str, str]:
     """Kinds by name, after all was looked through a file at a time."""
-    found = Library(Limits(folders=folders))
+    found = FolderScan(PageLimits(folders=folders))
     while not found.is_done:
-        found.look(0.0)
+        found.scan_for(0.0)
     return {item.name: item.kind for item in found.items}
 
 
-def item_of(path, kind="recording") -> Item:
-    return Item(kind, path.name, path)
+def item_of(path, kind="recording") -> LibraryItem:
+    return LibraryItem(kind, path.name, path)
 
 
 def test_files_are_told_by_their_content(folder):
@@ -83,16 +83,16 @@ def test_hidden_files_and_links_that_lead_out_are_not_shown(folder, tmp_path):
 def test_what_lies_elsewhere_is_refused_however_it_is_named(folder, tmp_path):
     inside, secret = capture(folder / "walk.npz"), tmp_path / "secret.npz"
     (folder / "link.npz").symlink_to(secret)
-    limits = Limits(folders=(folder,))
+    limits = PageLimits(folders=(folder,))
     ways = [secret, folder / ".." / "secret.npz", folder / "link.npz", folder / "captures.npz"]
-    assert is_plain(inside, [folder])
+    assert is_allowed(inside, [folder])
     for way in ways:
-        assert not is_plain(way, [folder])
-        assert looked_over(item_of(way), None, limits).n_frames is None
-        with pytest.raises(DechirpError, match="leads out of the folders"):
-            opened(reference(), item_of(way), None, limits)
-        with pytest.raises(DechirpError, match="leads out of the folders"):
-            opened(reference(), item_of(inside), item_of(way, "settings"), limits)
+        assert not is_allowed(way, [folder])
+        assert inspect_item(item_of(way), None, limits).n_frames is None
+        with pytest.raises(DechirpError, match="outside the folders"):
+            open_item(reference(), item_of(way), None, limits)
+        with pytest.raises(DechirpError, match="outside the folders"):
+            open_item(reference(), item_of(inside), item_of(way, "settings"), limits)
 
 
 def test_a_pipe_is_never_opened(folder):
@@ -101,29 +101,29 @@ def test_a_pipe_is_never_opened(folder):
     os.mkfifo(folder / "RadarIfxAvian_00" / "radar.npy")
     (folder / "RadarIfxAvian_00" / "config.json").write_text("{}")
     assert looked(folder) == {}
-    with pytest.raises(DechirpError, match="leads out of the folders"):
-        opened(reference(), item_of(folder / "pipe.npz"), None, Limits(folders=(folder,)))
+    with pytest.raises(DechirpError, match="outside the folders"):
+        open_item(reference(), item_of(folder / "pipe.npz"), None, PageLimits(folders=(folder,)))
 
 
 def test_a_folder_whose_files_lead_out_is_no_recording(folder, tmp_path):
     (folder / "day").mkdir()
     (folder / "day" / "radar.npy").symlink_to(tmp_path / "secret.npz")
-    assert not is_plain(folder / "day", [folder])
+    assert not is_allowed(folder / "day", [folder])
 
 
 def test_ten_thousand_files_cost_a_look_at_five_hundred(folder, monkeypatch):
     asked = []
-    monkeypatch.setattr(library, "recognised", lambda path: asked.append(path) or ("npy",))
+    monkeypatch.setattr(library, "recognise_formats", lambda path: asked.append(path) or ("npy",))
     for number in range(10_000):
         (folder / f"{number:05}.bin").touch()
-    found = Library(Limits(folders=(folder,)))
-    found.look(60.0)
-    assert found.is_done and found.n_looked == len(asked) == library.MOST_LOOKED
+    found = FolderScan(PageLimits(folders=(folder,)))
+    found.scan_for(60.0)
+    assert found.is_done and found.n_scanned == len(asked) == library.MAX_SCANNED
     assert found.items[-1].name == "00499.bin"
 
 
 def test_folders_are_looked_into_to_a_depth(folder):
-    names = [f"{depth}" for depth in range(1, DEEPEST + 2)]
+    names = [f"{depth}" for depth in range(1, MAX_DEPTH + 2)]
     deep = folder.joinpath(*names)
     deep.mkdir(parents=True)
     capture(deep.parent / "near.npz")
@@ -133,14 +133,14 @@ def test_folders_are_looked_into_to_a_depth(folder):
 
 
 def test_the_first_frames_are_looked_over(folder):
-    found = looked_over(item_of(capture(folder / "walk.npz")), None, Limits(folders=(folder,)))
+    found = inspect_item(item_of(capture(folder / "walk.npz")), None, PageLimits(folders=(folder,)))
     assert (found.n_frames, found.n_inspected) == (2, 2)
 
 
 def test_a_damaged_recording_is_told_and_not_raised(folder):
     whole = capture(folder / "walk.npz")
     whole.write_bytes(whole.read_bytes()[:5000])
-    found = looked_over(item_of(whole), None, Limits(folders=(folder,)))
+    found = inspect_item(item_of(whole), None, PageLimits(folders=(folder,)))
     assert found.n_frames is None
     (finding,) = found.findings
     assert finding.level == "error" and str(folder) not in str(finding)
@@ -153,16 +153,16 @@ def bare(path):
 
 
 def test_a_recording_without_its_radar_asks_for_what_the_page_offers(folder):
-    limits = Limits(folders=(folder,))
+    limits = PageLimits(folders=(folder,))
     item = item_of(bare(folder / "bare.bin"))
-    (finding,) = looked_over(item, None, limits).findings
+    (finding,) = inspect_item(item, None, limits).findings
     with pytest.raises(DechirpError) as refused:
-        opened(reference(), item, None, limits)
-    alone = parsed(f"recording: {{path: {item.path}}}", limits)
+        open_item(reference(), item, None, limits)
+    alone = parse_scenario(f"recording: {{path: {item.path}}}", limits)
     with pytest.raises(DechirpError) as unseen:
-        frames_of(alone, limits)
+        open_frame_source(alone, limits)
     for one in (finding, *refused.value.mistakes, *unseen.value.mistakes):
-        assert one.fix.startswith("Choose settings of its radar, under Recordings")
+        assert one.fix.startswith("choose settings of its radar, under Recordings")
         assert "--" not in one.fix and "Python" not in one.fix
 
 
@@ -178,29 +178,29 @@ def test_a_recording_without_its_radar_asks_for_what_the_page_offers(folder):
     ],
 )
 def test_options_that_no_panel_has_are_settings_of_the_file(fix, said):
-    assert for_page(fix) == said
+    assert adapt_fix_to_page(fix) == said
 
 
 def test_a_frame_that_is_more_than_a_page_may_ask_for_is_refused_before_it_is_read(folder):
     whole = capture(folder / "walk.npz")
-    limits = Limits(folders=(folder,), most_samples=2047)
-    (finding,) = looked_over(item_of(whole), None, limits).findings
-    assert "2,048 samples" in finding.got and "2,047" in finding.need
+    limits = PageLimits(folders=(folder,), max_samples=2047)
+    (finding,) = inspect_item(item_of(whole), None, limits).findings
+    assert "2,048 samples" in finding.value and "2,047" in finding.expected
 
 
 def test_a_recording_is_opened_with_the_chain_that_was_set(folder):
-    limits = Limits(folders=(folder,))
-    scene = changed(reference(), ["chain.cfar.false_alarm_probability=1e-4"], limits)
-    one = opened(scene, item_of(capture(folder / "walk.npz")), None, limits)
+    limits = PageLimits(folders=(folder,))
+    scene = apply_options(reference(), ["chain.cfar.false_alarm_probability=1e-4"], limits)
+    one = open_item(scene, item_of(capture(folder / "walk.npz")), None, limits)
     assert one.recording.path == str(folder / "walk.npz") and one.scene is None
     assert one.chain == scene.chain
 
 
 def test_of_a_recording_that_tells_no_azimuth_no_tracks_are_asked_for(folder):
-    limits = Limits(folders=(folder,))
-    scene = changed(reference(), ["radar.array.rx=[[0, 0, 0], [0, 1.9 mm, 0]]"], limits)
-    scene = changed(scene, ["tracker={}", "n_frames=10"], limits)
-    one = opened(scene, item_of(capture(folder / "walk.npz")), None, limits)
+    limits = PageLimits(folders=(folder,))
+    scene = apply_options(reference(), ["radar.array.rx=[[0, 0, 0], [0, 1.9 mm, 0]]"], limits)
+    scene = apply_options(scene, ["tracker={}", "n_frames=10"], limits)
+    one = open_item(scene, item_of(capture(folder / "walk.npz")), None, limits)
     assert scene.tracker is not None and one.tracker is None
 
 
@@ -209,17 +209,17 @@ def test_a_scenario_finds_the_files_that_it_names_beside_it(folder):
     deeper.mkdir()
     capture(deeper / "walk.npz")
     (deeper / "play.yaml").write_text("recording: {path: walk.npz}\n")
-    limits = Limits(folders=(folder,))
-    found = opened(reference(), item_of(deeper / "play.yaml", "scenario"), None, limits)
+    limits = PageLimits(folders=(folder,))
+    found = open_item(reference(), item_of(deeper / "play.yaml", "scenario"), None, limits)
     assert found.recording.path == str(deeper / "walk.npz")
 
 
 def test_a_scenario_that_names_a_file_outside_is_refused(folder):
     (folder / "play.yaml").write_text("recording: {path: ../secret.npz}\n")
     with pytest.raises(DechirpError, match="a file in the folders of the studio"):
-        opened(
+        open_item(
             reference(),
             item_of(folder / "play.yaml", "scenario"),
             None,
-            Limits(folders=(folder,)),
+            PageLimits(folders=(folder,)),
         )

@@ -8,22 +8,22 @@ from bokeh.document import Document
 from bokeh.events import Tap
 from bokeh.models import Image
 
-from dechirp.core.units import SPEED_OF_LIGHT, decibels, from_decibels
-from dechirp.process.maps import threshold_map
-from dechirp.scene.folding import Place, folded, on_map
-from dechirp.studio.moment import Moment
-from dechirp.studio.player import Player
-from dechirp.studio.pointing import Cursor
+from dechirp.core.units import SPEED_OF_LIGHT, from_decibels, to_decibels
+from dechirp.processing.range_doppler_map import threshold_map
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, map_position
+from dechirp.studio.cursor import Cursor
+from dechirp.studio.frame_player import FramePlayer
+from dechirp.studio.frame_state import FrameState
+from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
 from dechirp.studio.session import Session
-from dechirp.studio.settings import Limits, changed, parsed
 from dechirp.studio.theme import DARK, LIGHT
-from dechirp.studio.views.beat import Beat
-from dechirp.studio.views.cut import Cut
-from dechirp.studio.views.detections import Detections
-from dechirp.studio.views.drawn import SPAN_DB
-from dechirp.studio.views.listed import MOST_ROWS
-from dechirp.studio.views.micro_doppler import MicroDoppler
-from dechirp.studio.views.tracks import Tracks
+from dechirp.studio.views.beat import BeatView
+from dechirp.studio.views.detections import DetectionsView
+from dechirp.studio.views.figure_style import SPAN_DB
+from dechirp.studio.views.micro_doppler import MicroDopplerView
+from dechirp.studio.views.table_tile import MAX_ROWS
+from dechirp.studio.views.threshold_cuts import ThresholdCutView
+from dechirp.studio.views.tracks import TracksView
 
 # Cells of 1 m and 0.61 m/s, to 64 m and 19 m/s; a beam of 13 degrees.
 SETTINGS = """
@@ -47,23 +47,25 @@ scene:
     - {name: car, position: [42 m, 10 m, 0], velocity: [-6 m/s, 0, 0], rcs: 15 dBsm}
 tracker: {}
 """
-LIMITS = Limits()
+LIMITS = PageLimits()
 
 
 def session_of(*options: str) -> Session:
     """A page without a browser."""
-    return Session(Document(), None, changed(parsed(SETTINGS, LIMITS), options, LIMITS), LIMITS)
+    return Session(
+        Document(), None, apply_options(parse_scenario(SETTINGS, LIMITS), options, LIMITS), LIMITS
+    )
 
 
-def shown(view, *, step: int = 0, cursor: Cursor | None = None) -> Moment:
+def shown(view, *, step: int = 0, cursor: Cursor | None = None) -> FrameState:
     """A moment after all steps before it, as the view was shown it."""
-    player = Player(view.session.scenario)
+    player = FramePlayer(view.session.scenario)
     for earlier in range(step):
-        player.look(earlier, cursor)
-    view.session.moment = player.look(step, cursor)
-    view.show(view.session.moment)
-    view.tell(view.session.moment)
-    return view.session.moment
+        player.frame_at(earlier, cursor)
+    view.session.frame_state = player.frame_at(step, cursor)
+    view.show_frame(view.session.frame_state)
+    view.update_caption(view.session.frame_state)
+    return view.session.frame_state
 
 
 def line(figure, name: str) -> dict[str, np.ndarray]:
@@ -79,7 +81,7 @@ def row_of(table: dict[str, np.ndarray], number: int) -> dict[str, object]:
 
 
 def test_the_beat_spectrum_peaks_at_two_slopes_times_range_over_c():
-    view = Beat(session_of("scene.targets.1.rcs=-50 dBsm"))
+    view = BeatView(session_of("scene.targets.1.rcs=-50 dBsm"))
     switched_to(view, "Spectrum")
     chirp = shown(view).radar.frame.chirp
 
@@ -96,7 +98,9 @@ def test_the_beat_spectrum_peaks_at_two_slopes_times_range_over_c():
 
 def test_the_profile_has_no_image_where_ramps_rise_and_fall():
     moment = shown(
-        Beat(session_of("radar.frame.modulation.kind=triangular", "scene.targets.1.rcs=-50 dBsm"))
+        BeatView(
+            session_of("radar.frame.modulation.kind=triangular", "scene.targets.1.rcs=-50 dBsm")
+        )
     )
 
     profile, range_m = moment.beat.profile, moment.beat.range_m
@@ -106,7 +110,7 @@ def test_the_profile_has_no_image_where_ramps_rise_and_fall():
 
 
 def test_the_beat_signal_is_what_the_first_receiver_samples_of_the_first_chirp():
-    view = Beat(session_of())
+    view = BeatView(session_of())
     moment = shown(view)
 
     real, imaginary = (line(view.signal.figure, name) for name in ("real", "imaginary"))
@@ -122,7 +126,7 @@ def test_the_beat_signal_is_what_the_first_receiver_samples_of_the_first_chirp()
 
 def test_a_switch_shows_the_other_figure_of_the_same_moment_at_once():
     session = session_of()
-    beat, cut = Beat(session), Cut(session)
+    beat, cut = BeatView(session), ThresholdCutView(session)
     shown(beat)
 
     for view, words, figure in (
@@ -136,7 +140,7 @@ def test_a_switch_shows_the_other_figure_of_the_same_moment_at_once():
 
 
 def test_a_real_mixer_has_no_quadrature():
-    view = Beat(session_of("radar.frame.chirp.sampling=real"))
+    view = BeatView(session_of("radar.frame.chirp.sampling=real"))
     shown(view)
 
     assert line(view.signal.figure, "real")["y"].size
@@ -146,7 +150,7 @@ def test_a_real_mixer_has_no_quadrature():
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize(("words", "along"), [("Range", "range"), ("Velocity", "velocity")])
 def test_the_cut_is_a_line_of_the_map_and_of_its_threshold(words, along, sampling):
-    view = Cut(session_of(f"radar.frame.chirp.sampling={sampling}"))
+    view = ThresholdCutView(session_of(f"radar.frame.chirp.sampling={sampling}"))
     switched_to(view, words)
     moment = shown(view)
 
@@ -158,20 +162,20 @@ def test_the_cut_is_a_line_of_the_map_and_of_its_threshold(words, along, samplin
     }[along]
     for name, of in (("power", moment.power), ("threshold", threshold)):
         through = of.sel({across: at}, method="nearest")
-        expected_dbm = np.where(np.isfinite(through), decibels(through.values) + 30, np.nan)
+        expected_dbm = np.where(np.isfinite(through), to_decibels(through.values) + 30, np.nan)
         drawn = line(figure, name)
         np.testing.assert_allclose(drawn["x"], through[along].values, rtol=1e-6)
         np.testing.assert_allclose(drawn["y"], expected_dbm, rtol=1e-5)
 
 
 def test_the_title_of_the_cut_tells_how_far_the_cell_is_over_the_threshold():
-    view = Cut(session_of())
+    view = ThresholdCutView(session_of())
     moment = shown(view)
 
     at = {"range": moment.cursor.range_m, "velocity": moment.cursor.velocity_m_per_s}
     power = moment.power.sel(at, method="nearest")
     threshold = threshold_map(moment.power, moment.radar, moment.chain).sel(at, method="nearest")
-    over_db = float(decibels(power / threshold))
+    over_db = float(to_decibels(power / threshold))
 
     assert over_db > 0
     assert view.tile.title.text == f"<b>{over_db:.1f} dB over the threshold</b>"
@@ -180,7 +184,9 @@ def test_the_title_of_the_cut_tells_how_far_the_cell_is_over_the_threshold():
 
 
 def test_cells_beside_the_cursor_are_shaded_as_many_as_train():
-    view = Cut(session_of("chain.cfar.n_training.range=6", "chain.cfar.n_guard.range=2"))
+    view = ThresholdCutView(
+        session_of("chain.cfar.n_training.range=6", "chain.cfar.n_guard.range=2")
+    )
     moment = shown(view)
 
     figure = view.drawings["range"].figure
@@ -194,7 +200,7 @@ def test_cells_beside_the_cursor_are_shaded_as_many_as_train():
 
 def test_a_tap_on_a_line_moves_the_cursor_along_its_axis_alone():
     session = session_of()
-    beat, cut = Beat(session), Cut(session)
+    beat, cut = BeatView(session), ThresholdCutView(session)
     moment = shown(cut)
     switched_to(beat, "Spectrum")
     chirp = moment.radar.frame.chirp
@@ -212,9 +218,9 @@ def test_a_tap_on_a_line_moves_the_cursor_along_its_axis_alone():
 
 
 def test_lines_take_the_colours_of_the_theme():
-    view = Cut(session_of())
+    view = ThresholdCutView(session_of())
     for theme in (LIGHT, DARK):
-        view.wear(theme)
+        view.apply_theme(theme)
         figure = view.drawings["range"].figure
         assert figure.select_one({"name": "power"}).glyph.line_color == theme.echo
         assert figure.select_one({"name": "threshold"}).glyph.line_color == theme.threshold
@@ -241,7 +247,7 @@ scene:
 
 
 def test_the_spectrogram_of_a_walking_body_has_its_velocity():
-    view = MicroDoppler(Session(Document(), None, parsed(WALKING, LIMITS), LIMITS))
+    view = MicroDopplerView(Session(Document(), None, parse_scenario(WALKING, LIMITS), LIMITS))
     moment = shown(view, step=13)
 
     (image,) = view.image.data["image"]
@@ -262,9 +268,9 @@ def test_the_spectrogram_of_a_walking_body_has_its_velocity():
 
 
 def test_the_table_of_detections_tells_degrees_and_decibels_strongest_first():
-    view = Detections(session_of())
+    view = DetectionsView(session_of())
     moment = shown(view)
-    table, found = view.listed.source.data, moment.detections
+    table, found = view.table.source.data, moment.detections
 
     order = np.argsort(-found.snr.values)
     for key, expected in {
@@ -274,87 +280,92 @@ def test_the_table_of_detections_tells_degrees_and_decibels_strongest_first():
         "velocity_std": found.velocity_std,
         "azimuth": np.degrees(found.azimuth),
         "azimuth_std": np.degrees(found.azimuth_std),
-        "snr": decibels(found.snr),
+        "snr": to_decibels(found.snr),
     }.items():
         np.testing.assert_allclose(table[key], expected.values[order])
     car = row_of(table, table["target"].tolist().index("car"))
     assert car["range"] == pytest.approx(np.hypot(42, 10), abs=4 * car["range_std"])
     assert car["azimuth"] == pytest.approx(np.degrees(np.arctan2(10, 42)), abs=0.5)
-    heads = {one.field: one.title for one in view.listed.table.columns}
+    heads = {one.field: one.title for one in view.table.table.columns}
     assert heads["azimuth"] == "azimuth, °"
     assert heads["snr"] == "SNR, dB"
 
 
 def test_the_title_of_the_table_counts_what_is_found_and_what_is_not():
-    view = Detections(session_of("scene.targets.1.rcs=-60 dBsm"))
+    view = DetectionsView(session_of("scene.targets.1.rcs=-60 dBsm"))
     shown(view)
 
-    assert view.listed.title.text == "<b>1 detection: 1 of 2 targets found, 0 of no target</b>"
-    assert view.listed.source.data["target"].tolist() == ["post"]
+    assert view.table.title.text == "<b>1 detection: 1 of 2 targets found, 0 of no target</b>"
+    assert view.table.source.data["target"].tolist() == ["post"]
 
 
 def test_where_nothing_is_detected_the_title_says_so():
-    view = Detections(session_of("scene.targets.0.rcs=-90 dBsm", "scene.targets.1.rcs=-90 dBsm"))
+    view = DetectionsView(
+        session_of("scene.targets.0.rcs=-90 dBsm", "scene.targets.1.rcs=-90 dBsm")
+    )
     shown(view)
 
-    assert view.listed.title.text == "<b>Nothing detected: 0 of 2 targets found</b>"
+    assert view.table.title.text == "<b>Nothing detected: 0 of 2 targets found</b>"
 
 
 def test_nobody_knows_whose_the_detections_of_a_recording_are():
-    view = Detections(session_of())
+    view = DetectionsView(session_of())
     known = shown(view)
-    view.show(replace(known, truth=None))
+    view.show_frame(replace(known, truth=None))
 
-    visible = {one.field: one.visible for one in view.listed.table.columns}
+    visible = {one.field: one.visible for one in view.table.table.columns}
     assert not visible["target"]
     assert visible["azimuth"]
     n = known.detections.sizes["detection"]
-    assert view.listed.title.text == f"<b>{n} detections</b>"
+    assert view.table.title.text == f"<b>{n} detections</b>"
 
 
 def test_a_row_that_is_picked_moves_the_cursor_to_its_peak_on_the_map():
-    view = Detections(session_of("scene.targets.1.velocity.0=-32 m/s"))  # beyond 19 m/s: folded
+    view = DetectionsView(session_of("scene.targets.1.velocity.0=-32 m/s"))  # beyond 19 m/s: folded
     moment = shown(view)
-    row = view.listed.source.data["target"].tolist().index("car")
+    row = view.table.source.data["target"].tolist().index("car")
 
-    view.listed.source.selected.indices = [row]
+    view.table.source.selected.indices = [row]
 
     cursor = view.session.cursor
     car = moment.truth.sel(target="car").squeeze()
-    seen = on_map(folded(Place(car.range.values, car.velocity.values), moment.radar), moment.radar)
+    seen = map_position(
+        alias_range_velocity(RangeVelocity(car.range.values, car.velocity.values), moment.radar),
+        moment.radar,
+    )
     assert cursor.range_m == pytest.approx(float(seen.range_m), abs=0.5)
     assert cursor.velocity_m_per_s == pytest.approx(float(seen.velocity_m_per_s), abs=0.3)
     assert abs(cursor.velocity_m_per_s) < moment.radar.frame.max_velocity_m_per_s
 
 
 def test_the_row_at_the_cursor_is_marked_and_marking_it_does_not_move_the_cursor():
-    view = Detections(session_of())
+    view = DetectionsView(session_of())
     moment = shown(view)
 
-    assert view.listed.source.selected.indices == [0]  # it starts at the strongest
+    assert view.table.source.selected.indices == [0]  # it starts at the strongest
     assert view.session.cursor is None
     shown(view, cursor=Cursor(moment.cursor.range_m - 20, moment.cursor.velocity_m_per_s))
-    assert view.listed.source.selected.indices == []
+    assert view.table.source.selected.indices == []
     assert view.session.cursor is None
 
 
 def test_of_more_detections_than_fit_the_strongest_are_shown():
-    view = Detections(session_of("chain.cfar.false_alarm_probability=0.1"))
+    view = DetectionsView(session_of("chain.cfar.false_alarm_probability=0.1"))
     moment = shown(view)
     n = moment.detections.sizes["detection"]
-    assert n > MOST_ROWS
+    assert n > MAX_ROWS
 
-    table = view.listed.source.data
+    table = view.table.source.data
 
-    assert all(len(column) == MOST_ROWS for column in table.values())
-    assert table["snr"][0] == pytest.approx(float(decibels(moment.detections.snr.max())))
-    assert f"The strongest {MOST_ROWS} of {n} detections" in view.listed.title.text
+    assert all(len(column) == MAX_ROWS for column in table.values())
+    assert table["snr"][0] == pytest.approx(float(to_decibels(moment.detections.snr.max())))
+    assert f"The strongest {MAX_ROWS} of {n} detections" in view.table.title.text
 
 
 def test_the_table_of_tracks_tells_where_targets_are_and_where_they_go():
-    view = Tracks(session_of())
+    view = TracksView(session_of())
     moment = shown(view, step=8)
-    table = view.listed.source.data
+    table = view.table.source.data
 
     car = row_of(table, int(np.argmin(table["vx"])))
     gone_s = moment.time_s
@@ -362,16 +373,16 @@ def test_the_table_of_tracks_tells_where_targets_are_and_where_they_go():
     for key, expected in {"x": 42 - 6 * gone_s, "y": 10.0, "vx": -6.0}.items():
         assert car[key] == pytest.approx(expected, abs=4 * car[f"{key}_std"])
     assert car["velocity"] == pytest.approx(-6 * np.cos(np.arctan2(10, 42)), abs=0.3)
-    assert view.listed.title.text == "<b>2 tracks confirmed, 0 tentative</b>"
+    assert view.table.title.text == "<b>2 tracks confirmed, 0 tentative</b>"
     post = int(np.argmax(table["vx"]))
-    view.listed.source.selected.indices = [1 - post]
-    view.listed.source.selected.indices = [post]
+    view.table.source.selected.indices = [1 - post]
+    view.table.source.selected.indices = [post]
     assert view.session.cursor.range_m == pytest.approx(30, abs=0.5)
 
 
 def test_without_a_tracker_the_table_says_why_it_is_empty():
-    view = Tracks(session_of("tracker=null"))
+    view = TracksView(session_of("tracker=null"))
     shown(view)
 
-    assert view.listed.title.text == "<b>No tracks: the settings have no tracker (Processing)</b>"
-    assert len(view.listed.source.data["x"]) == 0
+    assert view.table.title.text == "<b>No tracks: the settings have no tracker (Processing)</b>"
+    assert len(view.table.source.data["x"]) == 0

@@ -13,21 +13,21 @@ from bokeh.models import Button, Checkbox, Div, Select, TextAreaInput, TextInput
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError
-from dechirp.experiment.run import run
-from dechirp.experiment.scenario import Scenario, load
+from dechirp.experiments.run import run
+from dechirp.experiments.scenario import Scenario, load
 from dechirp.radar.budget import noise_power_w
-from dechirp.studio.panels.arrays import in_a_row
+from dechirp.studio.panels.arrays import linear_array_options
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.entries import Entry, entries, options
 from dechirp.studio.panels.hardware import Hardware
+from dechirp.studio.panels.knobs import Knob, override_options, setting_knobs
 from dechirp.studio.panels.processing import Processing
 from dechirp.studio.panels.radar import Radar
 from dechirp.studio.panels.requirements import Requirements
 from dechirp.studio.panels.settings_file import SettingsFile
-from dechirp.studio.panels.taken import readable, with_design
-from dechirp.studio.panels.targets import Targets, with_noise
+from dechirp.studio.panels.taken import apply_design, round_frame
+from dechirp.studio.panels.targets import Targets, replace_noise
+from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
 from dechirp.studio.session import Session
-from dechirp.studio.settings import Limits, changed, parsed
 
 TEXT = """
 name: street
@@ -53,21 +53,23 @@ scene:
 impairments:
   - {kind: thermal-noise}
   - {kind: leakage, isolation: 40 dB}
-  - {kind: wall, start: [0, 6 m], end: [50 m, 6 m]}
-  - {kind: wall, start: [0, -6 m], end: [50 m, -6 m]}
+  - {kind: wall-multipath, start: [0, 6 m], end: [50 m, 6 m]}
+  - {kind: wall-multipath, start: [0, -6 m], end: [50 m, -6 m]}
 chain: {angle: {kind: capon}, cluster: {}, mitigation: [{kind: mean-subtraction}]}
 tracker: {}
 """
 PANELS = (Radar, Targets, Hardware, Processing, Requirements, SettingsFile)
 WHOLE = ("name", "seed", "n_frames", "radar", "scene", "engine", "impairments", "chain")
-LIMITS = Limits()
+LIMITS = PageLimits()
 
 
 class Page:
     """A session whose edits are made at once, in the place of its worker."""
 
     def __init__(self, kind: type[Panel], text: str = TEXT) -> None:
-        self.session = Session(Document(), ThreadPoolExecutor(1), parsed(text, LIMITS), LIMITS)
+        self.session = Session(
+            Document(), ThreadPoolExecutor(1), parse_scenario(text, LIMITS), LIMITS
+        )
         self.panel = kind(self.session)
         self.session.document.add_root(self.panel.root)
 
@@ -107,7 +109,7 @@ class Page:
             for edit in edits:
                 self.session.scenario = edit(self.session.scenario)
         except DechirpError as error:
-            for tell in self.session.on_trouble:
+            for tell in self.session.on_mistakes:
                 tell(error.mistakes)
             return
         if edits:
@@ -119,16 +121,18 @@ class Page:
         return [one.text for one in self.widgets(Div) if one.visible and "wrong" in one.css_classes]
 
 
-def knobs() -> list[Entry]:
-    scenario = parsed(TEXT, LIMITS)
-    return [entry for path in (*WHOLE, "tracker") for entry in entries(scenario, path)]
+def knobs() -> list[Knob]:
+    scenario = parse_scenario(TEXT, LIMITS)
+    return [entry for path in (*WHOLE, "tracker") for entry in setting_knobs(scenario, path)]
 
 
 def test_what_every_knob_shows_is_what_holds_when_it_is_typed() -> None:
-    scenario = parsed(TEXT, LIMITS)
+    scenario = parse_scenario(TEXT, LIMITS)
     for entry in knobs():
         if not entry.text.startswith("{"):  # a member, or what is on, is taken with defaults
-            again = changed(scenario, options(scenario, entry.path, entry.text), LIMITS)
+            again = apply_options(
+                scenario, override_options(scenario, entry.path, entry.text), LIMITS
+            )
             assert again == scenario, entry
 
 
@@ -160,7 +164,7 @@ def test_a_wrong_value_is_told_below_its_knob_and_escape_puts_back_what_holds() 
         assert page.scenario == before
         assert "wrong" in knob.css_classes and knob.value == text
         (words,) = page.words
-        assert "needs" in words
+        assert "expected" in words
     knob.value = knob.tags[0]  # as page.js does
     assert not page.words and "wrong" not in knob.css_classes
 
@@ -185,11 +189,11 @@ def test_what_is_typed_is_shown_as_settings_files_write_it() -> None:
 def test_an_array_in_a_row_has_its_virtual_elements_half_a_wavelength_apart(
     n_tx: int, n_rx: int
 ) -> None:
-    scenario = parsed(TEXT, LIMITS)
+    scenario = parse_scenario(TEXT, LIMITS)
     assert scenario.radar is not None
-    made = changed(scenario, in_a_row(scenario.radar, n_tx, n_rx), LIMITS).radar
+    made = apply_options(scenario, linear_array_options(scenario.radar, n_tx, n_rx), LIMITS).radar
     assert made is not None
-    across_m = sorted(made.array.virtual_m[:, 1])
+    across_m = sorted(made.array.virtual_positions_m[:, 1])
     half_m = made.frame.chirp.wavelength_m / 2
     assert np.diff(across_m) == pytest.approx([half_m] * (n_tx * n_rx - 1), abs=1e-6)
     assert made.frame.n_slots == n_tx
@@ -197,7 +201,7 @@ def test_an_array_in_a_row_has_its_virtual_elements_half_a_wavelength_apart(
 
 def one_element(page: Page) -> None:
     radar, scenario = page.scenario.radar, page.scenario
-    assert radar is not None and len(radar.elements_m) == 1
+    assert radar is not None and len(radar.element_positions_m) == 1
     assert scenario.tracker is None and scenario.ego_motion is None
     assert not page.words
 
@@ -214,7 +218,7 @@ def test_an_array_of_one_element_is_chosen_at_once_and_ends_what_needs_direction
     assert any("Directions" in one.text for one in page.widgets(Div))
     rows.value = "1 4"
     page.apply()
-    assert page.scenario.chain.fitted(page.scenario.radar).angle is not None
+    assert page.scenario.chain.fit_to_radar(page.scenario.radar).angle is not None
 
 
 def test_elements_can_be_typed_one_setting_after_the_other() -> None:
@@ -247,12 +251,12 @@ def test_a_detector_has_a_false_alarm_probability_or_an_offset() -> None:
 
 
 def test_noise_told_by_the_snr_of_a_target_is_as_strong_as_that_of_the_receiver() -> None:
-    scenario = parsed(TEXT, LIMITS)
-    told = with_noise(scenario, "white")
+    scenario = parse_scenario(TEXT, LIMITS)
+    told = replace_noise(scenario, "white")
     assert scenario.scene is not None and scenario.radar is not None
     noise_w = told.impairments[0].noise_power_w(scenario.scene, scenario.radar)
     assert noise_w == pytest.approx(noise_power_w(scenario.radar), rel=0.012)  # 0.05 dB
-    assert with_noise(told, "thermal") == scenario
+    assert replace_noise(told, "thermal") == scenario
 
 
 def test_targets_come_and_go_and_their_knobs_with_them() -> None:
@@ -264,7 +268,7 @@ def test_targets_come_and_go_and_their_knobs_with_them() -> None:
     page.type("scene.targets.target-1.rcs", "3 dBsm")
     page.type("scene.targets.target-1.body", "{kind: car}")  # has cross sections of its own
     assert page.scenario.scene.targets[-1].body is not None
-    page.press("Remove", "Take target 1 out")
+    page.press("Remove", "Remove target 1")
     assert page.scenario.scene.names == (*names[1:], "target-1")
     page.type("scene.targets.0.position", "[50 m, 0, 0]")  # a.b: a path takes it for two names
     assert page.scenario.scene.targets[0].position_m == (50.0, 0.0, 0.0)
@@ -276,12 +280,12 @@ def test_the_design_is_taken_with_the_receivers_and_the_hardware_of_the_radar() 
     assert before is not None
     page.type("max_range", "100 m")
     page.type("max_velocity", "30 m/s")
-    page.press("Take this radar")
+    page.press("Use this radar")
     radar = page.scenario.radar
     assert radar is not None
     asked = {"max_range_m": 100, "range_resolution_m": 1, "max_velocity_m_per_s": 30}
     wanted = dc.design(**asked, rule="constraints").radar.frame
-    assert radar.frame == replace(readable(wanted), period_s=before.frame.period_s)
+    assert radar.frame == replace(round_frame(wanted), period_s=before.frame.period_s)
     assert radar.array.rx_m == before.array.rx_m and radar.hardware == before.hardware
 
 
@@ -292,13 +296,13 @@ def test_what_is_taken_has_numbers_of_six_digits_and_still_does_what_is_asked(ru
         farthest_m, cell_m, fastest_m_per_s = rng.uniform((20, 0.3, 1), (200, 2, 15))
         asked = {"max_range_m": farthest_m, "range_resolution_m": cell_m}
         made = dc.design(**asked, max_velocity_m_per_s=fastest_m_per_s, rule=rule)
-        assert made.met
-        frame = readable(made.radar.frame)
+        assert made.is_met
+        frame = round_frame(made.radar.frame)
         assert frame.chirp.range_resolution_m <= cell_m * (1 + 1e-12)
         assert frame.chirp.max_range_m >= farthest_m
         assert frame.max_velocity_m_per_s >= fastest_m_per_s
-        taken = with_design(parsed(TEXT, LIMITS), made)
-        texts = [one.text for one in entries(taken, "radar.frame")]
+        taken = apply_design(parse_scenario(TEXT, LIMITS), made)
+        texts = [one.text for one in setting_knobs(taken, "radar.frame")]
         assert max(sum(map(str.isdigit, text)) for text in texts) <= 7, texts  # or a 0 before six
 
 
@@ -306,13 +310,13 @@ def test_what_no_radar_can_do_is_told_with_the_nearest_one() -> None:
     page = Page(Requirements)
     page.type("max_velocity", "3000 m/s")
     answer = "".join(one.text for one in page.widgets(Div))
-    assert "nearest" in answer and "needs" in answer
+    assert "nearest" in answer and "expected" in answer
     page.type("max_range", "100")
     assert any("a length" in words for words in page.words)
 
 
 def take_and_answer(page: Page) -> tuple[Button, Div]:
-    (take,) = (one for one in page.widgets(Button) if one.label == "Take this radar")
+    (take,) = (one for one in page.widgets(Button) if one.label == "Use this radar")
     (answer,) = (one for one in page.widgets(Div) if "aria-label='Design'" in one.text)
     return take, answer
 
@@ -334,9 +338,9 @@ def test_while_a_requirement_is_wrong_the_answer_is_out_of_date_and_not_taken() 
 
 def test_a_design_has_the_hardware_that_the_radar_has_when_it_is_taken() -> None:
     page = Page(Requirements)
-    page.session.change("radar.hardware.noise_factor", "9 dB")
+    page.session.change_setting("radar.hardware.noise_factor", "9 dB")
     page.apply()
-    page.press("Take this radar")
+    page.press("Use this radar")
     radar = page.scenario.radar
     assert radar is not None and radar.hardware is not None
     assert radar.hardware.noise_factor == pytest.approx(10**0.9)
@@ -348,7 +352,7 @@ def test_requirements_that_are_absurd_are_told_at_their_knob(wrong: str) -> None
     for path in ("max_range", "range_resolution", "max_velocity", "velocity_resolution", "carrier"):
         unit = {"max_range": "m", "range_resolution": "m", "carrier": "Hz"}.get(path, "m/s")
         page.type(path, wrong.replace("m/s", unit))
-        assert "wrong" in page.knob(path).css_classes and "needs" in page.words[0]
+        assert "wrong" in page.knob(path).css_classes and "expected" in page.words[0]
         page.knob(path).value = page.knob(path).tags[0]
 
 
@@ -357,7 +361,7 @@ def test_requirements_that_no_chirp_can_have_are_told_at_their_knob_and_not_kept
     page.type("max_velocity", "1e-9 m/s")
     assert any("Chirp.sample_rate" in words for words in page.words)
     page.type("max_range", "140 m")  # of the others one may still be changed
-    page.press("Take this radar")
+    page.press("Use this radar")
     radar = page.scenario.radar
     assert radar is not None
     assert radar.frame.max_velocity_m_per_s == pytest.approx(50.0, rel=1e-4)
@@ -366,7 +370,7 @@ def test_requirements_that_no_chirp_can_have_are_told_at_their_knob_and_not_kept
 def test_a_rule_that_has_no_chirp_for_the_requirements_says_so_until_another_has() -> None:
     page = Page(Requirements)
     page.type("range_resolution", "1e9 m")
-    (take,) = (one for one in page.widgets(Button) if one.label == "Take this radar")
+    (take,) = (one for one in page.widgets(Button) if one.label == "Use this radar")
     (rule,) = (one for one in page.widgets(Select) if one.title == "Rule")
     rule.value = next(one for one in rule.options if one != "constraints")
     assert take.disabled and any("Chirp.slope" in one.text for one in page.widgets(Div))
@@ -411,8 +415,8 @@ def test_every_widget_has_words_of_its_own(kind: type[Panel]) -> None:
 @pytest.mark.parametrize("kind", PANELS)
 def test_a_recording_without_a_scene_has_fewer_knobs(kind: type[Panel], tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"")
-    limits = Limits(folders=(tmp_path,))
-    scenario = parsed("recording: {path: a.bin}", limits)
+    limits = PageLimits(folders=(tmp_path,))
+    scenario = parse_scenario("recording: {path: a.bin}", limits)
     panel = kind(Session(Document(), ThreadPoolExecutor(1), scenario, limits))
     shown = [
         one.html_attributes.get("data-setting", "")

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from dechirp.experiment.scenario import Scenario, reference
+from dechirp.experiments.scenario import Scenario, reference
 from dechirp.studio import session as sessions
+from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
-from dechirp.studio.settings import Limits
 
 
 class Document:
@@ -24,10 +24,10 @@ class Document:
 class Player:
     """Moments that say which step and settings they are of."""
 
-    def __init__(self, scenario: Scenario, limits: Limits) -> None:
+    def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
         self.scenario = scenario
 
-    def look(self, step: int, cursor: object) -> SimpleNamespace:
+    def frame_at(self, step: int, cursor: object) -> SimpleNamespace:
         return SimpleNamespace(step=step, seed=self.scenario.seed)
 
 
@@ -35,13 +35,15 @@ class Page:
     """A session, and what it showed and told."""
 
     def __init__(self, worker: ThreadPoolExecutor, *, draws: bool) -> None:
-        self.session = Session(Document(), worker, reference(), Limits(frame_s=1e-3))
+        self.session = Session(
+            Document(), worker, reference(), PageLimits(min_frame_interval_s=1e-3)
+        )
         self.shown, self.told, self.taken = [], [], []
-        self.session.on_moment.append(self.shown.append)
-        self.session.on_trouble.append(self.told.append)
+        self.session.on_frame.append(self.shown.append)
+        self.session.on_mistakes.append(self.told.append)
         self.session.on_settings.append(self.taken.append)
         if draws:
-            self.session.on_moment.append(lambda _: self.session.drawn_soon(len(self.shown)))
+            self.session.on_frame.append(lambda _: self.session.drawn_soon(len(self.shown)))
 
     async def until(self, holds: Callable[[], bool]) -> None:
         async with asyncio.timeout(60):
@@ -52,13 +54,16 @@ class Page:
 @pytest.fixture
 def lived(monkeypatch):
     """Run what a page lives through; with a browser that draws at once, or not at all."""
-    monkeypatch.setattr(sessions, "Player", Player)
+    monkeypatch.setattr(sessions, "FramePlayer", Player)
 
     def live(life, *, draws: bool = True) -> None:
         async def whole() -> None:
             loop = asyncio.get_running_loop()
             monkeypatch.setattr(
-                Session, "drawn_soon", lambda self, n: loop.call_soon(self.drawn, n), raising=False
+                Session,
+                "drawn_soon",
+                lambda self, n: loop.call_soon(self.confirm_drawn, n),
+                raising=False,
             )
             with ThreadPoolExecutor(1) as worker:
                 page = Page(worker, draws=draws)
@@ -76,16 +81,16 @@ def lived(monkeypatch):
 
 def test_of_several_edits_those_that_can_be_hold_and_the_others_are_told(lived):
     async def life(page: Page) -> None:
-        page.session.change("seed", "5")
-        page.session.change("n_frames", "rubbish")
-        page.session.change("chain.range_window", "hamming")
+        page.session.change_setting("seed", "5")
+        page.session.change_setting("n_frames", "rubbish")
+        page.session.change_setting("chain.range_window", "hamming")
         await page.until(lambda: page.taken)
         await page.until(lambda: page.shown[-1].seed == 5)
         assert page.session.scenario.chain.range_window == "hamming"
         assert page.session.scenario.n_frames == 1
         (mistake,) = page.told[-1]
         assert mistake.setting == "n_frames"
-        page.session.go(1)
+        page.session.go_to_step(1)
         await page.until(lambda: page.shown[-1].step == 1)
         assert page.told[-1] == ()  # it is over
 
@@ -95,7 +100,7 @@ def test_of_several_edits_those_that_can_be_hold_and_the_others_are_told(lived):
 def test_of_edits_of_one_setting_the_last_holds(lived):
     async def life(page: Page) -> None:
         for seed in range(3, 9):
-            page.session.change("seed", str(seed))
+            page.session.change_setting("seed", str(seed))
         await page.until(lambda: page.taken)
         assert [scenario.seed for scenario in page.taken] == [8]
 
@@ -104,12 +109,12 @@ def test_of_edits_of_one_setting_the_last_holds(lived):
 
 def test_it_plays_step_by_step_and_a_rewind_meanwhile_shows_the_first(lived):
     async def life(page: Page) -> None:
-        page.session.play(True)
+        page.session.set_playing(True)
         await page.until(lambda: page.shown[-1].step >= 5)
         steps = [moment.step for moment in page.shown]
         assert steps == sorted(steps) and set(range(5)) <= set(steps)
         seen = len(page.shown)
-        page.session.go(0)
+        page.session.go_to_step(0)
         await page.until(lambda: any(moment.step == 0 for moment in page.shown[seen:]))
 
     lived(life)
@@ -117,9 +122,9 @@ def test_it_plays_step_by_step_and_a_rewind_meanwhile_shows_the_first(lived):
 
 def test_when_it_pauses_no_other_step_comes(lived):
     async def life(page: Page) -> None:
-        page.session.play(True)
+        page.session.set_playing(True)
         await page.until(lambda: page.shown[-1].step >= 3)
-        page.session.play(False)
+        page.session.set_playing(False)
         step = page.session.step
         await asyncio.sleep(0.05)
         assert page.shown[-1].step == page.session.step == step
@@ -129,11 +134,11 @@ def test_when_it_pauses_no_other_step_comes(lived):
 
 def test_a_browser_that_draws_nothing_has_three_moments_at_most(lived):
     async def life(page: Page) -> None:
-        page.session.play(True)
+        page.session.set_playing(True)
         await page.until(lambda: len(page.shown) == 3)
         await asyncio.sleep(0.1)
         assert len(page.shown) == 3
-        page.session.drawn(1)
+        page.session.confirm_drawn(1)
         await page.until(lambda: len(page.shown) == 4)
         await asyncio.sleep(0.1)
         assert len(page.shown) == 4
@@ -143,11 +148,11 @@ def test_a_browser_that_draws_nothing_has_three_moments_at_most(lived):
 
 def test_a_browser_that_answers_every_second_moment_is_never_waited_for_in_vain(lived):
     async def life(page: Page) -> None:
-        page.session.on_moment.append(
+        page.session.on_frame.append(
             lambda _: len(page.shown) % 2 or page.session.drawn_soon(len(page.shown))
         )
-        page.session.play(True)
-        async with asyncio.timeout(0.9 * sessions.DRAWN_WITHIN_S):
+        page.session.set_playing(True)
+        async with asyncio.timeout(0.9 * sessions.DRAW_TIMEOUT_S):
             await page.until(lambda: len(page.shown) == 40)
 
     lived(life, draws=False)
@@ -158,12 +163,12 @@ def test_a_view_that_fails_is_told_and_the_page_lives_on(lived, caplog):
         def fail(_: object) -> None:
             raise RuntimeError("a view")
 
-        page.session.on_moment.append(fail)
-        page.session.go(1)
+        page.session.on_frame.append(fail)
+        page.session.go_to_step(1)
         await page.until(lambda: page.told[-1] != ())
         assert page.told[-1][0].setting == "this page"
-        page.session.on_moment.remove(fail)
-        page.session.go(2)
+        page.session.on_frame.remove(fail)
+        page.session.go_to_step(2)
         await page.until(lambda: page.told[-1] == ())
 
     lived(life)
@@ -174,12 +179,12 @@ def test_what_takes_long_is_said_to_be_under_way_and_what_does_not_is_not(lived,
     async def life(page: Page) -> None:
         waits = []
         page.session.on_wait.append(lambda: waits.append(len(page.shown)))
-        page.session.go(1)
+        page.session.go_to_step(1)
         await page.until(lambda: page.shown[-1].step == 1)
         assert waits == []
-        monkeypatch.setattr(sessions, "_LONG_S", 0.01)
-        monkeypatch.setattr(Player, "look", slow)
-        page.session.go(2)
+        monkeypatch.setattr(sessions, "_WAIT_NOTICE_S", 0.01)
+        monkeypatch.setattr(Player, "frame_at", slow)
+        page.session.go_to_step(2)
         await page.until(lambda: page.shown[-1].step == 2)
         assert waits == [len(page.shown) - 1]  # before it came
 
@@ -187,5 +192,5 @@ def test_what_takes_long_is_said_to_be_under_way_and_what_does_not_is_not(lived,
         time.sleep(0.5)
         return SimpleNamespace(step=step, seed=self.scenario.seed)
 
-    monkeypatch.setattr(sessions, "_LONG_S", 30.0)
+    monkeypatch.setattr(sessions, "_WAIT_NOTICE_S", 30.0)
     lived(life)

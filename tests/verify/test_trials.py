@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2, norm
 
-from dechirp.experiment.verify.claim import CONFIDENCE, Check, Claim
-from dechirp.experiment.verify.trials import (
+from dechirp.certificate.claim import CONFIDENCE, Check, Claim
+from dechirp.certificate.trials import (
     Job,
-    run_all,
+    run_jobs,
     trials_for_mean,
     trials_for_probability,
     trials_for_rms,
 )
-from dechirp.theory import intervals
+from dechirp.theory import confidence_intervals
 
 TAIL = (1 - CONFIDENCE) / 2
 
@@ -25,17 +25,17 @@ def draws(rng, n_trials, *, width):
 
 def jobs(n_trials):
     return {
-        "one": Job(work=draws, n_trials=n_trials, told={"width": 2}, n_each=7),
-        "two": Job(work=draws, n_trials=40, told={"width": 1}, n_each=40),
+        "one": Job(work=draws, n_trials=n_trials, arguments={"width": 2}, block_size=7),
+        "two": Job(work=draws, n_trials=40, arguments={"width": 1}, block_size=40),
     }
 
 
 def test_the_numbers_do_not_depend_on_the_workers_nor_on_other_jobs():
     with ThreadPoolExecutor(1) as alone, ThreadPoolExecutor(4) as crowd:
-        one = run_all(jobs(30), seed=5, executor=alone)
-        many = run_all(jobs(30), seed=5, executor=crowd)
-        without = run_all({"one": jobs(30)["one"]}, seed=5, executor=alone)
-        longer = run_all(jobs(50), seed=5, executor=crowd)
+        one = run_jobs(jobs(30), seed=5, executor=alone)
+        many = run_jobs(jobs(30), seed=5, executor=crowd)
+        without = run_jobs({"one": jobs(30)["one"]}, seed=5, executor=alone)
+        longer = run_jobs(jobs(50), seed=5, executor=crowd)
 
     assert one["one"].shape == (30, 2)
     np.testing.assert_array_equal(one["one"], many["one"])
@@ -48,8 +48,8 @@ def test_the_numbers_do_not_depend_on_the_workers_nor_on_other_jobs():
 def test_another_seed_gives_other_numbers_and_progress_counts_blocks():
     seen = []
     with ThreadPoolExecutor(2) as workers:
-        first = run_all(jobs(30), seed=5, executor=workers, progress=lambda *n: seen.append(n))
-        second = run_all(jobs(30), seed=6, executor=workers)
+        first = run_jobs(jobs(30), seed=5, executor=workers, progress=lambda *n: seen.append(n))
+        second = run_jobs(jobs(30), seed=6, executor=workers)
 
     assert not np.isin(first["one"], second["one"]).any()
     assert seen == [(done, 6) for done in range(1, 7)]
@@ -60,8 +60,10 @@ def test_a_trial_that_fails_ends_the_run_with_its_error():
         raise RuntimeError("no noise today")
 
     with ThreadPoolExecutor(1) as workers, pytest.raises(RuntimeError, match="no noise today"):
-        run_all(
-            {"broken": Job(work=broken, n_trials=3, told={}, n_each=1)}, seed=1, executor=workers
+        run_jobs(
+            {"broken": Job(work=broken, n_trials=3, arguments={}, block_size=1)},
+            seed=1,
+            executor=workers,
         )
 
 
@@ -73,7 +75,7 @@ def test_so_many_trials_show_a_probability_but_for_one_time_in_sixty_thousand(ex
     n = trials_for_probability(expected, at_least=at_least)
 
     def shown(hits):
-        return intervals.binomial(hits, n, confidence=CONFIDENCE)[0] >= at_least
+        return confidence_intervals.binomial_interval(hits, n, confidence=CONFIDENCE)[0] >= at_least
 
     fewest = next(hits for hits in range(int(at_least * n), n + 1) if shown(hits))
     # The formula is for normal spread: three times the tail is what it neglects.

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dechirp.echoes.kernels.base import Scatterers, Sent
-from dechirp.echoes.kernels.direct import add
+from dechirp.simulation.kernels.base import Scatterers, Transmission
+from dechirp.simulation.kernels.direct import add_echoes
 
 HALF_WAVE_M = 1.9e-3
 WAVEFORMS = {
@@ -23,7 +23,7 @@ def send(name, rng, *, n_tx=1, n_rx=1, spacing_m=HALF_WAVE_M, n_chirps=None):
     m, n_samples, f0, slope, adc_start_s, sample_rate_hz, interval_s = WAVEFORMS[name]
     m = n_chirps or m
     across = np.array([0.1, 1.0, 0.2])
-    sent = Sent(
+    sent = Transmission(
         starts_s=(np.arange(m) - m / 2) * interval_s,
         weights=rng.normal(size=(m, n_tx)) + 1j * rng.normal(size=(m, n_tx)),
         tx_m=np.outer(np.arange(n_tx) * n_rx, across) * spacing_m,
@@ -59,7 +59,7 @@ def scatter(sent, rng, *, n, ranges_m, speed_m_per_s, n_terms=2, varied=False):
 def summed(scatterers, sent, n_samples, *, dtype=complex, **late):
     """Echoes by the direct kernel, (chirp, rx, sample)."""
     out = np.zeros((len(sent.starts_s), len(sent.rx_m), n_samples), dtype)
-    add(out, scatterers, sent, **late)
+    add_echoes(out, scatterers, sent, **late)
     return out
 
 

@@ -1,7 +1,7 @@
 """A radar whose waves are sampled: ramps as sent, delayed, mixed and low-passed.
 
 Nothing here knows of beats. A real wave of a few GHz is sent ramp by ramp, arrives after the
-delay of the law in `dechirp.echoes.kernels.base` (there and back from where the scatterer is
+delay of the law in `dechirp.simulation.kernels.base` (there and back from where the scatterer is
 at reception), is multiplied by the ramp that is being sent and by the same a quarter of a cycle
 behind, and passes a low-pass far wider than any beat, which leaves out the sum frequency.
 """

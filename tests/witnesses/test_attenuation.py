@@ -19,13 +19,13 @@ from dechirp.theory.attenuation import (
     vapour_db_per_km,
 )
 from dechirp.theory.mie import sphere_rcs_m2
-from dechirp.theory.rain_echo import (
+from dechirp.theory.rain_backscatter import (
     DIAMETERS_M,
-    drops_per_m4,
-    fall_speed_m_per_s,
-    reflectivity_per_m,
+    drop_fall_speed_m_per_s,
+    drop_size_density_per_m4,
+    rain_reflectivity_per_m,
 )
-from dechirp.theory.water import film_loss, permittivity
+from dechirp.theory.water_permittivity import water_film_loss, water_relative_permittivity
 
 MM_PER_H = 1e-3 / 3600
 
@@ -105,7 +105,7 @@ def test_fog_attenuates_less_when_it_is_warm():
 
 def test_still_water_has_its_static_permittivity_at_low_frequencies():
     # 80.1 at 20 degrees (CRC Handbook).
-    assert permittivity(1e6, 293.15).real == pytest.approx(80.1, rel=2e-3)
+    assert water_relative_permittivity(1e6, 293.15).real == pytest.approx(80.1, rel=2e-3)
 
 
 def test_a_small_metal_sphere_is_a_rayleigh_scatterer_and_a_large_one_its_shadow():
@@ -168,12 +168,12 @@ def test_the_series_of_mie_equals_thirty_digits(x, epsilon):
 def test_rain_reflects_as_rayleigh_scatterers_at_3_ghz():
     # N0 6! / Lambda^7 of Marshall and Palmer's drops, all far smaller than the wave; those
     # above 7 mm, which break, are 1 % of it in light rain.
-    epsilon = permittivity(3e9, 283.15)
+    epsilon = water_relative_permittivity(3e9, 283.15)
     size = abs((epsilon - 1) / (epsilon + 2)) ** 2
     z_m3 = 8e6 * math.factorial(6) / 4100.0**7
     wavelength_m = SPEED_OF_LIGHT / 3e9
     expected = math.pi**5 / wavelength_m**4 * size * z_m3
-    assert reflectivity_per_m(3e9, MM_PER_H) == pytest.approx(expected, rel=0.03)
+    assert rain_reflectivity_per_m(3e9, MM_PER_H) == pytest.approx(expected, rel=0.03)
 
 
 def test_the_drops_carry_the_rain_that_they_stand_for():
@@ -181,8 +181,8 @@ def test_the_drops_carry_the_rain_that_they_stand_for():
     # 20 % more in light rain.
     for rate in (2, 10, 25):
         volumes_m3 = np.pi / 6 * DIAMETERS_M**3
-        flux = drops_per_m4(DIAMETERS_M, rate * MM_PER_H) * volumes_m3
-        flux = flux * fall_speed_m_per_s(DIAMETERS_M)
+        flux = drop_size_density_per_m4(DIAMETERS_M, rate * MM_PER_H) * volumes_m3
+        flux = flux * drop_fall_speed_m_per_s(DIAMETERS_M)
         found = flux.sum() * (DIAMETERS_M[1] - DIAMETERS_M[0]) / MM_PER_H
         assert found == pytest.approx(rate, rel=0.2)
 
@@ -190,21 +190,21 @@ def test_the_drops_carry_the_rain_that_they_stand_for():
 def test_drops_fall_as_gunn_and_kinzer_measured():
     measured = {1e-3: 4.03, 2e-3: 6.49, 3e-3: 8.06, 5e-3: 9.09}
     for diameter_m, speed in measured.items():
-        assert float(fall_speed_m_per_s(diameter_m)) == pytest.approx(speed, rel=0.02)
+        assert float(drop_fall_speed_m_per_s(diameter_m)) == pytest.approx(speed, rel=0.02)
 
 
 def test_a_film_of_water_weakens_by_its_reflections_and_its_absorption():
-    assert film_loss(77e9, 0.0, 283.15) == 1
+    assert water_film_loss(77e9, 0.0, 283.15) == 1
     # A thick film: two surfaces, and absorption between them, without echoes inside.
-    n = np.sqrt(permittivity(77e9, 283.15))
+    n = np.sqrt(water_relative_permittivity(77e9, 283.15))
     surfaces = abs(4 * n / (1 + n) ** 2) ** 2
     absorption = math.exp(4 * math.pi * n.imag * 77e9 * 3e-3 / SPEED_OF_LIGHT)
-    assert film_loss(77e9, 3e-3, 283.15) == pytest.approx(absorption / surfaces, rel=1e-6)
+    assert water_film_loss(77e9, 3e-3, 283.15) == pytest.approx(absorption / surfaces, rel=1e-6)
 
 
 def test_a_thin_film_is_a_plane_wave_between_two_boundaries():
     # Fields that are continuous at both faces, solved as four equations.
-    n = np.sqrt(permittivity(77e9, 283.15))
+    n = np.sqrt(water_relative_permittivity(77e9, 283.15))
     k, d = 2 * np.pi * 77e9 / SPEED_OF_LIGHT, 0.1e-3
     inner, back = np.exp(1j * k * n * d), np.exp(-1j * k * n * d)
     fields = np.array(
@@ -216,7 +216,7 @@ def test_a_thin_film_is_a_plane_wave_between_two_boundaries():
         ]
     )
     *_, passed = np.linalg.solve(fields, np.array([-1, -1, 0, 0]))
-    assert film_loss(77e9, d, 283.15) == pytest.approx(1 / abs(passed) ** 2, rel=1e-9)
+    assert water_film_loss(77e9, d, 283.15) == pytest.approx(1 / abs(passed) ** 2, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -231,11 +231,11 @@ def test_a_thin_film_is_a_plane_wave_between_two_boundaries():
         (lambda: rain_power_law(2e12), "frequency_hz"),
         (lambda: fog_db_per_km(300e9, 5e-4), "frequency_hz"),
         (lambda: fog_db_per_km(77e9, 0.5), "water_kg_per_m3"),
-        (lambda: permittivity(77e9, 400.0), "temperature_k"),
-        (lambda: film_loss(77e9, -1e-4, 283.15), "film_m"),
+        (lambda: water_relative_permittivity(77e9, 400.0), "temperature_k"),
+        (lambda: water_film_loss(77e9, -1e-4, 283.15), "film_m"),
         (lambda: sphere_rcs_m2(1.0, 1e-3), "radius_m"),
         (lambda: sphere_rcs_m2(1.0, 1.0, permittivity=4 - 1j), "permittivity"),
-        (lambda: drops_per_m4(1e-3, 1.0), "rate_m_per_s"),
+        (lambda: drop_size_density_per_m4(1e-3, 1.0), "rate_m_per_s"),
     ],
 )
 def test_what_no_formula_holds_for_is_refused(call, name):

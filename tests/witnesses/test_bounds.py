@@ -7,11 +7,11 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels
 from dechirp.theory.bounds import (
     angle_std_rad,
+    decoupled_range_std_m,
     frequency_variance,
     monopulse_std_rad,
+    noncoherent_effective_snr,
     range_std_m,
-    summed_snr,
-    uncoupled_range_std_m,
     velocity_std_m_per_s,
 )
 
@@ -62,7 +62,7 @@ def test_no_unbiased_estimate_of_range_velocity_and_angle_can_do_better(angle, c
         snr=snr, n_samples=N_SAMPLES, sample_rate_hz=SAMPLE_RATE, slope_hz_per_s=SLOPE
     )
     if coupled:
-        range_m = uncoupled_range_std_m(
+        range_m = decoupled_range_std_m(
             range_std_m=range_m,
             velocity_std_m_per_s=velocity,
             mid_window_frequency_hz=MID_HZ,
@@ -163,7 +163,9 @@ def test_bounds_are_finite_and_fall_as_the_root_of_the_ratio_from_minus_30_to_90
 def test_adding_the_powers_of_channels_costs_their_number_over_the_ratio():
     chi = np.array([1e-3, 1.0, 100.0, 1e6])
     for n in (1, 12):
-        raised = frequency_variance(snr=summed_snr(snr=chi, n_channels=n), n_points=64)
+        raised = frequency_variance(
+            snr=noncoherent_effective_snr(snr=chi, n_channels=n), n_points=64
+        )
         bound = frequency_variance(snr=chi, n_points=64)
         np.testing.assert_allclose(raised / bound, 1 + n / chi, rtol=1e-12)
 
@@ -200,18 +202,18 @@ NOT_POSITIVE = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
         *((angle_std_rad, ANGLE, "snr", wrong) for wrong in NOT_POSITIVE),
         *((monopulse_std_rad, MONOPULSE, "snr", wrong) for wrong in NOT_POSITIVE),
         *((frequency_variance, POINTS, "n_points", n) for n in (1, 0, -4, 2.5, np.nan)),
-        *((summed_snr, SUMMED, "snr", wrong) for wrong in NOT_POSITIVE),
-        *((summed_snr, SUMMED, "n_channels", n) for n in (0, -1, 1.5)),
+        *((noncoherent_effective_snr, SUMMED, "snr", wrong) for wrong in NOT_POSITIVE),
+        *((noncoherent_effective_snr, SUMMED, "n_channels", n) for n in (0, -1, 1.5)),
         *((range_std_m, RANGE, "n_samples", n) for n in (1, 128.0)),
         *((velocity_std_m_per_s, VELOCITY, "n_chirps", n) for n in (1, "64")),
         *((range_std_m, RANGE, "sample_rate_hz", wrong) for wrong in NOT_POSITIVE),
         *((range_std_m, RANGE, "slope_hz_per_s", wrong) for wrong in NOT_POSITIVE),
         *((velocity_std_m_per_s, VELOCITY, "interval_s", wrong) for wrong in NOT_POSITIVE),
         *((velocity_std_m_per_s, VELOCITY, "wavelength_m", wrong) for wrong in NOT_POSITIVE),
-        *((uncoupled_range_std_m, UNCOUPLED, "slope_hz_per_s", wrong) for wrong in NOT_POSITIVE),
-        (uncoupled_range_std_m, UNCOUPLED, "mid_window_frequency_hz", -77e9),
-        (uncoupled_range_std_m, UNCOUPLED, "range_std_m", -0.01),
-        (uncoupled_range_std_m, UNCOUPLED, "velocity_std_m_per_s", np.nan),
+        *((decoupled_range_std_m, UNCOUPLED, "slope_hz_per_s", wrong) for wrong in NOT_POSITIVE),
+        (decoupled_range_std_m, UNCOUPLED, "mid_window_frequency_hz", -77e9),
+        (decoupled_range_std_m, UNCOUPLED, "range_std_m", -0.01),
+        (decoupled_range_std_m, UNCOUPLED, "velocity_std_m_per_s", np.nan),
         *((angle_std_rad, ANGLE, "wavelength_m", wrong) for wrong in NOT_POSITIVE),
         *((angle_std_rad, ANGLE, "angle_rad", wrong) for wrong in (np.pi / 2, -2.0, [0, np.nan])),
         *((angle_std_rad, ANGLE, "positions_m", wrong) for wrong in ([], 0.0, [0.0, np.inf])),
@@ -221,7 +223,7 @@ NOT_POSITIVE = [0.0, -1.0, np.nan, np.inf, [1.0, -1.0]]
 )
 def test_a_bound_of_what_cannot_be_is_refused(bound, call, name, wrong):
     bound(**call)
-    with pytest.raises(InvalidSetting, match=rf"^{name} is .*, but must be .*\."):
+    with pytest.raises(InvalidSetting, match=rf"^{name}: .*; expected .*\."):
         bound(**call | {name: wrong})
 
 
@@ -238,4 +240,4 @@ def test_no_targets_have_no_bounds_and_the_faintest_have_huge_ones():
         faint, loud = bound(**call | {"snr": [smallest, largest]})
         assert faint > 1e100
         assert 0 <= loud < 1e-100
-    assert uncoupled_range_std_m(**UNCOUPLED | {"velocity_std_m_per_s": np.inf}) == np.inf
+    assert decoupled_range_std_m(**UNCOUPLED | {"velocity_std_m_per_s": np.inf}) == np.inf

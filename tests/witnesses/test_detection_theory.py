@@ -15,18 +15,18 @@ from scipy.special import gammainc, gammaincc
 from scipy.stats import ncx2
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.units import decibels, from_decibels
-from dechirp.theory.approximations import albersheim_snr, shnidman_snr
-from dechirp.theory.binary_integration import m_of_n
+from dechirp.core.units import from_decibels, to_decibels
+from dechirp.theory.binary_integration import binary_integration_probability
 from dechirp.theory.cfar import cell_averaging_factor, greatest_of_factor
 from dechirp.theory.detection import (
     coherent_detection_probability,
     coherent_required_snr,
     detection_probability,
+    detection_threshold,
     exceedance_probability,
     required_snr,
-    threshold,
 )
+from dechirp.theory.snr_approximations import albersheim_snr, shnidman_snr
 
 CASES = range(5)
 
@@ -58,14 +58,14 @@ def by_mixture(snr, limit, *, n_summed, swerling):
 def test_nine_looks_in_ten_at_1e_6_take_the_published_ratios(n_summed, needed_db):
     found = [required_snr(0.9, 1e-6, n_summed=n_summed, swerling=case) for case in CASES]
 
-    np.testing.assert_allclose(decibels(found), needed_db, atol=5e-4)
+    np.testing.assert_allclose(to_decibels(found), needed_db, atol=5e-4)
 
 
 @pytest.mark.parametrize("swerling", CASES)
 @pytest.mark.parametrize("n_summed", [1, 3, 100, 10_000])
 def test_detection_follows_the_mixture_from_minus_30_to_40_decibels(n_summed, swerling):
     for pfa in (1e-12, 1e-4, 0.5):
-        limit = threshold(pfa, n_summed=n_summed)
+        limit = detection_threshold(pfa, n_summed=n_summed)
         for snr in from_decibels([-30.0, -17.0, -10.0, 0.0, 13.0, 40.0]):
             exact, missed = by_mixture(snr, limit, n_summed=n_summed, swerling=swerling)
 
@@ -79,7 +79,7 @@ def test_detection_follows_the_mixture_from_minus_30_to_40_decibels(n_summed, sw
 @pytest.mark.parametrize("n_summed", [1, 4, 50])
 def test_a_steady_target_follows_the_function_of_marcum(n_summed):
     snr = from_decibels(np.array([-10.0, 0.0, 6.0]))
-    limit = threshold(1e-3, n_summed=n_summed)
+    limit = detection_threshold(1e-3, n_summed=n_summed)
 
     found = exceedance_probability(snr, limit, n_summed=n_summed)
 
@@ -136,7 +136,7 @@ def test_one_power_of_a_rayleigh_target_is_detected_with_a_root_of_the_false_ala
 @pytest.mark.parametrize("n_summed", [2, 10, 1000, 10_000])
 def test_targets_that_fluctuate_over_the_sum_follow_the_closed_forms_of_swerling(n_summed):
     k, pfa = n_summed, 1e-6
-    t = threshold(pfa, n_summed=k)
+    t = detection_threshold(pfa, n_summed=k)
     snr = from_decibels([-20.0, -10.0, 0.0, 10.0, 40.0])
 
     # Case 1, in logarithms: the power of K - 1 overflows for weak targets.
@@ -154,7 +154,7 @@ def test_targets_that_fluctuate_over_the_sum_follow_the_closed_forms_of_swerling
 
 @pytest.mark.parametrize("n_summed", [1, 2])
 def test_a_dominant_scatterer_follows_the_closed_form_of_swerling(n_summed):
-    k, t = n_summed, threshold(1e-6, n_summed=n_summed)
+    k, t = n_summed, detection_threshold(1e-6, n_summed=n_summed)
     snr = from_decibels([-3.0, 10.0, 25.0])
     half = k * snr / 2
 
@@ -189,7 +189,7 @@ def test_thrown_dice_exceed_the_threshold_as_often_as_theory_says(n_summed, swer
     noise = parts[..., 0] + 1j * parts[..., 1]
 
     summed = np.sum(np.abs(np.sqrt(snr * power) + noise) ** 2, axis=1)
-    hits = np.count_nonzero(summed > threshold(pfa, n_summed=n_summed))
+    hits = np.count_nonzero(summed > detection_threshold(pfa, n_summed=n_summed))
 
     # 5.5 standard errors: ten such draws fail once in 3 million.
     assert hits / n_trials == pytest.approx(0.6, abs=5.5 * math.sqrt(0.24 / n_trials))
@@ -296,7 +296,7 @@ def test_detection_keeps_the_shape_of_the_ratios():
 
 
 def test_a_known_phase_takes_12_6_decibels_and_one_does_no_better():
-    assert decibels(coherent_required_snr(0.9, 1e-6)) == pytest.approx(12.60, abs=0.005)
+    assert to_decibels(coherent_required_snr(0.9, 1e-6)) == pytest.approx(12.60, abs=0.005)
     for pd in (0.01, 0.5, 0.9, 0.999):
         snr = coherent_required_snr(pd, 1e-6)
         assert float(coherent_detection_probability(snr, 1e-6)) == pytest.approx(pd, rel=1e-12)
@@ -305,9 +305,9 @@ def test_a_known_phase_takes_12_6_decibels_and_one_does_no_better():
 
 
 def test_the_formulas_of_albersheim_and_shnidman_give_their_published_ratios():
-    assert decibels(albersheim_snr(0.9, 1e-6)) == pytest.approx(13.114, abs=6e-4)
-    assert decibels(shnidman_snr(0.9, 1e-6)) == pytest.approx(13.12, abs=0.005)
-    assert decibels(shnidman_snr(0.9, 1e-6, swerling=1)) == pytest.approx(21.35, abs=0.005)
+    assert to_decibels(albersheim_snr(0.9, 1e-6)) == pytest.approx(13.114, abs=6e-4)
+    assert to_decibels(shnidman_snr(0.9, 1e-6)) == pytest.approx(13.12, abs=0.005)
+    assert to_decibels(shnidman_snr(0.9, 1e-6, swerling=1)) == pytest.approx(21.35, abs=0.005)
 
 
 @pytest.mark.parametrize(
@@ -316,7 +316,7 @@ def test_the_formulas_of_albersheim_and_shnidman_give_their_published_ratios():
 )
 def test_albersheim_is_as_near_the_exact_ratio_as_stated(pds, within_db):
     off_db = [
-        decibels(albersheim_snr(pd, pfa, n_summed=n) / required_snr(pd, pfa, n_summed=n))
+        to_decibels(albersheim_snr(pd, pfa, n_summed=n) / required_snr(pd, pfa, n_summed=n))
         for pd in pds
         for pfa in (1e-7, 1e-5, 1e-3)
         for n in (1, 5, 100, 8096)
@@ -335,7 +335,7 @@ def test_shnidman_is_as_near_the_exact_ratio_as_stated(swerling, within_db):
             for n in (1, 2, 39, 40, 100):
                 near = shnidman_snr(pd, pfa, n_summed=n, swerling=swerling)
                 exact = required_snr(pd, pfa, n_summed=n, swerling=swerling)
-                assert decibels(near / exact) == pytest.approx(0.0, abs=within_db)
+                assert to_decibels(near / exact) == pytest.approx(0.0, abs=within_db)
 
 
 def test_m_of_n_is_the_sum_over_the_binomial_law():
@@ -345,21 +345,25 @@ def test_m_of_n_is_the_sum_over_the_binomial_law():
                 total = math.fsum(
                     math.comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(m, n + 1)
                 )
-                assert float(m_of_n(p, m=m, n=n)) == pytest.approx(total, rel=1e-12)
+                assert float(binary_integration_probability(p, m=m, n=n)) == pytest.approx(
+                    total, rel=1e-12
+                )
 
 
 def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
     p = np.array([[0.0, 0.2, 1.0]])
 
-    np.testing.assert_allclose(m_of_n(p, m=1, n=3), 1 - (1 - p) ** 3, rtol=1e-14)
-    np.testing.assert_allclose(m_of_n(p, m=3, n=3), p**3, rtol=1e-14)
+    np.testing.assert_allclose(
+        binary_integration_probability(p, m=1, n=3), 1 - (1 - p) ** 3, rtol=1e-14
+    )
+    np.testing.assert_allclose(binary_integration_probability(p, m=3, n=3), p**3, rtol=1e-14)
 
 
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: threshold(0.0), "false_alarm_probability"),
-        (lambda: threshold(1e-6, n_summed=0), "n_summed"),
+        (lambda: detection_threshold(0.0), "false_alarm_probability"),
+        (lambda: detection_threshold(1e-6, n_summed=0), "n_summed"),
         (lambda: detection_probability(-10.0, 1e-6), "not dB"),
         (lambda: detection_probability([1.0, math.nan], 1e-6), "nan"),
         (lambda: detection_probability(math.inf, 1e-6), "finite"),
@@ -373,12 +377,12 @@ def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
         (lambda: exceedance_probability(1.0, None), "threshold"),
         (lambda: detection_probability("13", 1e-6), "snr is '13'"),
         (lambda: detection_probability([1j], 1e-6), "real numbers"),
-        (lambda: detection_probability([[1.0], [1.0, 2.0]], 1e-6), "rows of one length"),
+        (lambda: detection_probability([[1.0], [1.0, 2.0]], 1e-6), "rows of equal length"),
         (lambda: detection_probability(None, 1e-6), "real numbers"),
-        (lambda: threshold(1e-310), "from 1e-300"),
+        (lambda: detection_threshold(1e-310), "from 1e-300"),
         (lambda: detection_probability(1.0, np.nextafter(1, 0)), "to 1 - 1e-9"),
         (lambda: albersheim_snr(0.9, 1e-310), "from 1e-300"),
-        (lambda: m_of_n("0.5", m=1, n=2), "real numbers"),
+        (lambda: binary_integration_probability("0.5", m=1, n=2), "real numbers"),
         (lambda: required_snr(1e-6, 1e-6, swerling=1), "above the false-alarm probability"),
         (lambda: required_snr(1.0, 1e-6), "detection_probability"),
         (lambda: required_snr(0.9, 1e-6, n_summed=0), "n_summed"),
@@ -390,9 +394,9 @@ def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
         (lambda: albersheim_snr(0.9, 1e-6, n_summed=0), "n_summed"),
         (lambda: shnidman_snr(1e-7, 1e-6), "false-alarm probability"),
         (lambda: shnidman_snr(0.9, 1e-6, swerling=7), "swerling"),
-        (lambda: threshold("1e-6"), "false_alarm_probability is 1e-6, but must be between"),
-        (lambda: threshold(np.array([1e-6, 1e-4])), "false_alarm_probability"),
-        (lambda: threshold(True), "false_alarm_probability"),
+        (lambda: detection_threshold("1e-6"), "false_alarm_probability: 1e-6; expected between"),
+        (lambda: detection_threshold(np.array([1e-6, 1e-4])), "false_alarm_probability"),
+        (lambda: detection_threshold(True), "false_alarm_probability"),
         (lambda: detection_probability(1.0, [1e-6]), "false_alarm_probability"),
         (lambda: detection_probability(1.0, None), "false_alarm_probability"),
         (lambda: detection_probability(1.0, math.nan), "false_alarm_probability"),
@@ -402,9 +406,9 @@ def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
         (lambda: albersheim_snr(0.9, np.array([1e-6])), "false_alarm_probability"),
         (lambda: cell_averaging_factor("1e-6", n_training=16), "false_alarm_probability"),
         (lambda: greatest_of_factor([1e-6], n_training=16), "false_alarm_probability"),
-        (lambda: m_of_n(1.1, m=1, n=2), "from 0 to 1"),
-        (lambda: m_of_n(0.5, m=3, n=2), "from 1 to 2"),
-        (lambda: m_of_n(0.5, m=0, n=2), "from 1 to 2"),
+        (lambda: binary_integration_probability(1.1, m=1, n=2), "from 0 to 1"),
+        (lambda: binary_integration_probability(0.5, m=3, n=2), "from 1 to 2"),
+        (lambda: binary_integration_probability(0.5, m=0, n=2), "from 1 to 2"),
     ],
 )
 def test_what_no_detector_can_have_is_refused(call, says):

@@ -8,18 +8,21 @@ from mpmath import betainc, gammainc, mp, mpf
 from scipy.special import comb
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.process.cfar.base import Cells, Noise, Ring
-from dechirp.process.spectrum import Transform
+from dechirp.processing.cfar.base import Cells, MapNoise, TrainingWindow
+from dechirp.processing.spectrum import Transform
 from dechirp.theory import cfar
-from dechirp.theory.calibrated import calibrated_factor
+from dechirp.theory.cfar_calibration import calibrate_factor
+from dechirp.theory.cfar_correlated_cells import correlated_factor
 from dechirp.theory.cfar_detection import (
     greatest_of_detection_probability,
     smallest_of_detection_probability,
 )
-from dechirp.theory.correlated import correlated_factor
+from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
+from dechirp.theory.cfar_trimmed_mean import (
+    trimmed_mean_factor,
+    trimmed_mean_false_alarm_probability,
+)
 from dechirp.theory.detection import exceedance_probability
-from dechirp.theory.ordered_sums import OrderedSums
-from dechirp.theory.trimmed_mean import trimmed_mean_factor, trimmed_mean_false_alarm_probability
 
 
 @pytest.mark.parametrize(
@@ -61,7 +64,7 @@ def test_an_ordered_statistic_of_summed_powers_alarms_as_its_integral_says(n, k,
 @pytest.mark.parametrize("pfa", [1e-12, 1e-6, 0.1])
 def test_of_one_power_the_integral_is_the_product_of_rohling(n, k, pfa):
     factor = cfar.ordered_statistic_factor(pfa, n_training=n, rank=k)
-    law = OrderedSums(n_training=n, rank=k, n_summed=1)
+    law = OrderedStatisticLaw(n_training=n, rank=k, n_summed=1)
     assert np.exp(law.log_probability(factor)) == pytest.approx(pfa, rel=1e-9)
 
 
@@ -141,13 +144,13 @@ def test_a_trimmed_mean_is_cell_averaging_at_one_end_and_an_ordered_statistic_at
 
 
 def box_of(training, guard, window="rectangular", padded=1, place=None):
-    noise = Noise(
-        over_range=Transform(window=window, n_points=512, n_bins=512 * padded),
-        over_velocity=Transform(window=window, n_points=128, n_bins=128 * padded),
+    noise = MapNoise(
+        range_transform=Transform(window=window, n_points=512, n_bins=512 * padded),
+        doppler_transform=Transform(window=window, n_points=128, n_bins=128 * padded),
     )
     cells = [Cells(range=r, velocity=v) for r, v in (training, guard)]
-    ring = Ring(n_training=cells[0], n_guard=cells[1])
-    return ring.box(noise, ring.half_range if place is None else place)
+    ring = TrainingWindow(n_training=cells[0], n_guard=cells[1])
+    return ring.noise_box(noise, ring.half_range if place is None else place)
 
 
 def mean(cells):
@@ -169,14 +172,14 @@ def test_calibrated_over_the_mean_the_factor_is_the_exact_one(
     training, guard, window, padded, place, n_summed
 ):
     box = box_of(training, guard, window, padded, place)
-    found = calibrated_factor(1e-6, mean, box, n_summed=n_summed)
-    assert found.error <= 0.01
+    found = calibrate_factor(1e-6, mean, box, n_summed=n_summed)
+    assert found.relative_error <= 0.01
     high, low = (
-        correlated_factor(1e-6 * (1 + side * found.error), box, n_summed=n_summed)
+        correlated_factor(1e-6 * (1 + side * found.relative_error), box, n_summed=n_summed)
         for side in (-5.5, 5.5)
     )
     assert low < found.value < high
-    assert calibrated_factor(1e-6, mean, box, n_summed=n_summed) == found
+    assert calibrate_factor(1e-6, mean, box, n_summed=n_summed) == found
 
 
 @pytest.mark.parametrize("pfa", [1e-2, 1e-6, 1e-9])
@@ -211,9 +214,9 @@ def test_calibrated_in_independent_cells_the_factors_are_those_of_the_closed_for
         ),
     }
     for statistic, low, law in cases.values():
-        found = calibrated_factor(pfa, statistic, box, n_summed=n_summed, low=low)
-        assert found.error <= 0.02
-        assert float(law(found.value)) == pytest.approx(pfa, rel=5.5 * found.error)
+        found = calibrate_factor(pfa, statistic, box, n_summed=n_summed, low=low)
+        assert found.relative_error <= 0.02
+        assert float(law(found.value)) == pytest.approx(pfa, rel=5.5 * found.relative_error)
 
 
 def test_the_factor_of_a_trimmed_mean_holds_for_one_power_by_both_ways():
@@ -223,11 +226,11 @@ def test_the_factor_of_a_trimmed_mean_holds_for_one_power_by_both_ways():
     def trimmed(cells):
         return np.sort(cells, axis=-1)[..., : n - n_largest].mean(axis=-1)
 
-    found = calibrated_factor(1e-6, trimmed, box)
+    found = calibrate_factor(1e-6, trimmed, box)
     passed = trimmed_mean_false_alarm_probability(
         found.value, n_training=n, n_smallest=0, n_largest=n_largest
     )
-    assert float(passed) == pytest.approx(1e-6, rel=5.5 * found.error)
+    assert float(passed) == pytest.approx(1e-6, rel=5.5 * found.relative_error)
 
 
 @pytest.mark.parametrize(
@@ -246,7 +249,7 @@ def test_what_cannot_be_calibrated_is_refused(training, guard, padded, says):
         return cells.min(axis=-1)
 
     with pytest.raises(InvalidSetting, match=says):
-        calibrated_factor(1e-6, smallest, box)
+        calibrate_factor(1e-6, smallest, box)
 
 
 def test_a_beta_distribution_compares_two_halves():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from motions import MOTIONS, WAVEFORMS, scatter, send, summed
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.echoes.kernels.direct import Before, add
+from dechirp.simulation.kernels.direct import PreviousRamps, add_echoes
 
 # Of the sum of the sizes of all echoes: what the kernel promises.
 PROMISED = 1e-9
@@ -55,7 +55,7 @@ def tail_scene(rng):
     sent = sent._replace(starts_s=np.array([0.0, 9e-6, 18e-6, 27.5e-6, 36.25e-6]) - 2e-5)
     weights = np.vstack([np.full((1, 2), np.nan), sent.weights[:-1]])
     weights[2, 1] = 0
-    before = Before(
+    before = PreviousRamps(
         gaps_s=np.concatenate([[np.nan], np.diff(sent.starts_s)]),
         weights=weights,
         ramp_duration_s=8e-6,
@@ -79,7 +79,7 @@ def test_late_echoes_begin_and_end_as_in_fifty_digits(late):
             rx_gains=scatterers.rx_gains[:, only],
             chirp_factors=scatterers.chirp_factors[:, only],
         )
-        out = summed(some, sent, 2200, late=late, before=before)
+        out = summed(some, sent, 2200, late=late, previous=before)
         for m, k, n in cells(out.shape, rng, 60):
             exact, size = fifty_digits(some, sent, m, k, n, late=late, before=before)
             assert abs(out[m, k, n] - exact) <= promised * size
@@ -106,16 +106,16 @@ def test_an_echo_is_in_the_air_for_as_long_as_its_ramp():
     sent, n_samples = send("short", rng, n_chirps=2)
     gap_s, ramp_s, delay_s = 9e-6, 8e-6, 3e-6
     sent = sent._replace(starts_s=np.array([0, gap_s]))
-    before = Before(np.array([np.nan, gap_s]), np.ones((2, 1), complex), ramp_s)
+    before = PreviousRamps(np.array([np.nan, gap_s]), np.ones((2, 1), complex), ramp_s)
     scatterers = scatter(sent, rng, n=1, ranges_m=(1, 1), speed_m_per_s=0)
     scatterers.path_m[0] = [[0, delay_s * LIGHT / 2, 0]]
-    out = summed(scatterers, sent, n_samples, late="tail", before=before)
+    out = summed(scatterers, sent, n_samples, late="tail", previous=before)
 
     # It ends 11 us after the first ramp began, 2 us into the second, whose echo begins at 3 us.
     t = np.arange(n_samples) / sent.sample_rate_hz
     np.testing.assert_array_equal(out[0, 0] != 0, t >= delay_s)
     np.testing.assert_array_equal(out[1, 0] != 0, (t < delay_s + ramp_s - gap_s) | (t >= delay_s))
-    with pytest.raises(InvalidSetting, match="^before is none"):
+    with pytest.raises(InvalidSetting, match="^previous: none"):
         summed(scatterers, sent, n_samples, late="tail")
 
 
@@ -158,7 +158,7 @@ def test_chirps_may_be_shared_between_threads_in_any_parts():
     parts = np.zeros_like(whole)
 
     def some(chirps):
-        add(
+        add_echoes(
             parts[chirps],
             scatterers._replace(chirp_factors=scatterers.chirp_factors[chirps]),
             sent._replace(starts_s=sent.starts_s[chirps], weights=sent.weights[chirps]),
@@ -179,7 +179,7 @@ def test_echoes_are_added_to_what_is_there_and_rounded_once():
         summed(scatterers, sent, n_samples, dtype=np.complex64), double.astype(np.complex64)
     )
     out = np.ones_like(double)
-    add(out, scatterers, sent)
+    add_echoes(out, scatterers, sent)
     np.testing.assert_array_equal(out, 1 + double)
 
 

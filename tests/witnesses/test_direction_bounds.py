@@ -5,7 +5,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.theory.bounds import angle_std_rad
-from dechirp.theory.direction_bounds import direction_std_rad, slopes, towards
+from dechirp.theory.direction_bounds import direction_std_rad, unit_vector_derivatives, unit_vectors
 
 RNG = np.random.default_rng(71)
 POSITIONS = RNG.uniform(-2, 2, (9, 3)) * [0.2, 1, 1]
@@ -53,7 +53,7 @@ def test_the_bound_is_the_inverse_of_the_whole_fisher_matrix(tells, n_sources):
         elevation_rad=which[1],
         amplitudes=which[2],
         noise_power=0.3,
-        tells=tells,
+        unknown=tells,
     )
     # Differences over 1e-5 are exact to 1e-10 times third derivatives of some hundreds.
     assert bound == pytest.approx(fisher_std(POSITIONS, *which, 0.3, tells), rel=1e-5)
@@ -83,7 +83,7 @@ def test_looks_count_as_their_powers_add():
 def test_what_the_array_does_not_tell_has_no_bound():
     line = np.stack([0 * AZIMUTH, [0, 0.5, 1.0], 0 * AZIMUTH], axis=1)
     both = direction_std_rad(
-        positions=line, azimuth_rad=[0.3], amplitudes=[1.0], noise_power=1.0, tells=(True, True)
+        positions=line, azimuth_rad=[0.3], amplitudes=[1.0], noise_power=1.0, unknown=(True, True)
     )
     assert np.isinf(both[0, 1])
     crowded = direction_std_rad(
@@ -94,10 +94,12 @@ def test_what_the_array_does_not_tell_has_no_bound():
 
 def test_slopes_are_those_of_the_unit_vectors():
     step = 1e-6
-    azimuth = (towards(0.4 + step, 0.3) - towards(0.4 - step, 0.3)) / (2 * step)
-    elevation = (towards(0.4, 0.3 + step) - towards(0.4, 0.3 - step)) / (2 * step)
-    assert slopes(0.4, 0.3) == pytest.approx(np.stack([azimuth, elevation]), abs=1e-9)
-    assert np.linalg.norm(towards(AZIMUTH, ELEVATION), axis=1) == pytest.approx(1)
+    azimuth = (unit_vectors(0.4 + step, 0.3) - unit_vectors(0.4 - step, 0.3)) / (2 * step)
+    elevation = (unit_vectors(0.4, 0.3 + step) - unit_vectors(0.4, 0.3 - step)) / (2 * step)
+    assert unit_vector_derivatives(0.4, 0.3) == pytest.approx(
+        np.stack([azimuth, elevation]), abs=1e-9
+    )
+    assert np.linalg.norm(unit_vectors(AZIMUTH, ELEVATION), axis=1) == pytest.approx(1)
 
 
 def test_positions_in_a_wrong_shape_are_refused():

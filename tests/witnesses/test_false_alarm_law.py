@@ -8,10 +8,10 @@ from mpmath import binomial, mp, mpf
 from scipy.optimize import brentq
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.process.cfar.base import Cells, Noise, Ring
-from dechirp.process.spectrum import Transform
+from dechirp.processing.cfar.base import Cells, MapNoise, TrainingWindow
+from dechirp.processing.spectrum import Transform
 from dechirp.theory.cfar import cell_averaging_factor
-from dechirp.theory.correlated import Box, correlated_factor
+from dechirp.theory.cfar_correlated_cells import CorrelatedWindow, correlated_factor
 
 
 def by_eigenvalues(box, a, n_summed):
@@ -19,7 +19,7 @@ def by_eigenvalues(box, a, n_summed):
     covariance = np.kron(box.range_covariance, box.velocity_covariance)
     weights = np.full((len(box.range_covariance), len(box.velocity_covariance)), -a)
     weights[box.guard_range, box.guard_velocity] = 0
-    weights[box.under_test] = 1
+    weights[box.cell_under_test] = 1
     used = np.flatnonzero(weights)
     # Those of R A, R the covariance and A the weights, are those of B* A B with R = B B*.
     spread, turned = np.linalg.eigh(covariance[np.ix_(used, used)])
@@ -48,12 +48,14 @@ CASES = [
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_the_factor_gives_its_probability_by_the_eigenvalues_of_the_ring(case, place, n_summed):
     window, n_bins, doppler_window, n_velocity_bins = case
-    noise = Noise(
-        over_range=Transform(window=window, n_points=2200, n_bins=n_bins),
-        over_velocity=Transform(window=doppler_window, n_points=128, n_bins=n_velocity_bins),
+    noise = MapNoise(
+        range_transform=Transform(window=window, n_points=2200, n_bins=n_bins),
+        doppler_transform=Transform(window=doppler_window, n_points=128, n_bins=n_velocity_bins),
     )
-    ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
-    box = ring.box(noise, place)
+    ring = TrainingWindow(
+        n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4)
+    )
+    box = ring.noise_box(noise, place)
 
     factor = correlated_factor(1e-6, box, n_summed=n_summed)
 
@@ -66,12 +68,14 @@ def test_the_factor_gives_its_probability_by_the_eigenvalues_of_the_ring(case, p
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_the_mean_of_the_ring_varies_as_that_of_its_independent_cells(case, place):
     window, n_bins, doppler_window, n_velocity_bins = case
-    noise = Noise(
-        over_range=Transform(window=window, n_points=2200, n_bins=n_bins),
-        over_velocity=Transform(window=doppler_window, n_points=128, n_bins=n_velocity_bins),
+    noise = MapNoise(
+        range_transform=Transform(window=window, n_points=2200, n_bins=n_bins),
+        doppler_transform=Transform(window=doppler_window, n_points=128, n_bins=n_velocity_bins),
     )
-    ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
-    box = ring.box(noise, place)
+    ring = TrainingWindow(
+        n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4)
+    )
+    box = ring.noise_box(noise, place)
 
     trains = np.ones((len(box.range_covariance), len(box.velocity_covariance)))
     trains[box.guard_range, box.guard_velocity] = 0
@@ -84,17 +88,17 @@ def test_the_mean_of_the_ring_varies_as_that_of_its_independent_cells(case, plac
 def hann_box(n_range, n_velocity):
     """Cells of noise under Hann windows, those about the cell under test all training."""
     along = [
-        Transform(window="hann", n_points=4096, n_bins=4096).covariance(n)
+        Transform(window="hann", n_points=4096, n_bins=4096).noise_correlation(n)
         for n in (n_range, n_velocity)
     ]
     middle = (n_range // 2, n_velocity // 2)
     guard = [slice(cell, cell + 1) for cell in middle]
-    return Box(
+    return CorrelatedWindow(
         range_covariance=along[0],
         velocity_covariance=along[1],
         guard_range=guard[0],
         guard_velocity=guard[1],
-        under_test=middle,
+        cell_under_test=middle,
     )
 
 
@@ -108,17 +112,19 @@ def test_hann_windows_leave_a_cell_in_1_944_independent_along_an_axis_and_in_3_7
 
 
 def test_the_approximate_law_of_independent_cells_is_close_to_the_exact_one():
-    ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
+    ring = TrainingWindow(
+        n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4)
+    )
     for window, n_bins, n_velocity_bins, within in (
         ("hann", 2200, 128, 5e-4),
         ("hann", 4096, 128, 2e-3),
         ("rectangular", 4096, 256, 5e-3),
     ):
-        noise = Noise(
-            over_range=Transform(window=window, n_points=2200, n_bins=n_bins),
-            over_velocity=Transform(window=window, n_points=128, n_bins=n_velocity_bins),
+        noise = MapNoise(
+            range_transform=Transform(window=window, n_points=2200, n_bins=n_bins),
+            doppler_transform=Transform(window=window, n_points=128, n_bins=n_velocity_bins),
         )
-        box = ring.box(noise, 14)
+        box = ring.noise_box(noise, 14)
         n_training = round(box.n_independent)
         assert cell_averaging_factor(1e-6, n_training=n_training) == pytest.approx(
             correlated_factor(1e-6, box), rel=within
@@ -142,35 +148,37 @@ def test_the_approximate_law_of_independent_cells_is_close_to_the_exact_one():
     ids=str,
 )
 def test_a_box_that_does_not_hold_its_guard_and_its_cell_under_test_is_refused(name, wrong):
-    box = Box(
+    box = CorrelatedWindow(
         range_covariance=np.eye(29),
         velocity_covariance=np.eye(25),
         guard_range=slice(10, 19),
         guard_velocity=slice(8, 17),
-        under_test=(14, 12),
+        cell_under_test=(14, 12),
     )
     with pytest.raises(InvalidSetting, match=rf"^Box\.{name}"):
         replace(box, **{name: wrong})
 
 
 def test_the_ring_of_the_reference_has_644_cells():
-    ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
-    noise = Noise(
-        over_range=Transform(window="rectangular", n_points=2200, n_bins=2200),
-        over_velocity=Transform(window="rectangular", n_points=128, n_bins=128),
+    ring = TrainingWindow(
+        n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4)
     )
-    assert ring.box(noise, 14).n_training == 644
-    assert ring.box(noise, 14).n_independent == pytest.approx(644, rel=1e-12)
+    noise = MapNoise(
+        range_transform=Transform(window="rectangular", n_points=2200, n_bins=2200),
+        doppler_transform=Transform(window="rectangular", n_points=128, n_bins=128),
+    )
+    assert ring.noise_box(noise, 14).n_training == 644
+    assert ring.noise_box(noise, 14).n_independent == pytest.approx(644, rel=1e-12)
     assert cell_averaging_factor(1e-6, n_training=644) == pytest.approx(13.965, abs=5e-4)
 
 
 def test_independent_cells_are_a_case_of_the_correlated_law():
-    ring = Ring(n_training=Cells(range=3, velocity=2), n_guard=Cells(range=1, velocity=1))
-    noise = Noise(
-        over_range=Transform(window="rectangular", n_points=64, n_bins=64),
-        over_velocity=Transform(window="rectangular", n_points=32, n_bins=32),
+    ring = TrainingWindow(n_training=Cells(range=3, velocity=2), n_guard=Cells(range=1, velocity=1))
+    noise = MapNoise(
+        range_transform=Transform(window="rectangular", n_points=64, n_bins=64),
+        doppler_transform=Transform(window="rectangular", n_points=32, n_bins=32),
     )
-    box = ring.box(noise, 4)
+    box = ring.noise_box(noise, 4)
     for n_summed in (1, 3):
         exact = cell_averaging_factor(1e-4, n_training=box.n_training, n_summed=n_summed)
         found = correlated_factor(1e-4, box, n_summed=n_summed)
@@ -189,12 +197,14 @@ def test_the_independent_law_holds_in_forty_digits(n_training, n_summed, pfa):
 
 
 def test_hann_windows_make_the_independent_factor_alarm_half_again_as_often():
-    noise = Noise(
-        over_range=Transform(window="hann", n_points=2200, n_bins=2200),
-        over_velocity=Transform(window="hann", n_points=128, n_bins=128),
+    noise = MapNoise(
+        range_transform=Transform(window="hann", n_points=2200, n_bins=2200),
+        doppler_transform=Transform(window="hann", n_points=128, n_bins=128),
     )
-    ring = Ring(n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4))
-    box = ring.box(noise, 14)
+    ring = TrainingWindow(
+        n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4)
+    )
+    box = ring.noise_box(noise, 14)
     naive = cell_averaging_factor(1e-6, n_training=box.n_training)
 
     def excess(log_pfa):

@@ -13,11 +13,11 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.process.fixed_point.chain import blocks
-from dechirp.process.fixed_point.samples import whole_samples
-from dechirp.process.fixed_point.tables import tables
-from dechirp.process.fixed_point.words import WordLengths
-from dechirp.theory.windows import taper
+from dechirp.processing.fixed_point.chain import stage_outputs
+from dechirp.processing.fixed_point.lookup_tables import make_lookup_tables
+from dechirp.processing.fixed_point.samples import to_integer_samples
+from dechirp.processing.fixed_point.word_lengths import WordLengths
+from dechirp.theory.windows import window_weights
 
 N_TRAINING, N_GUARD, OFFSET = 2, 1, 1.5
 ROUND = {
@@ -82,7 +82,7 @@ def transform(points, bits, words):
 
 def window(kind, n, words, signs=False):
     one = 2 ** (words.window_bits - 2)
-    weights = [Fraction(round(float(w) * one), one) for w in taper(kind, n)]
+    weights = [Fraction(round(float(w) * one), one) for w in window_weights(kind, n)]
     return [-w if signs and k % 2 else w for k, w in enumerate(weights)]
 
 
@@ -218,7 +218,7 @@ def test_every_block_is_what_exact_fractions_rounded_once_give(radar, words, sam
         n_range_bins=32,
         n_velocity_bins=8,
         cfar=dc.Cfar(
-            estimator=dc.CellAveraging(),
+            estimator=dc.cfar.CellAveraging(),
             n_training=dc.Cells(range=N_TRAINING, velocity=N_TRAINING),
             n_guard=dc.Cells(range=N_GUARD, velocity=N_GUARD),
             offset=OFFSET,
@@ -238,11 +238,11 @@ def test_every_block_is_what_exact_fractions_rounded_once_give(radar, words, sam
     else:
         cube = xr.DataArray(samples, dims=dims)
 
-    plan = tables(radar, chain, words)
-    whole, _ = whole_samples(cube, radar, words)
-    found = {block.name: block for block in blocks(whole, radar, plan)}
+    plan = make_lookup_tables(radar, chain, words)
+    whole, _ = to_integer_samples(cube, radar, words)
+    found = {block.name: block for block in stage_outputs(whole, radar, plan)}
     expected = machine(samples, 32, 8, "hann", words, sampling == "complex")
-    searched = range(plan.searched.start, plan.searched.stop)
+    searched = range(plan.searched_rows.start, plan.searched_rows.stop)
     expected["threshold"] = threshold(expected["power"], searched, words)
     expected["detected"] = expected["power"] > expected["threshold"]
     assert found["range_fft"].overflows.tolist() == expected.pop("range_overflows").tolist()

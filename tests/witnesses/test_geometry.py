@@ -88,7 +88,7 @@ def sample(scene, radar, frame_index, m, rx, n):
             for point in points:
                 rcs = target.rcs_m2 if point is None else point.rcs_m2
                 at = scatterer(target, point, t)
-                for weight, tx_m in zip(frame.sent_weights()[m], radar.array.tx_m, strict=True):
+                for weight, tx_m in zip(frame.chirp_weights()[m], radar.array.tx_m, strict=True):
                     there, back = (
                         mpmath.sqrt(sum((a - b) ** 2 for a, b in zip(at, end, strict=True)))
                         for end in (antenna(scene.ego, tx_m, t, come), receiver)
@@ -106,17 +106,19 @@ def sample(scene, radar, frame_index, m, rx, n):
 
 
 WHEEL = [
-    dc.Scatterer(
+    dc.bodies.Scatterer(
         position_m=(1.2, 0.8, 0.6),
         rcs_m2=0.1,
-        rotation=dc.Rotation(center_m=(1.2, 0.8, 0.3), rate_rad_per_s=60.0),
+        rotation=dc.bodies.Rotation(center_m=(1.2, 0.8, 0.3), rate_rad_per_s=60.0),
     ),
-    dc.Scatterer(
+    dc.bodies.Scatterer(
         position_m=(0.0, 0.0, 1.0),
         rcs_m2=0.5,
-        oscillation=dc.Oscillation(amplitude_m=(0.1, 0.02, 0.3), frequency_hz=7.0, phase_rad=0.4),
+        oscillation=dc.bodies.Oscillation(
+            amplitude_m=(0.1, 0.02, 0.3), frequency_hz=7.0, phase_rad=0.4
+        ),
     ),
-    dc.Scatterer(position_m=(-1.5, -0.7, 0.5), rcs_m2=1.0),
+    dc.bodies.Scatterer(position_m=(-1.5, -0.7, 0.5), rcs_m2=1.0),
 ]
 
 
@@ -124,9 +126,9 @@ WHEEL = [
 @pytest.mark.parametrize("multiplexing", ["tdm", "bpm", "phase-code"])
 def test_a_scene_that_moves_in_every_way_equals_fifty_digits(radar, multiplexing):
     codes = {
-        "tdm": dc.Tdm(order=(1, 0)),
-        "bpm": dc.Bpm(order=(1, 0)),
-        "phase-code": dc.PhaseCode(phases_rad=[[0.0, 0.3], [1.0, -2.0], [2.5, 0.1]]),
+        "tdm": dc.multiplexing.Tdm(order=(1, 0)),
+        "bpm": dc.multiplexing.Bpm(order=(1, 0)),
+        "phase-code": dc.multiplexing.PhaseCode(phases_rad=[[0.0, 0.3], [1.0, -2.0], [2.5, 0.1]]),
     }
     frame = replace(radar.frame, multiplexing=codes[multiplexing], n_chirps=40, period_s=0.02)
     array = replace(radar.array, tx_m=[(0.0, 0.05, 0.0), (0.001, -0.03, 0.02)])
@@ -150,7 +152,7 @@ def test_a_scene_that_moves_in_every_way_equals_fifty_digits(radar, multiplexing
             position_m=(14.0, -1.0, 0.0),
             velocity_m_per_s=(10.0, 2.0, 0.0),
             heading_rad=0.2,
-            body=dc.Points(scatterers=WHEEL),
+            body=dc.bodies.Points(scatterers=WHEEL),
         ),
     ]
     scene = dc.Scene(targets=targets, ego=ego)

@@ -8,13 +8,18 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.theory.intervals import binomial, mean, rate, rms
+from dechirp.theory.confidence_intervals import (
+    binomial_interval,
+    mean_interval,
+    rate_interval,
+    rms_interval,
+)
 
 CONFIDENCES = [0.5, 0.95, 1 - 1e-4, 1 - 1e-9]
 
 
 def test_45_hits_of_50_may_come_from_a_probability_of_0_967():
-    low, high = binomial(45, 50, confidence=0.95)
+    low, high = binomial_interval(45, 50, confidence=0.95)
     assert high == pytest.approx(0.9667249064109775, rel=1e-12)
     assert low == pytest.approx(0.78186463, rel=1e-7)
 
@@ -22,7 +27,7 @@ def test_45_hits_of_50_may_come_from_a_probability_of_0_967():
 @pytest.mark.parametrize("confidence", CONFIDENCES)
 @pytest.mark.parametrize(("hits", "trials"), [(0, 1), (1, 1), (0, 50), (50, 50), (3, 4000)])
 def test_the_ends_are_missed_as_often_as_stated_in_forty_digits(hits, trials, confidence):
-    low, high = binomial(hits, trials, confidence=confidence)
+    low, high = binomial_interval(hits, trials, confidence=confidence)
     with mpmath.workdps(40):
         tail = (1 - mpmath.mpf(confidence)) / 2
         for end, is_extreme, kept in (
@@ -46,7 +51,7 @@ def test_the_ends_are_missed_as_often_as_stated_in_forty_digits(hits, trials, co
 @pytest.mark.parametrize("hits", [998, 999, 1000, 1001])
 def test_a_thousand_hits_in_any_number_of_trials_are_a_poisson_count(hits, trials):
     # SciPy's inverse of the incomplete beta function is wrong by half at 1,000 hits.
-    low, high = binomial(hits, trials, confidence=0.99)
+    low, high = binomial_interval(hits, trials, confidence=0.99)
     # So rare hits are Poisson's, but for the probability itself, 1e-4 here at the most.
     assert low * trials == pytest.approx(stats.chi2.ppf(0.005, 2 * hits) / 2, rel=2e-4)
     assert high * trials == pytest.approx(stats.chi2.isf(0.005, 2 * hits + 2) / 2, rel=2e-4)
@@ -55,7 +60,9 @@ def test_a_thousand_hits_in_any_number_of_trials_are_a_poisson_count(hits, trial
 @pytest.mark.parametrize("trials", [5, 40, 500])
 @pytest.mark.parametrize("confidence", [0.5, 0.9, 0.99])
 def test_no_probability_is_missed_more_often_than_stated(trials, confidence):
-    ends = np.array([binomial(k, trials, confidence=confidence) for k in range(trials + 1)])
+    ends = np.array(
+        [binomial_interval(k, trials, confidence=confidence) for k in range(trials + 1)]
+    )
     for p in np.linspace(0, 1, 101):
         chance = stats.binom.pmf(np.arange(trials + 1), trials, p)
         assert chance[p < ends[:, 0]].sum() <= (1 - confidence) / 2 + 1e-12
@@ -65,9 +72,9 @@ def test_no_probability_is_missed_more_often_than_stated(trials, confidence):
 @given(st.integers(1, 10**6), st.data())
 def test_hits_and_misses_mirror_each_other(trials, data):
     hits = data.draw(st.integers(0, trials))
-    low, high = binomial(hits, trials, confidence=0.9)
+    low, high = binomial_interval(hits, trials, confidence=0.9)
     assert 0 <= low <= hits / trials <= high <= 1
-    mirrored_low, mirrored_high = binomial(trials - hits, trials, confidence=0.9)
+    mirrored_low, mirrored_high = binomial_interval(trials - hits, trials, confidence=0.9)
     assert mirrored_low == pytest.approx(1 - high, abs=1e-12)
     assert mirrored_high == pytest.approx(1 - low, abs=1e-12)
 
@@ -80,11 +87,13 @@ def test_intervals_of_a_mean_and_of_a_spread_are_those_of_scipy(n, confidence):
 
     reach = stats.t.isf(tail, n - 1) * stats.sem(values)
     expected = (values.mean() - reach, values.mean() + reach)
-    assert mean(values, confidence=confidence) == pytest.approx(expected, rel=1e-9)
+    assert mean_interval(values, confidence=confidence) == pytest.approx(expected, rel=1e-9)
 
     total = np.sum(values**2)
     expected = (total / stats.chi2.isf(tail, n), total / stats.chi2.ppf(tail, n))
-    assert np.square(rms(values, confidence=confidence)) == pytest.approx(expected, rel=1e-9)
+    assert np.square(rms_interval(values, confidence=confidence)) == pytest.approx(
+        expected, rel=1e-9
+    )
 
 
 # 4,000 intervals at 0.9: a standard error of 0.0047, and five of them. So does a right one
@@ -101,9 +110,9 @@ def test_nine_intervals_in_ten_hold_the_truth(n):
     rng = np.random.default_rng(31)
     errors = rng.normal(0.0, 3.0, (N_TRIALS, n))
 
-    held = share_held(3.0, [rms(row, confidence=0.9) for row in errors])
+    held = share_held(3.0, [rms_interval(row, confidence=0.9) for row in errors])
     assert held == pytest.approx(0.9, abs=FIVE_ERRORS)
-    held = share_held(7.0, [mean(row + 7.0, confidence=0.9) for row in errors])
+    held = share_held(7.0, [mean_interval(row + 7.0, confidence=0.9) for row in errors])
     assert held == pytest.approx(0.9, abs=FIVE_ERRORS)
 
 
@@ -115,7 +124,7 @@ def test_a_rate_of_events_in_clusters_is_held_as_often_as_stated():
     counts = clusters + rng.negative_binomial(np.maximum(clusters, 1), 0.25)
     assert counts.var() / counts.mean() == pytest.approx(7.0, rel=0.1)
 
-    held = share_held(800.0 / 1e6, [rate(row, 1e6, confidence=0.9) for row in counts])
+    held = share_held(800.0 / 1e6, [rate_interval(row, 1e6, confidence=0.9) for row in counts])
     assert held == pytest.approx(0.9, abs=FIVE_ERRORS)
     # As Poisson's they would be held 4 to 5 times in ten.
     as_singles = 1.645 * np.sqrt(counts.sum(axis=1)) / 20
@@ -126,7 +135,9 @@ def test_few_single_events_are_not_held_less_often_than_stated():
     rng = np.random.default_rng(33)
     for per_block in (0.05, 0.5, 5.0):
         counts = rng.poisson(per_block, (N_TRIALS, 20))
-        held = share_held(per_block / 7.0, [rate(row, 7.0, confidence=0.9) for row in counts])
+        held = share_held(
+            per_block / 7.0, [rate_interval(row, 7.0, confidence=0.9) for row in counts]
+        )
         # 0.92 and more are: the scatter is taken as no less than that of single events.
         assert held > 0.9 - FIVE_ERRORS
 
@@ -143,8 +154,11 @@ def test_a_rate_of_single_events_is_missed_this_often_at_a_confidence_of_all_but
     totals = np.arange(max(n_expected - within, 0), n_expected + within)
     ends = np.array(
         [
-            rate(total // n_blocks + (np.arange(n_blocks) < total % n_blocks), 1 / n_blocks,
-                 confidence=1 - 1e-5)
+            rate_interval(
+                total // n_blocks + (np.arange(n_blocks) < total % n_blocks),
+                1 / n_blocks,
+                confidence=1 - 1e-5,
+            )
             for total in totals
         ]
     )  # fmt: skip
@@ -155,21 +169,21 @@ def test_a_rate_of_single_events_is_missed_this_often_at_a_confidence_of_all_but
 
 
 def test_without_an_event_the_rate_is_below_what_would_have_shown():
-    low, high = rate([0, 0, 0, 0], 250.0, confidence=0.9)
+    low, high = rate_interval([0, 0, 0, 0], 250.0, confidence=0.9)
     assert low == 0
     # Three events expected and none seen: once in twenty.
     assert high == pytest.approx(2.9957 / 1000, rel=1e-4)
 
 
 def test_equal_counts_scatter_no_less_than_single_events():
-    low, high = rate([9, 9, 9, 9], 1.0, confidence=0.95)
+    low, high = rate_interval([9, 9, 9, 9], 1.0, confidence=0.95)
     reach = stats.t.isf(0.025, 3) * 3 / 2
     assert (low, high) == pytest.approx((9 - reach, 9 + reach))
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30), st.floats(0.01, 0.98))
 def test_more_confidence_is_a_wider_interval(values, confidence):
-    for interval in (rms, mean):
+    for interval in (rms_interval, mean_interval):
         low, high = interval(values, confidence=confidence)
         lower, higher = interval(values, confidence=confidence + 0.01)
         assert lower <= low <= high <= higher
@@ -177,36 +191,36 @@ def test_more_confidence_is_a_wider_interval(values, confidence):
 
 def test_intervals_scale_with_their_unit():
     values = np.random.default_rng(34).normal(size=20)
-    for interval in (rms, mean):
+    for interval in (rms_interval, mean_interval):
         in_metres = np.array(interval(values, confidence=0.95))
         assert 1e3 * in_metres == pytest.approx(interval(1e3 * values, confidence=0.95))
-    assert rate([5, 9], 2.0, confidence=0.5) == pytest.approx(
-        np.array(rate([5, 9], 1.0, confidence=0.5)) / 2
+    assert rate_interval([5, 9], 2.0, confidence=0.5) == pytest.approx(
+        np.array(rate_interval([5, 9], 1.0, confidence=0.5)) / 2
     )
 
 
 @pytest.mark.parametrize(
     ("setting", "ask"),
     [
-        ("hits", lambda: binomial(51, 50, confidence=0.95)),
-        ("hits", lambda: binomial(-1, 50, confidence=0.95)),
-        ("trials", lambda: binomial(0, 0, confidence=0.95)),
-        ("hits", lambda: binomial(4.5, 50, confidence=0.95)),
-        ("confidence", lambda: binomial(4, 50, confidence=1.0)),
-        ("confidence", lambda: rms([1.0, 2.0], confidence=0.0)),
-        ("confidence", lambda: mean([1.0, 2.0], confidence=95)),
-        ("confidence", lambda: rate([1, 2], 1.0, confidence=float("nan"))),
-        ("values", lambda: rms([1.0], confidence=0.95)),
-        ("values", lambda: mean([], confidence=0.95)),
-        ("values", lambda: mean([1.0, float("nan")], confidence=0.95)),
-        ("values", lambda: mean(np.ones((2, 2)), confidence=0.95)),
-        ("counts", lambda: rate([3, -1], 1.0, confidence=0.95)),
-        ("exposure", lambda: rate([3, 1], 0.0, confidence=0.95)),
-        ("exposure", lambda: rate([0, 0], -1.0, confidence=0.95)),
-        ("exposure", lambda: rate([3, 1], "7", confidence=0.95)),
-        ("exposure", lambda: rate([3, 1], None, confidence=0.95)),
-        ("exposure", lambda: rate([3, 1], [1.0, 2.0], confidence=0.95)),
-        ("exposure", lambda: rate([3, 1], float("inf"), confidence=0.95)),
+        ("hits", lambda: binomial_interval(51, 50, confidence=0.95)),
+        ("hits", lambda: binomial_interval(-1, 50, confidence=0.95)),
+        ("trials", lambda: binomial_interval(0, 0, confidence=0.95)),
+        ("hits", lambda: binomial_interval(4.5, 50, confidence=0.95)),
+        ("confidence", lambda: binomial_interval(4, 50, confidence=1.0)),
+        ("confidence", lambda: rms_interval([1.0, 2.0], confidence=0.0)),
+        ("confidence", lambda: mean_interval([1.0, 2.0], confidence=95)),
+        ("confidence", lambda: rate_interval([1, 2], 1.0, confidence=float("nan"))),
+        ("values", lambda: rms_interval([1.0], confidence=0.95)),
+        ("values", lambda: mean_interval([], confidence=0.95)),
+        ("values", lambda: mean_interval([1.0, float("nan")], confidence=0.95)),
+        ("values", lambda: mean_interval(np.ones((2, 2)), confidence=0.95)),
+        ("counts", lambda: rate_interval([3, -1], 1.0, confidence=0.95)),
+        ("exposure", lambda: rate_interval([3, 1], 0.0, confidence=0.95)),
+        ("exposure", lambda: rate_interval([0, 0], -1.0, confidence=0.95)),
+        ("exposure", lambda: rate_interval([3, 1], "7", confidence=0.95)),
+        ("exposure", lambda: rate_interval([3, 1], None, confidence=0.95)),
+        ("exposure", lambda: rate_interval([3, 1], [1.0, 2.0], confidence=0.95)),
+        ("exposure", lambda: rate_interval([3, 1], float("inf"), confidence=0.95)),
     ],
 )
 def test_an_interval_from_nonsense_is_refused(setting, ask):

@@ -11,15 +11,24 @@ from motions import scatter
 from scipy.integrate import quad
 from scipy.linalg import hadamard
 
-from dechirp.echoes.kernels import direct, nonuniform
-from dechirp.echoes.kernels.base import Scatterers, Sent
-from dechirp.echoes.kernels.between import fewest_times
-from dechirp.echoes.kernels.economised import economised
-from dechirp.echoes.kernels.kaiser_bessel import spreading
-from dechirp.echoes.kernels.patches import WIDTH
-from dechirp.echoes.kernels.series import BLOCK, DOPPLER, IMAG, LANES, ORDER, REAL, SERIES, View
-from dechirp.echoes.kernels.series import expand as fill_blocks
-from dechirp.echoes.kernels.tones import hardest
+from dechirp.simulation.kernels import direct, nufft
+from dechirp.simulation.kernels.band_interpolation import make_interpolator
+from dechirp.simulation.kernels.base import Scatterers, Transmission
+from dechirp.simulation.kernels.chebyshev import economise_powers
+from dechirp.simulation.kernels.gridding import make_spreading_kernel
+from dechirp.simulation.kernels.simd import WIDTH
+from dechirp.simulation.kernels.taylor import (
+    BLOCK,
+    DOPPLER,
+    IMAG,
+    LANES,
+    ORDER,
+    REAL,
+    SERIES,
+    AntennaPairView,
+)
+from dechirp.simulation.kernels.taylor import expand_all_blocks as fill_blocks
+from dechirp.simulation.kernels.tones import find_largest_errors
 
 # Root mean square error over that of the echoes: what the kernel promises.
 PROMISED = 1e-5
@@ -42,7 +51,7 @@ def send(name, n_chirps, *, weights=None, spacing_m=1.9e-3, n_rx=1):
     n_samples, f0, slope, adc_start_s, sample_rate_hz, interval_s = WAVEFORMS[name]
     weights = np.ones((n_chirps, 1), complex) if weights is None else weights
     n_tx = weights.shape[1]
-    sent = Sent(
+    sent = Transmission(
         starts_s=(np.arange(n_chirps) - n_chirps / 2) * interval_s,
         weights=weights,
         tx_m=np.outer(np.arange(n_tx) * n_rx, [0.1, 1.0, 0.2]) * spacing_m,
@@ -57,7 +66,7 @@ def send(name, n_chirps, *, weights=None, spacing_m=1.9e-3, n_rx=1):
 
 def summed(scatterers, sent, n_samples, *, dtype=np.complex64, **options):
     out = np.zeros((len(sent.starts_s), len(sent.rx_m), n_samples), dtype)
-    nonuniform.add(out, scatterers, sent, **options)
+    nufft.add_echoes(out, scatterers, sent, **options)
     return out
 
 
@@ -67,7 +76,7 @@ def error(out, scatterers, sent, n_samples, *, n_chirps=5):
     some = np.unique([last * part // max(n_chirps - 1, 1) for part in range(n_chirps)])
     part = sent._replace(starts_s=sent.starts_s[some], weights=sent.weights[some])
     exact = np.zeros((len(some), *out.shape[1:]), complex)
-    direct.add(exact, scatterers, part)
+    direct.add_echoes(exact, scatterers, part)
     assert np.linalg.norm(exact) > 0
     return np.linalg.norm(out[some] - exact) / np.linalg.norm(exact)
 
@@ -78,8 +87,8 @@ def plan(monkeypatch):
 
     def choose(name):
         if PLANS[name] is not None:
-            made = nonuniform.Plan(*PLANS[name])
-            monkeypatch.setattr(nonuniform, "cheapest", lambda *_: made)
+            made = nufft.NufftPlan(*PLANS[name])
+            monkeypatch.setattr(nufft, "choose_plan", lambda *_: made)
 
     return choose
 
@@ -135,7 +144,7 @@ def test_the_finest_tolerance_is_kept(case, how, plan):
 @pytest.mark.parametrize("case", ["highway", "full range", "accelerated"])
 def test_scatterers_with_long_series_are_summed_right_few_or_many(case, few, plan, monkeypatch):
     plan("two runs")
-    monkeypatch.setattr(nonuniform, "FEW", few)
+    monkeypatch.setattr(nufft, "MAX_LOW_RANK_SCATTERERS", few)
     waveform, n_chirps, scene = CASES[case]
     sent, n_samples = send(waveform, n_chirps)
     scatterers = scatter(sent, np.random.default_rng(2), **scene)
@@ -223,7 +232,7 @@ def test_nothing_depends_on_threads_or_groups_or_order(how, plan, monkeypatch):
         scatterers.rx_gains[:, order],
     )
     other = summed(turned, sent, n_samples)
-    monkeypatch.setattr(nonuniform, "GROUP", 150)
+    monkeypatch.setattr(nufft, "GROUP_SIZE", 150)
     parts = summed(scatterers, sent, n_samples)
     # As many single-precision sums in another order.
     assert np.linalg.norm(two - one) < 1e-6 * np.linalg.norm(one)
@@ -238,7 +247,7 @@ def test_a_part_of_a_larger_array_is_added_to():
     scatterers = scatter(sent, rng, n=20, ranges_m=(3, 100), speed_m_per_s=40)
     whole = np.ones((64, 2, n_samples), complex)
     part = whole[1::2, 1:]
-    nonuniform.add(part, scatterers, sent)
+    nufft.add_echoes(part, scatterers, sent)
     part -= 1
     assert error(part, scatterers, sent, n_samples) < PROMISED
     assert (whole[::2] == 1).all()
@@ -256,20 +265,20 @@ def test_nothing_is_added_for_no_scatterers_and_silent_transmitters():
 
 def test_grids_that_would_be_too_large_are_not_made(monkeypatch):
     points = []
-    spread = nonuniform.by_run.spread
+    spread = nufft.nufft_by_run.spreading_kernel
 
     def watched(grid, *given):
         points.append(len(grid) // 2)
         spread(grid, *given)
 
-    monkeypatch.setattr(nonuniform.by_run, "spread", watched)
+    monkeypatch.setattr(nufft.nufft_by_run, "spreading_kernel", watched)
     rng = np.random.default_rng(2)
     sent, n_samples = send("middle", 256)
     scatterers = scatter(sent, rng, n=30_000, ranges_m=(30, 80), speed_m_per_s=20)
     summed(scatterers, sent, n_samples)
     largest = max(points)
 
-    monkeypatch.setattr(nonuniform, "LARGEST", largest // 2)
+    monkeypatch.setattr(nufft, "MAX_GRID_POINTS", largest // 2)
     points.clear()
     out = summed(scatterers, sent, n_samples)
     # Eight columns more, for what wraps round.
@@ -278,7 +287,7 @@ def test_grids_that_would_be_too_large_are_not_made(monkeypatch):
 
 
 def view(path_m, *, half_s, one_chirp=False, mid_s=2e-4):
-    return View(
+    return AntennaPairView(
         np.ascontiguousarray(path_m.transpose(0, 2, 1)),
         np.ones(path_m.shape[1]),
         np.array([0.0, 0.01, 0.0]),
@@ -321,7 +330,7 @@ def test_a_tone_times_its_series_is_the_echo(one_chirp):
 def test_a_shortened_series_leaves_out_as_much_as_is_said():
     s = (np.arange(9999) + 0.5) / 9999 * 2 - 1
     for n_fields in (1, 3, 6):
-        kept, left = economised(n_fields, ORDER)
+        kept, left = economise_powers(n_fields, ORDER)
         for power in range(ORDER):
             off = np.polynomial.Polynomial(kept[:, power])(s) - s**power
             np.testing.assert_allclose(np.sqrt(np.mean(off**2)), left[power], atol=1e-7)
@@ -331,17 +340,17 @@ def test_the_hardest_are_few_and_the_rest_is_within_what_is_allowed():
     rng = np.random.default_rng(0)
     errors = rng.exponential(size=1000) ** 6
     allowed = 0.01 * errors.sum()
-    hard = hardest(errors, allowed)
+    hard = find_largest_errors(errors, allowed)
     assert errors[~hard].sum() <= allowed
     # Limits come in steps of 1.4: not many more go than the fewest that do.
     fewest = np.count_nonzero(np.cumsum(np.sort(errors)) > allowed)
     assert hard.sum() <= 1.15 * fewest
-    assert not hardest(errors, errors.sum() * 1.01).any()
+    assert not find_largest_errors(errors, errors.sum() * 1.01).any()
 
 
 @pytest.mark.parametrize("spacing", [1.5, 2.0])
 def test_the_transform_of_the_weights_is_their_integral(spacing):
-    spread = spreading(spacing)
+    spread = make_spreading_kernel(spacing)
     polynomials = spread.polynomials.reshape(-1, WIDTH, 2)[:, :, 0].astype(float)
 
     # Signs alternate from point to point; y is where a value lies between two.
@@ -366,21 +375,23 @@ def test_the_transform_of_the_weights_is_their_integral(spacing):
 @pytest.mark.parametrize("n_samples", [400, 401])
 def test_samples_between_known_ones_are_those_of_the_tones(n_samples):
     low, high = -0.02, 0.07
-    between = fewest_times(low, high, n_samples=n_samples, tolerance=2.5e-6)
-    assert between.every > 1
+    between = make_interpolator(low, high, n_samples=n_samples, tolerance=2.5e-6)
+    assert between.step > 1
     frequencies = np.linspace(low, high, 7)
-    first, stop = between.needed(-(n_samples // 2), n_samples - n_samples // 2)
-    known = np.arange(first, stop)[:, None] * between.every
-    tones = np.exp(2j * np.pi * (frequencies - between.tone) * known).T.astype(np.complex64)
+    first, stop = between.known_range(-(n_samples // 2), n_samples - n_samples // 2)
+    known = np.arange(first, stop)[:, None] * between.step
+    tones = np.exp(2j * np.pi * (frequencies - between.centre_frequency) * known).T.astype(
+        np.complex64
+    )
     out = np.zeros((9, n_samples), complex)
-    between.fill(out, np.arange(1, 8), tones)
+    between.interpolate(out, np.arange(1, 8), tones)
 
     samples = np.arange(n_samples)[:, None] - n_samples // 2
     exact = np.exp(2j * np.pi * frequencies * samples).T
     off = np.sqrt(np.mean(abs(out[1:8] - exact) ** 2))
     assert off < 2.5e-6
     assert not out[[0, 8]].any()
-    assert fewest_times(0, 0.4, n_samples=n_samples, tolerance=2.5e-6) is None
+    assert make_interpolator(0, 0.4, n_samples=n_samples, tolerance=2.5e-6) is None
 
 
 @pytest.mark.parametrize("tolerance", [1e-5, 2e-6])
@@ -398,7 +409,7 @@ def test_one_very_hard_scatterer_does_not_hide_those_less_hard():
     # The largest is beyond the range of the steps in which a limit is sought, or endless.
     for largest in (1e9, np.inf, np.nan):
         errors = np.append(np.full(1000, 5e-11), largest)
-        hard = hardest(errors, 8e-12)
+        hard = find_largest_errors(errors, 8e-12)
         assert hard[-1]
         assert errors[~hard].sum() <= 8e-12
 

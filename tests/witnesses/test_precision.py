@@ -8,7 +8,7 @@ import pytest
 
 import dechirp as dc
 import precision_budget as budget
-from dechirp.core.units import decibels
+from dechirp.core.units import to_decibels
 from precision_budget import STEPS
 from small_radars import chain, small
 
@@ -45,10 +45,12 @@ def test_transforms_lose_what_their_stages_round():
 
 
 def test_a_cell_of_a_target_is_told_from_rounding_by_140_decibels():
-    assert decibels(budget.floor() ** 2) < -140
+    assert to_decibels(budget.floor() ** 2) < -140
 
 
-@pytest.mark.parametrize("estimator", [dc.CellAveraging(), dc.OrderedStatistic()], ids=str)
+@pytest.mark.parametrize(
+    "estimator", [dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic()], ids=str
+)
 @pytest.mark.parametrize("window", ["hann", "blackman-harris", "chebyshev-80"])
 @pytest.mark.parametrize("velocity", [0.0, 3.3, -7.77])
 def test_an_echo_without_any_noise_is_one_detection(estimator, window, velocity):
@@ -81,4 +83,4 @@ def test_a_target_100_decibels_under_a_strong_one_is_found_where_it_is(scale):
     truth = dc.truth(dc.Scene(targets=[weak]), radar).isel(target=0, frame=0)
     for name in ("range", "velocity"):
         assert abs(float(one[name]) - float(truth[name])) < 6 * float(one[f"{name}_std"])
-    assert float(decibels(one.snr)) == pytest.approx(30.0, abs=1.5)
+    assert float(to_decibels(one.snr)) == pytest.approx(30.0, abs=1.5)

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motions import MOTIONS, WAVEFORMS, scatter, send, summed
 
-from dechirp.echoes.kernels import direct, product
+from dechirp.simulation.kernels import direct, low_rank
 
 
 def added(scatterers, sent, n_samples, tolerance, dtype=np.complex64):
     out = np.zeros((len(sent.starts_s), len(sent.rx_m), n_samples), dtype)
-    product.add(out, scatterers, sent, tolerance=tolerance)
+    low_rank.add_echoes(out, scatterers, sent, tolerance=tolerance)
     return out
 
 
@@ -61,7 +61,7 @@ def test_ordinary_scenes_are_not_left_to_the_direct_kernel(case, monkeypatch):
     def refuse(*_):
         raise AssertionError
 
-    monkeypatch.setattr(direct, "add", refuse)
+    monkeypatch.setattr(direct, "add_echoes", refuse)
     assert added(scatterers, sent, n_samples, 1e-5).any()
 
 
@@ -153,7 +153,7 @@ def test_chirps_may_be_shared_between_threads_in_any_parts(case):
 
     def some(chirps):
         factors = scatterers.chirp_factors
-        product.add(
+        low_rank.add_echoes(
             parts[chirps],
             scatterers._replace(chirp_factors=None if factors is None else factors[chirps]),
             sent._replace(starts_s=sent.starts_s[chirps], weights=sent.weights[chirps]),
@@ -167,6 +167,6 @@ def test_chirps_may_be_shared_between_threads_in_any_parts(case):
 def test_echoes_are_added_to_what_is_there():
     scatterers, sent, n_samples = scene("one at 50 m")
     out = np.ones((len(sent.starts_s), 1, n_samples), np.complex64)
-    product.add(out, scatterers, sent)
+    low_rank.add_echoes(out, scatterers, sent)
 
     assert off(out - 1, summed(scatterers, sent, n_samples)) <= 1e-5

@@ -7,7 +7,7 @@ import pytest
 from beat import plain_sum
 
 import dechirp as dc
-from dechirp.echoes.parts import direct_parts
+from dechirp.simulation.echo_groups import direct_echo_groups
 
 # Start frequency and slope of each ramp, its start in the round, and how long a round takes.
 RAMPS = {
@@ -21,7 +21,11 @@ RAMPS = {
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize(
     "modulation",
-    [dc.Triangular(), dc.FrequencyShiftKeying(step_hz=2e8), dc.Staggered(pauses_s=(0, 7e-6, 3e-6))],
+    [
+        dc.modulations.Triangular(),
+        dc.modulations.FrequencyShiftKeying(step_hz=2e8),
+        dc.modulations.Staggered(pauses_s=(0, 7e-6, 3e-6)),
+    ],
     ids=lambda member: member.kind(),
 )
 def test_each_ramp_is_the_sum_of_the_echoes_on_its_own_sweep(
@@ -41,16 +45,16 @@ def test_each_ramp_is_the_sum_of_the_echoes_on_its_own_sweep(
     np.testing.assert_allclose(cube.chirp, starts_s, atol=1e-15)
 
     expected = np.zeros((len(starts_s), 2, 256), complex)
-    for part in direct_parts(scene, radar, 0, np.random.default_rng(7)):
+    for part in direct_echo_groups(scene, radar, 0, np.random.default_rng(7)):
         rows = range(len(starts_s))[part.chirps]
-        mid_s = starts_s[rows[0]] - part.sent.starts_s[0]
+        mid_s = starts_s[rows[0]] - part.transmission.starts_s[0]
         for place, row in enumerate(rows):
             start_hz, slope = ramps[row % len(ramps)]
             factors = part.scatterers.chirp_factors
             scatterers = part.scatterers._replace(
                 chirp_factors=None if factors is None else factors[place : place + 1]
             )
-            sent = part.sent._replace(
+            sent = part.transmission._replace(
                 starts_s=starts_s[row : row + 1] - mid_s,
                 weights=np.ones((1, 1), complex),
                 start_frequency_hz=start_hz,

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from rf_oracle import LIGHT, TRANSIENT_S, Ramp, receive
 
-from dechirp.echoes.kernels.base import Scatterers, Sent
-from dechirp.echoes.kernels.direct import Before, add
+from dechirp.simulation.kernels.base import Scatterers, Transmission
+from dechirp.simulation.kernels.direct import PreviousRamps, add_echoes
 
 RAMP_S, N_SAMPLES = 10e-6, 100
 
 
 def radar(*, n_tx=1, n_rx=1, spacing_m=0.07, starts_s=(0.0,), weights=None, slope_hz_per_s=2e13):
-    return Sent(
+    return Transmission(
         starts_s=np.array(starts_s),
         weights=np.ones((len(starts_s), n_tx)) if weights is None else weights,
         tx_m=np.arange(n_tx)[:, None] * np.array([[0.0, n_rx * spacing_m, 0.0]]),
@@ -44,7 +44,7 @@ def points(sent, *path_m, amplitudes=None):
 def agree(scatterers, sent, ramps, m, *, late="onset", before=None, share=0.7):
     """Compare one chirp on all receivers, but for samples near where an echo comes or goes."""
     out = np.zeros((len(sent.starts_s), len(sent.rx_m), N_SAMPLES), complex)
-    add(out, scatterers, sent, late=late, before=before)
+    add_echoes(out, scatterers, sent, late=late, previous=before)
     t = np.arange(N_SAMPLES) / sent.sample_rate_hz
     at_s = sent.starts_s[m] + t
     at_m = sum(term[:, None] * at_s[:, None] ** k for k, term in enumerate(scatterers.path_m))
@@ -98,7 +98,7 @@ def test_transmitters_with_codes_add_up_in_the_near_field():
 def test_echoes_of_the_previous_ramp_last_into_this_one():
     gap_s, codes = 11e-6, np.array([[1j, 0.8], [1, -1]])
     sent = radar(n_tx=2, starts_s=(-gap_s, 0.0), weights=codes, spacing_m=1.0)
-    before = Before(
+    before = PreviousRamps(
         gaps_s=np.array([np.nan, gap_s]),
         weights=np.array([[np.nan, np.nan], codes[0]]),
         ramp_duration_s=RAMP_S,
@@ -126,7 +126,7 @@ def test_a_held_echo_is_that_of_a_ramp_begun_earlier():
     sent = radar()
     scatterers = points(sent, [[100.0, 0.0, 0.0]], [[1000.0, 300.0, 0.0]])
     out = np.zeros((1, 1, N_SAMPLES), complex)
-    add(out, scatterers, sent)
+    add_echoes(out, scatterers, sent)
     # The same line in time and frequency, drawn from 2 us before.
     early_s = 2e-6
     line = sent._replace(

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import gammaincinv
 
-from dechirp.evaluate.score.range_bias import RangeBias
-from dechirp.evaluate.score.range_rmse import RangeRmse
-from dechirp.evaluate.shares import share
-from dechirp.theory.intervals import binomial
+from dechirp.evaluation.proportions import estimate_proportion
+from dechirp.evaluation.score.errors import RangeBias, RangeRmse
+from dechirp.theory.confidence_intervals import binomial_interval
 
 SURE = 1 - 1e-6
 REPEATS = 400
@@ -36,30 +35,34 @@ def test_a_share_of_looks_that_belong_together_is_held(drawn, n_trials):
     rng, missed = np.random.default_rng(1), np.zeros(2, int)
     for _ in range(REPEATS):
         hits, truth = drawn(rng, n_trials)
-        found = share(hits.astype(float), np.full(n_trials, 20.0), confidence=0.95)
+        found = estimate_proportion(hits.astype(float), np.full(n_trials, 20.0), confidence=0.95)
         assert 0 <= found.low <= found.value <= found.high <= 1
         missed += found.low > truth, found.high < truth
 
     # Stated are 0.025 for each end; the spread of skew shares is not known better than this.
     for n in missed.tolist():
-        assert binomial(n, REPEATS, confidence=SURE)[0] < 0.03
+        assert binomial_interval(n, REPEATS, confidence=SURE)[0] < 0.03
 
 
 def test_trials_of_one_look_have_the_exact_interval():
     hits, ones = np.repeat([1.0, 0.0], [37, 3]), np.ones(40)
 
-    assert share(hits, ones, confidence=0.95)[1:] == binomial(37, 40, confidence=0.95)
+    assert estimate_proportion(hits, ones, confidence=0.95)[1:] == binomial_interval(
+        37, 40, confidence=0.95
+    )
     failed = np.append(hits, np.nan), np.append(ones, np.nan)
-    assert share(*failed, confidence=0.95)[1:] == binomial(37, 40, confidence=0.95)
+    assert estimate_proportion(*failed, confidence=0.95)[1:] == binomial_interval(
+        37, 40, confidence=0.95
+    )
 
 
 @pytest.mark.parametrize(("share_of_hits", "end"), [(1.0, 1), (0.0, 2)])
 def test_hits_alone_are_worth_the_trials_and_not_their_looks(share_of_hits, end):
     looks = np.full(50, 1000.0)
 
-    found = share(share_of_hits * looks, looks, confidence=0.95)
+    found = estimate_proportion(share_of_hits * looks, looks, confidence=0.95)
 
-    exact = binomial(int(50 * share_of_hits), 50, confidence=0.95)
+    exact = binomial_interval(int(50 * share_of_hits), 50, confidence=0.95)
     assert found.low <= exact[0] + 1e-12 and found.high >= exact[1] - 1e-12
     assert found[end] == pytest.approx(exact[end - 1], abs=0.03)
     assert found[3 - end] == share_of_hits
@@ -69,14 +72,16 @@ def test_looks_that_are_independent_are_worth_nearly_all_of_them():
     rng = np.random.default_rng(3)
     hits = rng.binomial(10, 0.5, 2000).astype(float)
 
-    found = share(hits, np.full(2000, 10.0), confidence=0.95)
+    found = estimate_proportion(hits, np.full(2000, 10.0), confidence=0.95)
 
-    low, high = binomial(int(hits.sum()), 20_000, confidence=0.95)
+    low, high = binomial_interval(int(hits.sum()), 20_000, confidence=0.95)
     assert found.high - found.low == pytest.approx(high - low, rel=0.1)
 
 
 def test_nothing_is_told_of_no_trial():
-    assert np.isnan(share(np.full(3, np.nan), np.full(3, np.nan), confidence=0.9)).all()
+    assert np.isnan(
+        estimate_proportion(np.full(3, np.nan), np.full(3, np.nan), confidence=0.9)
+    ).all()
     for score in (RangeRmse(), RangeBias()):
         assert np.isnan(score.estimate(np.zeros((3, 2)), confidence=0.9)).all()
 
@@ -118,7 +123,9 @@ def test_the_interval_of_errors_holds_their_root_mean_square(drawn, truth):
 
     # Of errors that are far out the spread is told too small by 200 trials: 0.05 for 0.025.
     for n in missed.tolist():
-        assert binomial(n, REPEATS, confidence=SURE)[0] < (0.05 if drawn is far_out else 0.03)
+        assert binomial_interval(n, REPEATS, confidence=SURE)[0] < (
+            0.05 if drawn is far_out else 0.03
+        )
 
 
 def test_the_interval_of_a_mean_error_knows_that_frames_of_a_trial_are_alike():
@@ -129,5 +136,5 @@ def test_the_interval_of_a_mean_error_knows_that_frames_of_a_trial_are_alike():
         found = RangeBias().estimate(sums, confidence=0.95)
         missed += not found.low < 0.5 < found.high
 
-    low, high = binomial(missed, REPEATS, confidence=SURE)
+    low, high = binomial_interval(missed, REPEATS, confidence=SURE)
     assert low < 0.05 < high

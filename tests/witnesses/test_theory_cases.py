@@ -11,24 +11,36 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dechirp.core.units import decibels, from_decibels
-from dechirp.echoes.kernels import direct
-from dechirp.echoes.kernels.base import Scatterers, Sent
+from dechirp.core.units import from_decibels, to_decibels
 from dechirp.radar.array import Array
-from dechirp.radar.budget import received_power_w, snr
+from dechirp.radar.budget import received_power_w, sample_snr
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
-from dechirp.theory import approximations, bounds, cfar, cfar_detection, detection, intervals
-from dechirp.theory.correlated import Box
-from dechirp.theory.windows import coherent_gain, noise_bandwidth_bins, scalloping_loss, taper
+from dechirp.simulation.kernels import direct
+from dechirp.simulation.kernels.base import Scatterers, Transmission
+from dechirp.theory import (
+    bounds,
+    cfar,
+    cfar_detection,
+    confidence_intervals,
+    detection,
+    snr_approximations,
+)
+from dechirp.theory.cfar_correlated_cells import CorrelatedWindow
+from dechirp.theory.windows import (
+    coherent_gain,
+    noise_bandwidth_bins,
+    scalloping_loss,
+    window_weights,
+)
 
 CASES = json.loads((Path(__file__).parent / "theory_public.json").read_text())["cases"]
 
 
 def threshold(case):
-    return detection.threshold(case["pfa"], n_summed=case["n_pulses"])
+    return detection.detection_threshold(case["pfa"], n_summed=case["n_pulses"])
 
 
 def sums(case):
@@ -41,20 +53,20 @@ def detection_probability(case):
 
 
 def required_snr_db(case):
-    return decibels(detection.required_snr(case["pd"], case["pfa"], **sums(case)))
+    return to_decibels(detection.required_snr(case["pd"], case["pfa"], **sums(case)))
 
 
 def coherent_snr_db(case):
-    return decibels(detection.coherent_required_snr(case["pd"], case["pfa"]))
+    return to_decibels(detection.coherent_required_snr(case["pd"], case["pfa"]))
 
 
 def albersheim_db(case):
-    found = approximations.albersheim_snr(case["pd"], case["pfa"], n_summed=case["n_pulses"])
-    return decibels(found)
+    found = snr_approximations.albersheim_snr(case["pd"], case["pfa"], n_summed=case["n_pulses"])
+    return to_decibels(found)
 
 
 def shnidman_db(case):
-    return decibels(approximations.shnidman_snr(case["pd"], case["pfa"], **sums(case)))
+    return to_decibels(snr_approximations.shnidman_snr(case["pd"], case["pfa"], **sums(case)))
 
 
 def factor(case):
@@ -92,7 +104,7 @@ def cell_averaging_probability(swerling):
 
 def cell_averaging_loss_db(swerling):
     def compute(case):
-        return decibels(
+        return to_decibels(
             cfar_detection.cell_averaging_loss(
                 case["pd"], case["pfa"], n_training=case["n_train"], swerling=swerling
             )
@@ -114,12 +126,12 @@ def ordered_statistic_probability(case):
 def training_cells(case):
     range_, velocity = (case[f"train_{axis}"] for axis in ("range", "doppler"))
     guard_range, guard_velocity = (case[f"guard_{axis}"] for axis in ("range", "doppler"))
-    box = Box(
+    box = CorrelatedWindow(
         range_covariance=np.eye(2 * (range_ + guard_range) + 1),
         velocity_covariance=np.eye(2 * (velocity + guard_velocity) + 1),
         guard_range=slice(range_, range_ + 2 * guard_range + 1),
         guard_velocity=slice(velocity, velocity + 2 * guard_velocity + 1),
-        under_test=(range_ + guard_range, velocity + guard_velocity),
+        cell_under_test=(range_ + guard_range, velocity + guard_velocity),
     )
     return box.n_training
 
@@ -159,7 +171,9 @@ def angle_bound_deg(case):
 
 
 def upper_limit(case):
-    _, high = intervals.binomial(case["successes"], case["trials"], confidence=0.95)
+    _, high = confidence_intervals.binomial_interval(
+        case["successes"], case["trials"], confidence=0.95
+    )
     return high
 
 
@@ -192,25 +206,25 @@ def target(case):
 
 
 def received_power_dbm(case):
-    return decibels(received_power_w(radar(case), **target(case))) + 30
+    return to_decibels(received_power_w(radar(case), **target(case))) + 30
 
 
 def sample_snr_db(case):
-    return decibels(snr(radar(case), **target(case)))
+    return to_decibels(sample_snr(radar(case), **target(case)))
 
 
 def integrated_snr_db(case):
     made = radar(case)
-    return decibels(snr(made, **target(case)) * made.integration_gain)
+    return to_decibels(sample_snr(made, **target(case)) * made.integration_gain)
 
 
 def integration_gain_db(case):
     filled = {"fc_hz": 77e9, "pt_dbm": 0, "gt_dbi": 0, "loss_db": 0} | case
-    return decibels(radar(filled).integration_gain)
+    return to_decibels(radar(filled).integration_gain)
 
 
 def window(case):
-    return taper("hann", case["n"])
+    return window_weights("hann", case["n"])
 
 
 def frame(case):
@@ -245,10 +259,10 @@ def beat_phase_cycles(case):
     samples = np.zeros((case["chirp_index"] + 1, 1, case["sample_index"] + 1), complex)
     here_m, range_m = np.zeros((1, 3)), case["range0_m"]
     path_m = np.array([[[range_m, 0.0, 0.0]], [[case["velocity_mps_receding"], 0.0, 0.0]]])
-    direct.add(
+    direct.add_echoes(
         samples,
         Scatterers(path_m, np.ones(1), np.ones((1, 1)), np.ones((1, 1))),
-        Sent(
+        Transmission(
             starts_s=case["chirp_interval_s"] * np.arange(len(samples)),
             weights=np.ones((len(samples), 1), complex),
             tx_m=here_m,
@@ -291,7 +305,7 @@ COMPUTED = {
     "processing_gain_db": integration_gain_db,
     "coherent_gain": lambda case: coherent_gain(window(case)),
     "enbw_bins": lambda case: noise_bandwidth_bins(window(case)),
-    "scalloping_loss_db": lambda case: decibels(scalloping_loss(window(case))),
+    "scalloping_loss_db": lambda case: to_decibels(scalloping_loss(window(case))),
     "sampled_bandwidth_hz": lambda case: frame(case).chirp.sampled_bandwidth_hz,
     "range_resolution_m": lambda case: frame(case).chirp.range_resolution_m,
     "max_range_complex_m": lambda case: frame(case).chirp.max_range_m,

@@ -14,10 +14,10 @@ from stonesoup.metricgenerator.ospametric import GOSPAMetric, OSPAMetric
 from stonesoup.types.state import State
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.evaluate.gospa import gospa
-from dechirp.evaluate.identity import identities
-from dechirp.evaluate.nees import mean_nees_interval, nees
-from dechirp.evaluate.ospa import ospa_m
+from dechirp.evaluation.gospa import gospa
+from dechirp.evaluation.identity import track_identities
+from dechirp.evaluation.nees import mean_nees_interval, nees
+from dechirp.evaluation.ospa import ospa_m
 
 CASES = json.loads((Path(__file__).parent / "theory_public.json").read_text())["cases"]
 NOW = datetime(2000, 1, 1)
@@ -167,7 +167,7 @@ def following(x, y=0.0, status="confirmed") -> xr.Dataset:
 def test_tracks_that_stay_with_their_targets_lose_and_swap_nothing():
     x = np.array([[0.0, 1, 2, 3], [10, 11, 12, 13]])
 
-    told = identities(following(x + 0.2), moving(x), cutoff_m=1)
+    told = track_identities(following(x + 0.2), moving(x), cutoff_m=1)
 
     assert told.holder.values.tolist() == [[0] * 4, [1] * 4]
     assert not told.n_lost.any() and not told.n_swaps.any() and not told.n_false.any()
@@ -178,7 +178,7 @@ def test_tracks_that_meet_and_part_are_not_swapped_by_the_moment():
     targets = [[0.0, 2, 3.9, 6, 8], [8, 6, 4.1, 2, 0]]
     tracks = [[0.0, 2, 4.2, 6, 8], [8, 6, 3.8, 2, 0]]
 
-    told = identities(following(tracks), moving(targets), cutoff_m=1)
+    told = track_identities(following(tracks), moving(targets), cutoff_m=1)
 
     assert told.n_swaps.values.tolist() == [0, 0]
     assert told.n_lost.values.tolist() == [0, 0]
@@ -188,7 +188,7 @@ def test_tracks_that_turn_back_where_targets_pass_each_other_are_swapped():
     targets = [[0.0, 2, 4, 6, 8], [8, 6, 4, 2, 0]]
     tracks = [[0.0, 2, 4, 2, 0], [8, 6, 4, 6, 8]]
 
-    told = identities(following(tracks), moving(targets), cutoff_m=1)
+    told = track_identities(following(tracks), moving(targets), cutoff_m=1)
 
     assert told.n_swaps.values.tolist() == [1, 1]
     assert told.n_lost.values.tolist() == [0, 0]
@@ -199,18 +199,18 @@ def test_lost_targets_and_false_tracks_are_counted_by_frame():
     targets = [[0.0, 0, 0, 0, 0, 0], [50, 50, 50, nan, nan, nan]]
     tracks = [[nan, 0, 9, 0, nan, nan], [90, 90, nan, nan, nan, 0], [50, 50, 50, 50, nan, nan]]
 
-    told = identities(following(tracks), moving(targets), cutoff_m=1)
+    told = track_identities(following(tracks), moving(targets), cutoff_m=1)
 
     assert told.first_held.values.tolist() == [1, 0]
     assert told.n_lost.values.tolist() == [2, 0]  # a target that left is not lost
     assert told.n_swaps.values.tolist() == [1, 0]
     assert told.n_false.values.tolist() == [1, 1, 1, 1, 0, 0]
-    tentative = identities(following(tracks, status="tentative"), moving(targets), cutoff_m=1)
+    tentative = track_identities(following(tracks, status="tentative"), moving(targets), cutoff_m=1)
     assert tentative.first_held.values.tolist() == [-1, -1]
 
 
 def test_no_tracks_hold_nobody():
-    told = identities(following(np.zeros((0, 3))), moving(np.zeros((2, 3))), cutoff_m=1)
+    told = track_identities(following(np.zeros((0, 3))), moving(np.zeros((2, 3))), cutoff_m=1)
 
     assert told.first_held.values.tolist() == [-1, -1]
 
@@ -227,7 +227,9 @@ def test_no_tracks_hold_nobody():
         (lambda: nees([1.0, 1], [[1, 1], [1, 1]]), "positive definite"),
         (lambda: mean_nees_interval(2, 0, outside_probability=0.05), "n_independent is 0"),
         (
-            lambda: identities(following(np.zeros((1, 3))), moving(np.zeros((1, 4))), cutoff_m=1),
+            lambda: track_identities(
+                following(np.zeros((1, 3))), moving(np.zeros((1, 4))), cutoff_m=1
+            ),
             "other frames",
         ),
     ],

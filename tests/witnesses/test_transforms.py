@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.process import butterflies, channel_power
-from dechirp.process.detect import detected_columns
-from dechirp.process.maps import level_of
-from dechirp.process.spectrum import Transform, mean_power, split_spectrum
+from dechirp.processing import simd_fft, simd_range_doppler
+from dechirp.processing.detect import FrameProcessor, detect_columns
+from dechirp.processing.range_doppler_map import equalised_power
+from dechirp.processing.spectrum import Transform, mean_power, split_spectrum
 
 LENGTHS = [*range(1, 17), 22, 26, 30, 49, 121, 128, 169, 182, 200, 243, 2200, 4096]
 
@@ -17,9 +17,9 @@ def test_sixteen_series_are_transformed_at_once(n):
     rng = np.random.default_rng(n)
     series = rng.standard_normal((n, 16)) + 1j * rng.standard_normal((n, 16))
     work = np.stack([series.real, series.imag], axis=1).astype(np.float32).ravel()
-    stages = butterflies.stages_of(n)
-    butterflies.transform(work, 0, n, *stages)
-    found = work.reshape(n, 2, 16)[butterflies.order_of(n)]
+    stages = simd_fft.plan_stages(n)
+    simd_fft.transform_points(work, 0, n, *stages)
+    found = work.reshape(n, 2, 16)[simd_fft.frequency_positions(n)]
     exact = np.fft.fft(series, axis=0)
     # Each stage rounds by 6e-8 a few times; radix 13 adds thirteen numbers one by one.
     error = found[:, 0] + 1j * found[:, 1] - exact
@@ -28,9 +28,9 @@ def test_sixteen_series_are_transformed_at_once(n):
 
 
 def test_lengths_with_other_factors_are_left_to_others():
-    assert butterflies.stages_of(17) is None
-    assert butterflies.stages_of(2 * 19) is None
-    assert not channel_power.can(128, 2 * 17, 34)
+    assert simd_fft.plan_stages(17) is None
+    assert simd_fft.plan_stages(2 * 19) is None
+    assert not simd_range_doppler.can_transform(128, 2 * 17, 34)
 
 
 SIZES = [
@@ -48,7 +48,7 @@ SIZES = [
 def _threads(request, monkeypatch):
     monkeypatch.setattr("numba.get_num_threads", lambda: request.param)
     # Cut wherever it may be, however small the map is.
-    monkeypatch.setattr(channel_power, "_FEWEST_CELLS", 1)
+    monkeypatch.setattr(simd_range_doppler, "_FEWEST_CELLS", 1)
 
 
 def exactly(n_chirps, n_samples, n_velocity, n_range, n_channels):
@@ -101,7 +101,7 @@ def test_columns_are_those_of_the_labelled_detections(looked_at):
     assert labelled.sizes["detection"] >= 3
     one_by_one = [cube.isel(frame=slice(at, at + 1)) for at in range(3)]
     for cubes in ([cube], one_by_one, [cube.transpose("sample", "rx", "frame", "chirp")]):
-        columns = detected_columns(cubes, radar, chain)
+        columns = detect_columns(cubes, radar, chain)
         assert list(columns) == list(labelled.data_vars)
         for name, column in columns.items():
             np.testing.assert_array_equal(column, labelled[name].values)
@@ -112,8 +112,9 @@ def test_scores_may_look_at_the_map_that_the_detector_saw(looked_at):
     radar, chain, scene = looked_at
     cube = dc.simulate(scene, radar, n_frames=2, seed=4)
     seen = []
-    detected_columns([cube], radar, chain, maps=lambda power: seen.append(power.copy()))
+    for frame in FrameProcessor(radar, chain).process([cube]):
+        seen += frame.equalised_power
     assert len(seen) == 2
     for place, power in enumerate(seen):
         own = dc.power_map(cube.isel(frame=place), radar, chain).values
-        np.testing.assert_array_equal(power, level_of(own, radar, chain))
+        np.testing.assert_array_equal(power, equalised_power(own, radar, chain))

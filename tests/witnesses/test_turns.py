@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 
-from dechirp.core.turns import phasors
+from dechirp.core.phasors import phasors
 
 
 def test_phasors_are_those_of_forty_digits_to_1e_15():

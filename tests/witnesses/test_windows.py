@@ -8,18 +8,18 @@ import pytest
 import scipy.signal.windows
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.units import decibels
+from dechirp.core.units import to_decibels
 from dechirp.theory.windows import (
     Window,
     bin_correlation,
-    chebyshev,
+    chebyshev_weights,
     coherent_gain,
-    kaiser,
+    kaiser_weights,
     main_lobe_bins,
     noise_bandwidth_bins,
     scalloping_loss,
-    taper,
-    taylor,
+    taylor_weights,
+    window_weights,
 )
 
 # Coherent gain, noise bandwidth in bins and in dB, scalloping in dB. Sums of cosines are
@@ -41,13 +41,13 @@ TABLE = [
 
 @pytest.mark.parametrize(("window", "n", "gain", "bins", "loss_db", "scalloping_db"), TABLE)
 def test_a_window_costs_what_the_table_says(window, n, gain, bins, loss_db, scalloping_db):
-    weights = taper(window, n)
+    weights = window_weights(window, n)
 
     # The last digit of the table may be rounded either way.
     assert coherent_gain(weights) == pytest.approx(gain, abs=1e-4)
     assert noise_bandwidth_bins(weights) == pytest.approx(bins, abs=1e-4)
-    assert decibels(noise_bandwidth_bins(weights)) == pytest.approx(loss_db, abs=1e-3)
-    assert decibels(scalloping_loss(weights)) == pytest.approx(scalloping_db, abs=1e-3)
+    assert to_decibels(noise_bandwidth_bins(weights)) == pytest.approx(loss_db, abs=1e-3)
+    assert to_decibels(scalloping_loss(weights)) == pytest.approx(scalloping_db, abs=1e-3)
 
 
 def test_the_table_holds_every_window():
@@ -56,7 +56,7 @@ def test_the_table_holds_every_window():
 
 def spectrum(window, n, per_bin=64):
     """Amplitude relative to the peak, at so many frequencies a bin up to half the rate."""
-    weights = taper(window, n)
+    weights = window_weights(window, n)
     return abs(np.fft.rfft(weights, per_bin * n)) / weights.sum()
 
 
@@ -86,24 +86,24 @@ def test_no_sidelobe_is_higher_than_its_source_says(window):
     amplitude = spectrum(window, 256)
     sidelobes = amplitude[first_null(amplitude) :]
     # 64 points a bin miss the top of a lobe by 0.001 dB.
-    assert 2 * decibels(sidelobes.max()) == pytest.approx(HIGHEST_SIDELOBE_DB[window], abs=0.06)
+    assert 2 * to_decibels(sidelobes.max()) == pytest.approx(HIGHEST_SIDELOBE_DB[window], abs=0.06)
 
 
 @pytest.mark.parametrize("n", [16, 33, 2200])
 @pytest.mark.parametrize("level_db", [20.0, 60.0, 120.0])
 def test_all_sidelobes_of_a_chebyshev_window_are_equal(n, level_db):
-    weights = chebyshev(n, level_db)
+    weights = chebyshev_weights(n, level_db)
     # 256 points a bin miss the tops by 0.004 dB at the most.
     amplitude = abs(np.fft.rfft(weights, 256 * n)) / weights.sum()
     inner = amplitude[first_null(amplitude) : -1]
     tops = inner[1:-1][(inner[1:-1] > inner[:-2]) & (inner[1:-1] > inner[2:])]
     assert len(tops) >= n // 2 - 7
-    np.testing.assert_allclose(2 * decibels(tops), -level_db, atol=0.01)
+    np.testing.assert_allclose(2 * to_decibels(tops), -level_db, atol=0.01)
 
 
 @pytest.mark.parametrize("n", [2, 7, 32])
 def test_a_chebyshev_window_has_the_transform_of_its_polynomial_in_thirty_digits(n):
-    weights = chebyshev(n, 60.0)
+    weights = chebyshev_weights(n, 60.0)
     frequency = 2 * np.pi * np.linspace(0, 0.5, 41)
     middle = np.arange(n) - (n - 1) / 2
     found = np.cos(frequency[:, None] * middle) @ weights / weights.sum()
@@ -121,22 +121,25 @@ def test_windows_are_those_of_scipy(n):
     theirs = scipy.signal.windows
     for level_db in (50.0, 60.0, 80.0, 100.0):
         np.testing.assert_allclose(
-            chebyshev(n, level_db), theirs.chebwin(n, level_db), rtol=0, atol=1e-11
+            chebyshev_weights(n, level_db), theirs.chebwin(n, level_db), rtol=0, atol=1e-11
         )
     for n_bar, level_db in ((1, 20.0), (4, 30.0), (6, 50.0)):
         np.testing.assert_allclose(
-            taylor(n, n_bar, level_db), theirs.taylor(n, n_bar, level_db), rtol=0, atol=1e-12
+            taylor_weights(n, n_bar, level_db),
+            theirs.taylor(n, n_bar, level_db),
+            rtol=0,
+            atol=1e-12,
         )
-    np.testing.assert_allclose(kaiser(n, 6.0), theirs.kaiser(n, 6.0), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(kaiser_weights(n, 6.0), theirs.kaiser(n, 6.0), rtol=0, atol=1e-12)
     for window in ("hann", "hamming", "blackman"):
         expected = theirs.get_window(window, n, fftbins=True)
-        np.testing.assert_allclose(taper(window, n), expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(window_weights(window, n), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [64, 63])
 def test_a_formula_is_one_in_its_middle_and_a_chebyshev_window_at_its_largest_weight(n):
     for window in get_args(Window):
-        weights = taper(window, n)
+        weights = window_weights(window, n)
         periodic = window in ("rectangular", "hann", "hamming", "blackman", "blackman-harris")
         # Periodic ones have a point in the middle if even, symmetric ones if odd.
         if periodic == (n % 2 == 0):
@@ -145,11 +148,11 @@ def test_a_formula_is_one_in_its_middle_and_a_chebyshev_window_at_its_largest_we
             assert weights.max() == 1.0
         elif window != "rectangular":
             assert 0.99 < weights.max() < 1.0
-    assert np.argmax(chebyshev(5000, 60.0)) in (0, 4999)
+    assert np.argmax(chebyshev_weights(5000, 60.0)) in (0, 4999)
 
 
 def test_powers_of_neighbouring_bins_under_a_hann_window_are_correlated_by_four_ninths():
-    correlation = bin_correlation(taper("hann", 128), 128, np.arange(64))
+    correlation = bin_correlation(window_weights("hann", 128), 128, np.arange(64))
     expected = np.zeros(64)
     expected[:3] = 1, 4 / 9, 1 / 36
     np.testing.assert_allclose(abs(correlation) ** 2, expected, atol=1e-12)
@@ -157,7 +160,7 @@ def test_powers_of_neighbouring_bins_under_a_hann_window_are_correlated_by_four_
 
 @pytest.mark.parametrize("n_bins", (128, 200, 96), ids=("as many", "padded", "folded"))
 def test_correlation_between_bins_is_the_sum_over_points_that_defines_it(n_bins):
-    weights, lags = taper("chebyshev-60", 128), np.array([[0, 1, -3], [70, 500, -129]])
+    weights, lags = window_weights("chebyshev-60", 128), np.array([[0, 1, -3], [70, 500, -129]])
     turns = np.exp(-2j * np.pi * np.outer(lags, np.arange(128)) / n_bins)
     expected = (turns @ weights**2 / np.sum(weights**2)).reshape(lags.shape)
     np.testing.assert_allclose(bin_correlation(weights, n_bins, lags), expected, atol=1e-13)
@@ -165,7 +168,7 @@ def test_correlation_between_bins_is_the_sum_over_points_that_defines_it(n_bins)
 
 @pytest.mark.parametrize("window", get_args(Window))
 def test_a_lone_point_is_kept_as_it_is(window):
-    weights = taper(window, 1)
+    weights = window_weights(window, 1)
     np.testing.assert_array_equal(weights, [1.0])
     assert coherent_gain(weights) == noise_bandwidth_bins(weights) == 1.0
 
@@ -182,18 +185,18 @@ def test_the_main_lobe_ends_at_the_first_null(window, n):
     ("window", "mean_db"), [("rectangular", -1.114), ("hann", -0.451)], ids=str
 )
 def test_the_power_of_a_tone_anywhere_between_bins_is_this_in_the_mean(window, mean_db):
-    weights = taper(window, 256)
+    weights = window_weights(window, 256)
     off = np.linspace(-0.5, 0.5, 2001)[:-1] / 256
     tones = np.exp(2j * np.pi * off[:, None] * np.arange(256))
     power = abs(tones @ weights / weights.sum()) ** 2
-    assert decibels(power.mean()) == pytest.approx(mean_db, abs=5e-4)
+    assert to_decibels(power.mean()) == pytest.approx(mean_db, abs=5e-4)
     assert power.min() == pytest.approx(1 / scalloping_loss(weights), rel=1e-12)
 
 
 @pytest.mark.parametrize("window", get_args(Window))
 @pytest.mark.parametrize("n", [2, 3, 16, 1023, 40_000])
 def test_weights_are_finite_never_above_one_and_lose_no_less_than_a_rectangle(window, n):
-    weights = taper(window, n)
+    weights = window_weights(window, n)
     assert np.all(np.isfinite(weights))
     # Blackman's first weight is 0 by a difference of 0.42, 0.5 and 0.08.
     assert -1e-9 < weights.min() <= weights.max() <= 1 + 1e-12
@@ -205,39 +208,39 @@ def test_weights_are_finite_never_above_one_and_lose_no_less_than_a_rectangle(wi
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: chebyshev(0, 60.0),
-        lambda: chebyshev(64, 0.0),
-        lambda: chebyshev(64, float("nan")),
-        lambda: taylor(64, 0, 30.0),
-        lambda: taylor(64, 4, -30.0),
-        lambda: taylor(6.5, 4, 30.0),
-        lambda: kaiser(64, -1.0),
-        lambda: kaiser(64, 1e4),
-        lambda: kaiser(64, "6"),
-        lambda: kaiser(64, None),
-        lambda: kaiser(64, float("nan")),
-        lambda: chebyshev(64, "60"),
-        lambda: chebyshev(64, None),
-        lambda: chebyshev(64, 301.0),
-        lambda: taylor(64, 4, [30.0]),
-        lambda: taylor(64, [4], 30.0),
+        lambda: chebyshev_weights(0, 60.0),
+        lambda: chebyshev_weights(64, 0.0),
+        lambda: chebyshev_weights(64, float("nan")),
+        lambda: taylor_weights(64, 0, 30.0),
+        lambda: taylor_weights(64, 4, -30.0),
+        lambda: taylor_weights(6.5, 4, 30.0),
+        lambda: kaiser_weights(64, -1.0),
+        lambda: kaiser_weights(64, 1e4),
+        lambda: kaiser_weights(64, "6"),
+        lambda: kaiser_weights(64, None),
+        lambda: kaiser_weights(64, float("nan")),
+        lambda: chebyshev_weights(64, "60"),
+        lambda: chebyshev_weights(64, None),
+        lambda: chebyshev_weights(64, 301.0),
+        lambda: taylor_weights(64, 4, [30.0]),
+        lambda: taylor_weights(64, [4], 30.0),
         lambda: main_lobe_bins("x"),
         lambda: main_lobe_bins(["hann"]),
         lambda: main_lobe_bins(None),
-        lambda: taper(np.array(["hann", "hamming"]), 64),
-        lambda: taper("chebyshev-70", 64),
-        lambda: taper(["hann"], 64),
-        lambda: taper("hann", 0),
-        lambda: taper("rectangular", -1),
-        lambda: taper("hann", 64.0),
-        lambda: taper("hann", "64"),
-        lambda: taper("hann", np.array([64])),
-        lambda: taper("taylor-30", True),
+        lambda: window_weights(np.array(["hann", "hamming"]), 64),
+        lambda: window_weights("chebyshev-70", 64),
+        lambda: window_weights(["hann"], 64),
+        lambda: window_weights("hann", 0),
+        lambda: window_weights("rectangular", -1),
+        lambda: window_weights("hann", 64.0),
+        lambda: window_weights("hann", "64"),
+        lambda: window_weights("hann", np.array([64])),
+        lambda: window_weights("taylor-30", True),
     ],
 )
 def test_a_window_that_cannot_be_is_refused(make):
     # Even where an equal number, as 64 for 64.0 and 1 for True, has been asked for before.
-    taper("hann", 64)
-    taper("taylor-30", 1)
+    window_weights("hann", 64)
+    window_weights("taylor-30", 1)
     with pytest.raises(InvalidSetting):
         make()

@@ -18,7 +18,7 @@ import dechirp as dc
 radar = dc.design(
     max_range_m=150, range_resolution_m=0.8, max_velocity_m_per_s=20, rule="constraints"
 ).radar
-clutter = dc.GroundClutter(near_m=90, far_m=130, width_m=60, n_patches=3000, gamma=10)
+clutter = dc.bodies.GroundClutter(near_m=90, far_m=130, width_m=60, n_patches=3000, gamma=10)
 scene = dc.Scene(
     targets=[
         dc.Target(name="strong", position_m=(40, 0, 0), rcs_m2=60),
@@ -32,7 +32,12 @@ power = dc.power_map(dc.simulate(scene, radar, seed=1).isel(frame=0), radar, pla
 figure, axes = plt.subplots()
 cut = power.sel(velocity=0, method="nearest")
 axes.plot(cut.range, 10 * np.log10(cut) + 30, color="0.7", label="power at zero velocity")
-for estimator in (dc.CellAveraging(), dc.GreatestOf(), dc.SmallestOf(), dc.OrderedStatistic()):
+for estimator in (
+    dc.cfar.CellAveraging(),
+    dc.cfar.GreatestOf(),
+    dc.cfar.SmallestOf(),
+    dc.cfar.OrderedStatistic(),
+):
     cfar = dc.Cfar(
         estimator=estimator,
         n_training=dc.Cells(range=12, velocity=0),

@@ -24,20 +24,20 @@ radar = dc.design(
 levels_db = range(-28, -7, 2)
 models = ("steady", "swerling-3", "swerling-1")
 texts = tuple(f"{one} dB" for one in levels_db)
-levels = dc.Listed(path="impairments.white-noise.snr", texts=texts)
+levels = dc.studies.SweptSetting(path="impairments.white-noise.snr", texts=texts)
 study = dc.Study(
     scenario=dc.Scenario(
         radar=radar,
         scene=dc.Scene(targets=[dc.Target(name="car", position_m=(20, 0, 0))]),
-        impairments=(dc.WhiteNoise(snr=1e-3),),
+        impairments=(dc.impairments.WhiteNoise(snr=1e-3),),
         chain=dc.Chain(range_window="rectangular", doppler_window="rectangular"),
     ),
     vary=(
-        dc.Listed(path="scene.targets.car.fluctuation", texts=models),
+        dc.studies.SweptSetting(path="scene.targets.car.fluctuation", texts=models),
         levels,
     ),
-    trials=dc.Trials(at_most=40),
-    scores=(dc.DetectionProbability(),),
+    trials=dc.studies.TrialBudget(at_most=40),
+    scores=(dc.scores.DetectionProbability(),),
     seed=1,
 )
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:

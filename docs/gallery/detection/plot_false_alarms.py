@@ -23,7 +23,7 @@ radar = dc.design(
     rule="constraints",
 ).radar
 cfar = dc.Cfar(
-    estimator=dc.CellAveraging(),
+    estimator=dc.cfar.CellAveraging(),
     n_training=dc.Cells(range=4, velocity=3),
     n_guard=dc.Cells(range=2, velocity=2),
     false_alarm_probability=1e-3,
@@ -31,9 +31,13 @@ cfar = dc.Cfar(
 asked = (1e-2, 1e-3, 1e-4, 1e-5)
 study = dc.Study(
     scenario=dc.Scenario(radar=radar, scene=dc.Scene(), chain=dc.Chain(cfar=cfar)),
-    vary=(dc.Listed(path="chain.cfar.false_alarm_probability", texts=tuple(map(str, asked))),),
-    trials=dc.Trials(at_most=200),
-    scores=(dc.FalseAlarmProbability(),),
+    vary=(
+        dc.studies.SweptSetting(
+            path="chain.cfar.false_alarm_probability", texts=tuple(map(str, asked))
+        ),
+    ),
+    trials=dc.studies.TrialBudget(at_most=200),
+    scores=(dc.scores.FalseAlarmProbability(),),
     seed=1,
 )
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:

@@ -24,17 +24,17 @@ radar = dc.design(
 ).radar
 levels_db = np.arange(-15, 13, 3)
 texts = tuple(f"{one} dB" for one in levels_db)
-levels = dc.Listed(path="impairments.white-noise.snr", texts=texts)
+levels = dc.studies.SweptSetting(path="impairments.white-noise.snr", texts=texts)
 study = dc.Study(
     scenario=dc.Scenario(
         radar=radar,
         scene=dc.Scene(targets=[dc.Target(name="car", position_m=(20, 0, 0))]),
-        impairments=(dc.WhiteNoise(snr=1.0),),
+        impairments=(dc.impairments.WhiteNoise(snr=1.0),),
         chain=dc.Chain(range_window="rectangular", doppler_window="rectangular"),
     ),
     vary=(levels,),
-    trials=dc.Trials(at_most=150),
-    scores=(dc.RangeRmse(),),
+    trials=dc.studies.TrialBudget(at_most=150),
+    scores=(dc.scores.RangeRmse(),),
     seed=1,
 )
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:

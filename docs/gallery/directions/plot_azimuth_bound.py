@@ -23,20 +23,20 @@ made = dc.design(
 array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(6)])
 levels_db = tuple(range(-20, 1, 5))
 texts = tuple(f"{one} dB" for one in levels_db)
-levels = dc.Listed(path="impairments.white-noise.snr", texts=texts)
+levels = dc.studies.SweptSetting(path="impairments.white-noise.snr", texts=texts)
 study = dc.Study(
     scenario=dc.Scenario(
         radar=dataclasses.replace(made, array=array),
         scene=dc.Scene(targets=[dc.Target(name="car", position_m=(8, 1.2, 0))]),
-        impairments=(dc.WhiteNoise(snr=1.0),),
+        impairments=(dc.impairments.WhiteNoise(snr=1.0),),
         chain=dc.Chain(range_window="rectangular", doppler_window="rectangular"),
     ),
     vary=(
-        dc.Listed(path="chain.angle.kind", texts=("fft", "monopulse")),
+        dc.studies.SweptSetting(path="chain.angle.kind", texts=("fft", "monopulse")),
         levels,
     ),
-    trials=dc.Trials(at_most=80),
-    scores=(dc.AzimuthRmse(),),
+    trials=dc.studies.TrialBudget(at_most=80),
+    scores=(dc.scores.AzimuthRmse(),),
     seed=1,
 )
 with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:

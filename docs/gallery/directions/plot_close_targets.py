@@ -28,7 +28,7 @@ targets = [
 cube = dc.simulate(dc.Scene(targets=targets), radar, seed=1)
 
 figure, axes = plt.subplots()
-for estimator in (dc.Fft(), dc.Capon(n_sources=2), dc.Music(n_sources=2)):
+for estimator in (dc.angle.Fft(), dc.angle.Capon(n_sources=2), dc.angle.Music(n_sources=2)):
     chain = dc.Chain(angle=estimator)
     found = dc.detect(cube, radar, chain)
     told = np.rad2deg(np.unique(found.azimuth))

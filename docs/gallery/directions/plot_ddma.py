@@ -21,7 +21,7 @@ array = dc.Array(
     tx_m=[(0, 7.76e-3 * place, 0) for place in range(3)],
     rx_m=[(0, 1.94e-3 * place, 0) for place in range(4)],
 )
-code = dc.Ddma(order=(0, 1, 2), n_sub_bands=4)
+code = dc.multiplexing.Ddma(order=(0, 1, 2), n_sub_bands=4)
 frame = dataclasses.replace(made.frame, n_chirps=made.frame.n_chirps // 4, multiplexing=code)
 radar = dataclasses.replace(made, frame=frame, array=array)
 target = dc.Target(position_m=(30, 5, 0), velocity_m_per_s=(6, 1, 0), rcs_m2=10)
@@ -32,13 +32,13 @@ one = cube.isel(frame=0, rx=0)
 taper = np.outer(np.hanning(one.sizes["chirp"]), np.hanning(one.sizes["sample"]))
 spectrum = np.fft.fftshift(np.fft.fft2(one * taper / taper.sum()), axes=0)
 line = spectrum[:, round(30.4 / radar.frame.chirp.range_resolution_m)]
-doppler_khz = np.fft.fftshift(np.fft.fftfreq(len(line), radar.frame.only_interval_s)) / 1e3
+doppler_khz = np.fft.fftshift(np.fft.fftfreq(len(line), radar.frame.single_interval_s)) / 1e3
 
 figure, axes = plt.subplots()
 axes.plot(doppler_khz, 20 * np.log10(abs(line)) + 30)
 axes.set(xlabel="Doppler frequency, kHz", ylabel="power, dBm", ylim=(-145, -92))
 own_khz = 2 * dc.truth(scene, radar).velocity.item() / radar.frame.chirp.wavelength_m / 1e3
-span_khz = 1e-3 / radar.frame.only_interval_s
+span_khz = 1e-3 / radar.frame.single_interval_s
 for slot, sender in enumerate(("transmitter 0", "transmitter 1", "transmitter 2", "nobody")):
     at_khz = (own_khz + slot / 4 * span_khz + span_khz / 2) % span_khz - span_khz / 2
     axes.text(at_khz, -95, sender, ha="center", size="small")

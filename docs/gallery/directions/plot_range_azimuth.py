@@ -21,8 +21,10 @@ made = dc.design(
 array = dc.Array(rx_m=[(0, 1.94e-3 * place, 0) for place in range(12)])
 radar = dataclasses.replace(made, array=array)
 places_m = ((9, -4), (16, -4), (20, 3))  # all along the x axis
-cars = [dc.Target(position_m=(x, y, -0.5), heading_rad=0.0, body=dc.Car()) for x, y in places_m]
-rail = dc.Target(position_m=(14, 7, -0.5), body=dc.GuardRail(length_m=20, post_spacing_m=2))
+cars = [
+    dc.Target(position_m=(x, y, -0.5), heading_rad=0.0, body=dc.bodies.Car()) for x, y in places_m
+]
+rail = dc.Target(position_m=(14, 7, -0.5), body=dc.bodies.GuardRail(length_m=20, post_spacing_m=2))
 cube = dc.simulate(dc.Scene(targets=[*cars, rail]), radar, seed=1)
 power = dc.range_azimuth_map(cube.isel(frame=0), radar)
 

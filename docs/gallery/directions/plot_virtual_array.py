@@ -23,7 +23,7 @@ array = dc.Array(
 made = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=40, rule="constraints"
 ).radar
-frame = dataclasses.replace(made.frame, multiplexing=dc.Tdm(order=(0, 1, 2)))
+frame = dataclasses.replace(made.frame, multiplexing=dc.multiplexing.Tdm(order=(0, 1, 2)))
 radar = dataclasses.replace(made, frame=frame, array=array)
 azimuth, speed = np.deg2rad(20), 8.0
 place = np.array([np.cos(azimuth), np.sin(azimuth), 0])
@@ -32,9 +32,9 @@ cube = dc.simulate(dc.Scene(targets=[target]), radar, impairments=()).isel(frame
 
 row = round(30 / radar.frame.chirp.range_resolution_m)
 heard = np.fft.fft(cube, axis=cube.get_axis_num("sample"))[:3, :, row]  # the first round, (tx, rx)
-turn = 4 * np.pi * speed * radar.frame.only_interval_s / radar.frame.chirp.wavelength_m
+turn = 4 * np.pi * speed * radar.frame.single_interval_s / radar.frame.chirp.wavelength_m
 still = heard * np.exp(-1j * turn * np.arange(3))[:, None]
-y_m = radar.array.virtual_m[:, 1]
+y_m = radar.array.virtual_positions_m[:, 1]
 expected = -2 * np.pi * y_m * np.sin(azimuth) / radar.frame.chirp.wavelength_m
 
 figure, axes = plt.subplots()

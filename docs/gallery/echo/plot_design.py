@@ -26,7 +26,7 @@ for row, speed in enumerate(speeds_m_per_s):
             rule="constraints",
         )
         rate_mhz[row, column] = made.radar.frame.chirp.sample_rate_hz / 1e6
-        met[row, column] = made.met
+        met[row, column] = made.is_met
 
 figure, axes = plt.subplots()
 axes.grid(False)

@@ -20,21 +20,23 @@ radar = dc.design(
     rule="constraints",
     hardware=dc.Hardware(transmit_power_w=0.02, antenna_gain=100, noise_factor=10),
 ).radar
-car, truck = dc.Car(speed_m_per_s=33), dc.Truck(speed_m_per_s=22)
+car, truck = dc.bodies.Car(speed_m_per_s=33), dc.bodies.Truck(speed_m_per_s=22)
 scene = dc.Scene(
     ego=dc.Ego(velocity_m_per_s=(25, 0, 0)),
     targets=[
         dc.Target(position_m=(45, 3.5, -0.5), velocity_m_per_s=(33, 0, 0), body=car),
         dc.Target(position_m=(70, -3.5, -0.5), velocity_m_per_s=(22, 0, 0), body=truck),
-        dc.Target(position_m=(100, 9, -0.5), velocity_m_per_s=(-20, 0, 0), body=dc.Van()),
-        dc.Target(position_m=(50, -7, -0.5), body=dc.GuardRail(length_m=80, post_spacing_m=4)),
+        dc.Target(position_m=(100, 9, -0.5), velocity_m_per_s=(-20, 0, 0), body=dc.bodies.Van()),
+        dc.Target(
+            position_m=(50, -7, -0.5), body=dc.bodies.GuardRail(length_m=80, post_spacing_m=4)
+        ),
     ],
 )
 cube = dc.simulate(scene, radar, seed=1).isel(frame=0)
 power = dc.power_map(cube, radar, dc.Chain())
 
 figure, axes = plt.subplots()
-range_doppler.whole(axes, range_doppler.MarkedMap(power=power, units=cube.attrs["units"]))
+range_doppler.draw_map(axes, range_doppler.MarkedMap(power=power, units=cube.attrs["units"]))
 figure.suptitle("Car and truck ahead, oncoming van, guard rail")
 rail = power.sel(range=31, method="nearest").idxmax("velocity").item()
 print(

@@ -14,7 +14,7 @@ import numpy as np
 
 import dechirp as dc
 
-beam = dc.CosinePattern(
+beam = dc.patterns.CosinePattern(
     azimuth_beamwidth_rad=np.deg2rad(50), elevation_beamwidth_rad=np.deg2rad(20), gain=20
 )
 made = dc.design(

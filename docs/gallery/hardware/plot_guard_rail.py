@@ -15,9 +15,11 @@ import dechirp as dc
 radar = dc.design(
     max_range_m=40, range_resolution_m=0.2, max_velocity_m_per_s=12, rule="constraints"
 ).radar
-rail = dc.Wall(start_m=(-20, 3), end_m=(100, 3), reflectivity=0.8)
+rail = dc.impairments.WallMultipath(start_m=(-20, 3), end_m=(100, 3), reflectivity=0.8)
 car = dc.Target(position_m=(14, -2.5, 0), velocity_m_per_s=(4, 0, 0), rcs_m2=5)
-cube = dc.simulate(dc.Scene(targets=[car]), radar, impairments=(rail, dc.ThermalNoise()), seed=1)
+cube = dc.simulate(
+    dc.Scene(targets=[car]), radar, impairments=(rail, dc.impairments.ThermalNoise()), seed=1
+)
 power = dc.power_map(cube.isel(frame=0), radar, dc.Chain(n_range_bins=1024))
 
 middle = 14 + 4 * radar.frame.mid_frame_s

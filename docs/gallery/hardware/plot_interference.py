@@ -15,7 +15,7 @@ import dechirp as dc
 radar = dc.design(
     max_range_m=100, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
 ).radar
-other = dc.Interferer(
+other = dc.impairments.Interferer(
     start_frequency_hz=76.9e9,
     slope_hz_per_s=16e12,
     ramp_duration_s=18e-6,
@@ -25,7 +25,7 @@ other = dc.Interferer(
     position_m=(60, 5, 0),
 )
 scene = dc.Scene(targets=[dc.Target(position_m=(40, 0, 0), velocity_m_per_s=(6, 0, 0), rcs_m2=10)])
-impairments = (dc.Interference(interferers=[other]), dc.ThermalNoise())
+impairments = (dc.impairments.Interference(interferers=[other]), dc.impairments.ThermalNoise())
 cube = dc.simulate(scene, radar, impairments=impairments, seed=1).isel(frame=0)
 
 figure, (left, right) = plt.subplots(1, 2)
@@ -33,7 +33,7 @@ one = cube.isel(chirp=10, rx=0)
 left.plot(one.sample * 1e6, one.real * 1e6)
 left.set(xlabel="time since the ramp began, µs", ylabel="beat signal (I), sqrt(pW)")
 left.set_title("One chirp")
-for name, repair in (("as heard", ()), ("repaired", (dc.InterferenceAutoregression(),))):
+for name, repair in (("as heard", ()), ("repaired", (dc.mitigation.InterferenceAutoregression(),))):
     power = dc.power_map(cube, radar, dc.Chain(mitigation=repair))
     cut = power.sel(velocity=6, method="nearest")
     right.plot(cut.range, 10 * np.log10(cut) + 30, label=name)

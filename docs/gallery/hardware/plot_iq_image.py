@@ -17,9 +17,12 @@ radar = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=20, rule="constraints"
 ).radar
 target = dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(10, 0, 0), rcs_m2=100)
-imbalance = dc.IqImbalance(gain=10**0.05, phase_rad=np.deg2rad(3))
+imbalance = dc.impairments.IqImbalance(gain=10**0.05, phase_rad=np.deg2rad(3))
 cube = dc.simulate(
-    dc.Scene(targets=[target]), radar, impairments=(dc.ThermalNoise(), imbalance), seed=1
+    dc.Scene(targets=[target]),
+    radar,
+    impairments=(dc.impairments.ThermalNoise(), imbalance),
+    seed=1,
 )
 power = dc.power_map(cube.isel(frame=0), radar, dc.Chain())
 

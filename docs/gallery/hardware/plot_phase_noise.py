@@ -17,7 +17,9 @@ radar = dc.design(
     max_range_m=150, range_resolution_m=1, max_velocity_m_per_s=20, rule="constraints"
 ).radar
 chirp = radar.frame.chirp
-mask = dc.PhaseNoise(offset_hz=(1e5, 1e6, 1e7), level_per_hz=(10**-7.5, 10**-9.5, 10**-11.5))
+mask = dc.impairments.PhaseNoise(
+    offset_hz=(1e5, 1e6, 1e7), level_per_hz=(10**-7.5, 10**-9.5, 10**-11.5)
+)
 scene = dc.Scene(targets=[dc.Target(position_m=(90, 0, 0), rcs_m2=100)])
 cube = dc.simulate(scene, radar, impairments=(mask,), seed=1).isel(frame=0)
 power = dc.power_map(cube, radar, dc.Chain()).mean("velocity")  # it is spread over all of them

@@ -22,8 +22,8 @@ cell = 1.5**2 / (radar.frame.chirp.n_samples * radar.frame.n_chirps)  # of noise
 
 figure, axes = plt.subplots()
 for bits in (4, 6, 8, 12):
-    converter = dc.Quantisation(bits=bits, full_scale_w=full_scale_w)
-    cube = dc.simulate(scene, radar, impairments=(dc.ThermalNoise(), converter), seed=1)
+    converter = dc.impairments.Quantisation(bits=bits, full_scale_w=full_scale_w)
+    cube = dc.simulate(scene, radar, impairments=(dc.impairments.ThermalNoise(), converter), seed=1)
     power = dc.power_map(cube.isel(frame=0), radar, dc.Chain()).mean("velocity")
     axes.plot(power.range, 10 * np.log10(power) + 30, label=f"{bits} bits")
     floor_dbm = 10 * np.log10(power.sel(range=slice(30, 90)).mean().item()) + 30

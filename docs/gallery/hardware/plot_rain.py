@@ -25,18 +25,18 @@ corners = [
         name=f"{at} m",
         position_m=(at, 0, 0),
         heading_rad=np.pi,
-        body=dc.CornerReflector(edge_m=0.15),
+        body=dc.bodies.CornerReflector(edge_m=0.15),
     )
     for at in places_m
 ]
 scene = dc.Scene(targets=corners)
 rate = 0.1 / 3600  # m/s: 100 mm/h
 weather = {
-    "clear": (dc.ThermalNoise(),),
+    "clear": (dc.impairments.ThermalNoise(),),
     "100 mm/h": (
-        dc.ThermalNoise(),
-        dc.RainBackscatter(rate_m_per_s=rate),
-        dc.Rain(rate_m_per_s=rate),
+        dc.impairments.ThermalNoise(),
+        dc.impairments.RainBackscatter(rate_m_per_s=rate),
+        dc.impairments.RainAttenuation(rate_m_per_s=rate),
     ),
 }
 figure, axes = plt.subplots()
@@ -52,7 +52,7 @@ axes.set(xlim=(0, 200), xlabel="range, m", ylabel="power, largest of -10 to 10 m
 axes.set_title("Four corner reflectors, in clear air and in a cloudburst")
 axes.legend()
 lost_db = np.subtract(peaks_db["clear"], peaks_db["100 mm/h"])
-first, rain = dc.Scene(targets=corners[:1]), (dc.Rain(rate_m_per_s=rate),)
+first, rain = dc.Scene(targets=corners[:1]), (dc.impairments.RainAttenuation(rate_m_per_s=rate),)
 heard = [abs(dc.simulate(first, radar, impairments=of, seed=1)).mean().item() for of in ((), rain)]
 taken_db_per_km = 20 * np.log10(heard[0] / heard[1]) / (2 * places_m[0] / 1000)
 print(f"Rain alone takes {taken_db_per_km:.1f} dB of each kilometre")

@@ -12,7 +12,9 @@ import numpy as np
 
 import dechirp as dc
 
-ratios = dc.ratios_over_bits((8, 12, 16, 20, 24), n_trials=10, seed=1)
+ratios = dc.fixed_point.signal_to_quantisation_noise_over_bits(
+    (8, 12, 16, 20, 24), n_trials=10, seed=1
+)
 figure, axes = plt.subplots()
 for place, signal in enumerate(ratios.signal.values):
     one = ratios.sel(signal=signal)

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import dechirp as dc
+from dechirp.tracking.ego import label_motion
 
 made = dc.design(
     max_range_m=60, range_resolution_m=0.5, max_velocity_m_per_s=22, rule="constraints"
@@ -27,7 +28,7 @@ car = dc.Target(name="car", position_m=(25, 3, 0), velocity_m_per_s=(16, 0, 0), 
 scene = dc.Scene(targets=[*posts, car], ego=dc.Ego(velocity_m_per_s=(20, 0, 0)))
 found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
 ego = dc.ego_motion(found, radar)
-rows = dc.labelled(found, ego, radar)
+rows = label_motion(found, ego, radar)
 
 figure, axes = plt.subplots()
 for motion in ("static", "moving"):

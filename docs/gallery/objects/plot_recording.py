@@ -24,7 +24,7 @@ radar = dataclasses.replace(made, array=array)
 scene = dc.Scene(targets=[dc.Target(position_m=(25, 4, 0), velocity_m_per_s=(5, 0, 0), rcs_m2=10)])
 cube = dc.simulate(scene, radar, seed=1)
 with tempfile.TemporaryDirectory() as folder:
-    written = dc.write(dc.recording_of(cube, radar), Path(folder) / "capture.bin")
+    written = dc.write(dc.recording_from_cube(cube, radar), Path(folder) / "capture.bin")
     print("written:", ", ".join(path.name for path in written))
     recording = dc.open(written[0])
     again = recording.cube.load()

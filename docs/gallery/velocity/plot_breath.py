@@ -36,8 +36,8 @@ way = [
 ]
 person = dc.Target(position_m=(0.9, 0, 0), waypoints=way, rcs_m2=0.05)
 cube = dc.simulate(dc.Scene(targets=[person]), radar, seed=1)
-moved = dc.displacement(dc.slow_time(cube, radar, 0.9), radar).squeeze()
-spectrum = dc.displacement_spectrum(moved)
+moved = dc.slow_time.displacement(dc.slow_time.slow_time(cube, radar, 0.9), radar).squeeze()
+spectrum = dc.slow_time.displacement_spectrum(moved)
 
 figure, (left, right) = plt.subplots(1, 2)
 left.plot(moved.time, moved * 1e3)
@@ -46,5 +46,5 @@ right.semilogy(spectrum.frequency, spectrum * 1e3)
 right.set(xlim=(0, 2), ylim=(1e-3, 4), xlabel="frequency, Hz", ylabel="amplitude, mm")
 right.set_title("Breath at 0.25 Hz, heart at 1.2 Hz")
 for name, band_hz in (("breath", (0.1, 0.6)), ("heart", (0.9, 2.0))):
-    line = dc.strongest_line(spectrum, band_hz)
+    line = dc.slow_time.strongest_oscillation(spectrum, band_hz)
     print(f"{name}: {line.frequency.item():.2f} Hz, {line.amplitude.item() * 1e3:.2f} mm")

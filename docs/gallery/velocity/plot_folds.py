@@ -20,7 +20,7 @@ warnings.simplefilter("ignore", dc.PhysicsWarning)  # that targets fold is what 
 radar = dc.design(
     max_range_m=100, range_resolution_m=1, max_velocity_m_per_s=20, rule="constraints"
 ).radar
-one_s = radar.frame.only_interval_s
+one_s = radar.frame.single_interval_s
 turns = dataclasses.replace(radar.frame, interval_s=(one_s, one_s * 9 / 8, one_s * 5 / 4))
 in_turn = dataclasses.replace(radar, frame=dataclasses.replace(turns, period_s=10e-3))
 speeds_m_per_s = np.linspace(-70, 70, 22)

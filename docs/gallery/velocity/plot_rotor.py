@@ -16,13 +16,13 @@ radar = dc.design(
     max_range_m=20, range_resolution_m=1, max_velocity_m_per_s=25, rule="constraints"
 ).radar
 rate = 40.0  # rad/s, 6.4 turns a second
-turn = dc.Rotation(center_m=(0, 0, 0), axis=(0, 0, 1), rate_rad_per_s=rate)
+turn = dc.bodies.Rotation(center_m=(0, 0, 0), axis=(0, 0, 1), rate_rad_per_s=rate)
 blades = [
-    dc.Scatterer(position_m=(at, 0, 0), rcs_m2=0.02, rotation=turn)
+    dc.bodies.Scatterer(position_m=(at, 0, 0), rcs_m2=0.02, rotation=turn)
     for at in (-0.4, -0.3, -0.2, 0.2, 0.3, 0.4)
 ]
-hub = dc.Scatterer(position_m=(0, 0, 0), rcs_m2=0.1)
-rotor = dc.Target(position_m=(8, 0, 0), body=dc.Points(scatterers=(hub, *blades)))
+hub = dc.bodies.Scatterer(position_m=(0, 0, 0), rcs_m2=0.1)
+rotor = dc.Target(position_m=(8, 0, 0), body=dc.bodies.Points(scatterers=(hub, *blades)))
 n_frames = round(0.3 / radar.frame.duration_s)
 cube = dc.simulate(dc.Scene(targets=[rotor]), radar, n_frames=n_frames, seed=1)
 power = dc.spectrogram(cube, radar, range_m=(6, 10), hop=32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.config.texts import as_text
+from dechirp.config.dumping import to_yaml_data
 
 SCENE = dc.Scene(
     targets=[
@@ -18,14 +18,16 @@ SCENE = dc.Scene(
 
 @pytest.fixture
 def cube(radar):
-    return dc.simulate(SCENE, radar, impairments=[dc.ThermalNoise()], n_frames=2, seed=3)
+    return dc.simulate(
+        SCENE, radar, impairments=[dc.impairments.ThermalNoise()], n_frames=2, seed=3
+    )
 
 
 def write(path, cube, radar, **changed):
     """What a logger does: a line, and the codes."""
     step = float(abs(cube).max()) / 2**15
     codes = np.round(cube.values.view(np.float32) / step).astype("<i2")
-    header = {"json_header": 1, "radar": as_text(radar, None), "step": step, **changed}
+    header = {"json_header": 1, "radar": to_yaml_data(radar, None), "step": step, **changed}
     path.write_bytes(json.dumps(header).encode() + b"\n" + codes.tobytes())
     return path
 
@@ -60,7 +62,7 @@ def test_what_is_damaged_is_told(tmp_path, radar, cube):
     path.write_bytes(whole[: len(whole) * 3 // 4])
     recording = dc.open(path)
     assert recording.sizes["frame"] == 1
-    assert any("left out" in finding.got for finding in recording.findings)
+    assert any("left out" in finding.value for finding in recording.findings)
     path.write_bytes(whole.replace(b'"radar"', b'"rader"', 1))
     with pytest.raises(dc.RecordingError, match="radar"):
         dc.open(path)

@@ -6,14 +6,16 @@ import xarray as xr
 from dechirp_guests.log_mean import LogMean
 
 import dechirp as dc
-from dechirp.process.cfar.base import NoiseEstimator, Ring
+from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 
-RING = Ring(n_training=dc.Cells(range=3, velocity=2), n_guard=dc.Cells(range=2, velocity=2))
+RING = TrainingWindow(
+    n_training=dc.Cells(range=3, velocity=2), n_guard=dc.Cells(range=2, velocity=2)
+)
 
 
 def test_one_training_cell_has_the_law_of_a_ratio_of_two_exponentials():
     for pfa in (0.3, 1e-2, 1e-4):
-        factor = LogMean().independent_factor(pfa, np.ones((1, 2)), n_channels=1)
+        factor = LogMean().independent_cells_factor(pfa, np.ones((1, 2)), n_channels=1)
         assert factor == pytest.approx(1 / pfa - 1, rel=1e-6)
 
 
@@ -47,7 +49,7 @@ def test_a_strong_cell_raises_the_threshold_by_its_nth_root_in_the_map_and_cell_
     factors = np.full(60, 2.0, np.float32)
     levels = LogMean().threshold(power, RING, factors)
 
-    n_training = RING.n_cells(60)[35]
+    n_training = RING.n_training_cells(60)[35]
     assert levels[20, 35] == pytest.approx(2 * 1e3 ** (1 / n_training), rel=1e-4)
     slow = NoiseEstimator.threshold(LogMean(), power, RING, factors)
     assert levels == pytest.approx(slow, rel=1e-4)

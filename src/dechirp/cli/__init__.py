@@ -1,1 +1,1 @@
-"""The command line: a file a command."""
+"""Command line: one file per command in `commands`, and the code that commands share."""

@@ -1,4 +1,4 @@
-"""Options that several commands take."""
+"""Options that several commands share."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,13 +11,13 @@ Json: TypeAlias = Annotated[
     Parameter(
         name="--json",
         show_default=False,
-        help="Print one JSON document, and nothing else, on standard output.",
+        help="Print a single JSON document on standard output.",
     ),
 ]
-# Read as text: the parser of the command line would take 1.5 for a whole number.
-Whole: TypeAlias = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+# Read as text: the command-line parser would accept 1.5 as an integer.
+IntegerText: TypeAlias = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 Quiet: TypeAlias = Annotated[
-    bool, Parameter(name="--quiet", show_default=False, help="Print nothing but mistakes.")
+    bool, Parameter(name="--quiet", show_default=False, help="Print only errors.")
 ]
 
 Pdf: TypeAlias = Annotated[
@@ -25,63 +25,67 @@ Pdf: TypeAlias = Annotated[
     Parameter(
         name="--pdf",
         show_default=False,
-        help="Write each page as PDF as well; needs the extra pdf.",
+        help="Also write each page as PDF; requires the extra pdf.",
     ),
 ]
 
 
 @Parameter(name="*")
 @dataclass(kw_only=True, frozen=True)
-class Told:
-    """What a call says of a recording, where its file does not say it, and what it reads."""
+class RecordingOptions:
+    """Options for a recording: the frames to read, and metadata missing from its file."""
 
-    radar: Annotated[
-        Path | None, Parameter(help="Settings of the radar: YAML, or a vendor's file.")
-    ] = None
+    radar: Annotated[Path | None, Parameter(help="Radar settings: YAML, or a vendor's file.")] = (
+        None
+    )
     frames: Annotated[
         str | None,
-        Parameter(help="N, the first so many, or A:B, from A to before B; counted from 0."),
+        Parameter(help="Frames to read: N for the first N, or A:B (zero-based, B excluded)."),
     ] = None
     device: Annotated[str | None, Parameter(help="Chip or board of the radar, as xwr1843.")] = None
     format: Annotated[
-        str | None, Parameter(help="Kind of the recording, where it does not tell.")
+        str | None, Parameter(help="Format of the recording, if it cannot be recognised.")
     ] = None
     axes: Annotated[
         str | None, Parameter(help="Axes of a bare array in order, as chirp,rx,sample.")
     ] = None
     encoding: Annotated[
         str | None,
-        Parameter(help="How the numbers of a bare array are meant, as uint16-wrapped."),
+        Parameter(help="Number encoding of a bare array, as uint16-wrapped."),
     ] = None
     iq: Annotated[
-        Literal["iq", "qi"] | None, Parameter(help="Part of a complex sample that comes first.")
+        Literal["iq", "qi"] | None, Parameter(help="Order of I and Q in a complex sample.")
     ] = None
     calibration: Annotated[
-        Path | None, Parameter(help="Calibration of the array, a file of dechirp calibrate.")
+        Path | None, Parameter(help="Calibration of the array, written by dechirp calibrate.")
     ] = None
 
-    def given(self) -> dict[str, Any]:
-        """Options that were given, as `dechirp.open` takes them."""
-        from dechirp.cli.sources import frames_of
+    def open_arguments(self) -> dict[str, Any]:
+        """Return the given options as keyword arguments of `dechirp.open`."""
+        from dechirp.cli.scenario_source import parse_frames
 
-        part = {} if self.frames is None else {"frames": frames_of(self.frames)}
-        return {"radar": self.radar, **self.of_file(), **part}
+        frames = {} if self.frames is None else {"frames": parse_frames(self.frames)}
+        return {"radar": self.radar, **self.metadata(), **frames}
 
-    def of_file(self) -> dict[str, Any]:
-        """Those of them that say what the file does not."""
-        made = {field.name: getattr(self, field.name) for field in fields(self)}
+    def metadata(self) -> dict[str, Any]:
+        """Return the given options that complete the metadata of the file."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         if self.axes is not None:
-            made["axes"] = tuple(self.axes.replace(",", " ").split())
-        apart = ("radar", "frames")
-        return {name: of for name, of in made.items() if of is not None and name not in apart}
+            values["axes"] = tuple(self.axes.replace(",", " ").split())
+        excluded = ("radar", "frames")
+        return {
+            name: value
+            for name, value in values.items()
+            if value is not None and name not in excluded
+        }
 
 
-NOTHING_TOLD = Told()
+NO_OPTIONS = RecordingOptions()
 
 
-def whole_number(option: str, text: str, at_least: int, at_most: int) -> int:
-    """Whole number of an option; raises `InvalidSetting` for anything else."""
-    from dechirp.core.checks import whole
+def parse_integer(option: str, text: str, at_least: int, at_most: int) -> int:
+    """Parse the integer value of an option; raise `InvalidSetting` if it is not one."""
+    from dechirp.core.checks import check_integer
     from dechirp.core.errors import InvalidSetting
 
     try:
@@ -89,9 +93,9 @@ def whole_number(option: str, text: str, at_least: int, at_most: int) -> int:
     except ValueError:
         raise InvalidSetting(
             option,
-            got=text,
-            need=f"a whole number from {at_least} to {at_most}",
-            fix="Write its digits alone.",
+            value=text,
+            expected=f"a whole number from {at_least} to {at_most}",
+            fix="write only its digits",
         ) from None
-    whole(option, number, at_least=at_least, at_most=at_most)
+    check_integer(option, number, at_least=at_least, at_most=at_most)
     return number

@@ -1,1 +1,1 @@
-"""Settings files: the only place where text becomes values."""
+"""Settings files: conversion between YAML text and values, with located error messages."""

@@ -1,141 +1,150 @@
-"""Settings of the command line, `--set PATH=VALUE`, put into the tree of a file."""
+"""Overrides `--set PATH=VALUE` of the command line, applied to the tree of a settings file."""
 
 from dataclasses import replace
 
-from dechirp.config.mistakes import Spot
-from dechirp.config.models import Context
-from dechirp.config.nearest import did_you_mean
-from dechirp.config.shown import shown
-from dechirp.config.texts import dump
-from dechirp.config.tree import Node, Place, dotted, read_tree
+from dechirp.config.dumping import dump
+from dechirp.config.error_messages import SettingNode
+from dechirp.config.quoting import quote_text
+from dechirp.config.suggestions import did_you_mean
+from dechirp.config.validation import ValidationContext
+from dechirp.config.yaml_tree import Location, YamlNode, join_path, parse_yaml
 from dechirp.core.errors import InvalidFile
 
-_OPTION = Place("--set")
+_OPTION_LOCATION = Location("--set")
 
 
-def override(spot: Spot, text: str, context: Context) -> Node:
+def apply_override(root: SettingNode, text: str, context: ValidationContext) -> YamlNode:
     """Change one setting of a tree; `text` is PATH=VALUE, VALUE as in a file.
 
-    A mapping on the way that is not written starts as its default; a value that is given
-    as the path of a file is read, to be changed. Another kind starts from its own defaults:
-    settings of the one before go with it.
+    A missing mapping along the path starts as its default; a value given as a file path is read
+    first. A new kind starts from its own defaults: the settings of the previous kind are dropped.
 
     Raises
     ------
     InvalidFile
-        If the text is not of that form or the path leads nowhere; its `file` is `--set`.
+        If the text has another form or the path does not exist; its `file` is `--set`.
     """
-    path, made = given(text)
-    return placed(spot, path.split("."), made, context)
+    path, node = parse_override(text)
+    return replace_node(root, path.split("."), node, context)
 
 
-def given(text: str) -> tuple[str, Node]:
-    """Path and value of PATH=VALUE.
+def parse_override(text: str) -> tuple[str, YamlNode]:
+    """Split PATH=VALUE into the path and the node of the value.
 
     Raises
     ------
     InvalidFile
-        If the text is not of that form.
+        If the text has another form.
     """
-    path, equals, written = text.partition("=")
+    path, equals, value = text.partition("=")
     if not (path.strip() and equals):
         raise InvalidFile(
-            _OPTION.mistake(
+            _OPTION_LOCATION.create_mistake(
                 "--set",
-                got=shown(text) if text else "empty",
-                need="PATH=VALUE",
-                fix="Write --set radar.frame.n_chirps=64, for instance.",
+                value=quote_text(text) if text else "empty",
+                expected="PATH=VALUE",
+                fix="write --set radar.frame.n_chirps=64, for instance",
             )
         )
     path = path.strip()
     try:
-        return path, _moved(read_tree(written, "--set"), _OPTION)
+        return path, _relocate(parse_yaml(value, "--set"), _OPTION_LOCATION)
     except InvalidFile as error:
         mistakes = (replace(m, setting=path, line=None, column=None) for m in error.mistakes)
         raise InvalidFile(*mistakes) from None
 
 
-def placed(spot: Spot, names: list[str], made: Node, context: Context) -> Node:
-    """Replace what lies at the names below a spot, and give the node of the spot.
+def replace_node(
+    setting: SettingNode, names: list[str], replacement: YamlNode, context: ValidationContext
+) -> YamlNode:
+    """Replace the node at the names below a setting; return the new node of the setting.
 
     Raises
     ------
     InvalidFile
-        If they lead nowhere.
+        If the names lead to no setting.
     """
     if not names:
-        return made
+        return replacement
     name, *rest = names
-    node = _opened(spot, context)
-    spot = replace(spot, node=node)
+    node = _read_if_path(setting, context)
+    setting = replace(setting, node=node)
     if isinstance(node.content, list):
-        index = _index(spot, name)
-        inner = Spot(dotted(spot.path, name), node.content[index], spot.slot.member())
+        index = _find_index(setting, name)
+        child = SettingNode(
+            join_path(setting.path, name), node.content[index], setting.slot.member_slot()
+        )
         members = list(node.content)
-        members[index] = placed(inner, rest, made, context)
+        members[index] = replace_node(child, rest, replacement, context)
         return replace(node, content=members)
     if not isinstance(node.content, dict):
         raise InvalidFile(
-            _OPTION.mistake(
-                dotted(spot.path, name),
-                got=f"inside {spot.setting}, which is {node.shown}",
-                need="inside a mapping or a list",
-                fix=f"Set {spot.setting} itself.",
+            _OPTION_LOCATION.create_mistake(
+                join_path(setting.path, name),
+                value=f"inside {setting.setting_name}, which is {node.description}",
+                expected="inside a mapping or a list",
+                fix=f"set {setting.setting_name} itself",
             )
         )
-    known = spot.settings().get(name)
-    if known and rest:
+    known_setting = setting.settings().get(name)
+    if known_setting and rest:
         start = node.content.get(name)
         if start is None or start.content is None:
-            start = _from_default(known.default)
-        inner = Spot(dotted(spot.path, name), start, known.slot)
-        made = placed(inner, rest, made, context)
-    before = node.content.get(name)
-    if name == "kind" and before is not None and before.content != made.content:
-        return replace(node, content={name: made})
-    # A name that is not known is kept as it is, and refused with those of the file.
-    return replace(node, content={**node.content, name: made})
+            start = _default_node(known_setting.default)
+        child = SettingNode(join_path(setting.path, name), start, known_setting.slot)
+        replacement = replace_node(child, rest, replacement, context)
+    current = node.content.get(name)
+    if name == "kind" and current is not None and current.content != replacement.content:
+        return replace(node, content={name: replacement})
+    # Unknown names are kept and refused later, together with those of the file.
+    return replace(node, content={**node.content, name: replacement})
 
 
-def _opened(spot: Spot, context: Context) -> Node:
-    """Give the node, or where it is the path of a file, what stands in that file."""
-    path = spot.node.content
-    for cls in spot.slot.choices if isinstance(path, str) else ():
+def _read_if_path(setting: SettingNode, context: ValidationContext) -> YamlNode:
+    """Return the node, or the tree of the file whose path it holds."""
+    path = setting.node.content
+    for cls in setting.slot.choices if isinstance(path, str) else ():
         if cls in context.readers:
-            file = context.base / str(path)
-            return _moved(read_tree(dump(context.readers[cls](file)), ""), Place(str(file)))
-    return spot.node
+            file = context.folder / str(path)
+            return _relocate(parse_yaml(dump(context.readers[cls](file)), ""), Location(str(file)))
+    return setting.node
 
 
-def _from_default(default: object) -> Node:
+def _default_node(default: object) -> YamlNode:
     if default is None:
-        return Node({}, _OPTION, _OPTION)
-    return _moved(read_tree(dump(default), ""), _OPTION)
+        return YamlNode({}, _OPTION_LOCATION, _OPTION_LOCATION)
+    return _relocate(parse_yaml(dump(default), ""), _OPTION_LOCATION)
 
 
-def _moved(node: Node, place: Place) -> Node:
-    """Put all of a tree at one place."""
+def _relocate(node: YamlNode, location: Location) -> YamlNode:
+    """Copy a tree with all nodes at one location."""
     content = node.content
     if isinstance(content, dict):
-        content = {name: _moved(child, place) for name, child in content.items()}
+        content = {name: _relocate(child, location) for name, child in content.items()}
     elif isinstance(content, list):
-        content = [_moved(child, place) for child in content]
-    again = tuple((name, place) for name, _ in node.repeated)
-    return replace(node, content=content, place=place, named_at=place, repeated=again)
+        content = [_relocate(child, location) for child in content]
+    duplicate_keys = tuple((name, location) for name, _ in node.duplicate_keys)
+    return replace(
+        node,
+        content=content,
+        location=location,
+        name_location=location,
+        duplicate_keys=duplicate_keys,
+    )
 
 
-def _index(spot: Spot, name: str) -> int:
-    """Index of a member of a list, by its label or its index."""
-    labels = spot.node.labels
+def _find_index(setting: SettingNode, name: str) -> int:
+    """Return the index of a list member given by label or index."""
+    labels = setting.node.labels
     if name in labels:
         return labels.index(name)
     if name.isdecimal() and len(name) < 10 and int(name) < len(labels):
         return int(name)
     raise InvalidFile(
-        _OPTION.mistake(
-            dotted(spot.path, name),
-            got="not in the list",
-            need=f"one of {', '.join(labels)}" if labels else "left out: the list is empty",
+        _OPTION_LOCATION.create_mistake(
+            join_path(setting.path, name),
+            value="not in the list",
+            expected=f"one of {', '.join(labels)}" if labels else "no member: the list is empty",
             fix=did_you_mean(name, labels),
         )
     )

@@ -1,195 +1,211 @@
-"""Numbers with units as text, to SI and back: `77 GHz`, `20 MHz/us`, `12 dBm`, `6 dB`."""
+"""Quantities as text, to SI and back: `77 GHz`, `20 MHz/us`, `12 dBm`, `6 dB`."""
 
 import math
 import re
 from decimal import Decimal
 
-from dechirp.config.nearest import nearest
-from dechirp.config.shown import shown
+from dechirp.config.quoting import quote_text
+from dechirp.config.suggestions import nearest_name
+from dechirp.core.dimensions import DIMENSIONS, Dimension
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.kinds import KINDS, Kind
 
 _GRAMMAR = re.compile(
     r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>[A-Za-z]\S*)?", re.ASCII
 )
 _SPELLINGS = str.maketrans({"µ": "u", "μ": "u", "²": "2", "°": "deg"})
-_LONGEST = 100  # characters; no number needs them, and none then takes long
+_MAX_LENGTH = 100  # characters: more than any number needs, and quick to parse
 
 
-def quantity(text: str, unit: str | None, *, setting: str = "quantity") -> float:
-    """Read `number [unit]` as SI.
+def parse_quantity(text: str, unit: str | None, *, setting: str = "quantity") -> float:
+    """Convert `number [unit]` to SI.
 
     Parameters
     ----------
     text : str
         Such as `77 GHz`. 0 needs no unit; a ratio is bare or in dB; a probability is bare.
     unit : str, optional
-        Suffix of the field's name, a key of `core.kinds.KINDS`, as `hz`; None: a ratio.
+        Suffix of the field's name, a key of `core.dimensions.DIMENSIONS`, such as `hz`; None for
+        a ratio.
     setting : str
-        What a mistake calls it.
+        Name of the setting in the error.
 
     Raises
     ------
     InvalidSetting
-        If the text is anything else, or too large for a float.
+        If the text has another form, or exceeds the range of floats.
     """
-    kind = KINDS[unit]
+    kind = DIMENSIONS[unit]
     match = None
-    if len(text) <= _LONGEST:
+    if len(text) <= _MAX_LENGTH:
         match = _GRAMMAR.fullmatch(text.strip().translate(_SPELLINGS))
     if match is None:
-        raise InvalidSetting(setting, got=shown(text), need=kind.words, fix=_fix(text, "", kind))
+        raise InvalidSetting(
+            setting,
+            value=quote_text(text),
+            expected=kind.description,
+            fix=_suggest_units(text, "", kind),
+        )
     symbol = (match["unit"] or "").replace("^", "")
-    number = _number(match["number"], symbol, kind)
+    number = _to_si(match["number"], symbol, kind)
     if number is None:
-        fix = _fix(text, match["unit"] or "", kind)
-        raise InvalidSetting(setting, got=shown(text), need=kind.words, fix=fix)
+        fix = _suggest_units(text, match["unit"] or "", kind)
+        raise InvalidSetting(setting, value=quote_text(text), expected=kind.description, fix=fix)
     if math.isinf(number):
         raise InvalidSetting(
-            setting, got=shown(text), need="a number below 1e308", fix="Check the exponent."
+            setting,
+            value=quote_text(text),
+            expected="a number below 1e308",
+            fix="check the exponent",
         )
     return number
 
 
-def written(text: str, unit: str | None) -> tuple[Decimal, str]:
-    """Split a quantity that `quantity` would read into its number and its unit as written."""
-    quantity(text, unit)
+def split_quantity(text: str, unit: str | None) -> tuple[Decimal, str]:
+    """Split a quantity that `parse_quantity` accepts into its number and its unit as written."""
+    parse_quantity(text, unit)
     match = _GRAMMAR.fullmatch(text.strip().translate(_SPELLINGS))
     assert match is not None
     return Decimal(match["number"]), match["unit"] or ""
 
 
-def number_in(symbol: str, text: str, unit: str | None) -> Decimal | None:
-    """Number of a quantity in another unit of its kind; None where it has none, as 0 W in dBm.
+def convert_quantity(symbol: str, text: str, unit: str | None) -> Decimal | None:
+    """Convert a quantity to another unit of its dimension; None if impossible, as 0 W to dBm.
 
     Exact between units that are multiples of one another, else rounded to twelve digits.
     """
-    number, own = written(text, unit)
-    if own == symbol:
+    number, own_symbol = split_quantity(text, unit)
+    if own_symbol == symbol:
         return number
-    kind, plain = KINDS[unit], quantity(text, unit)
-    levels, zeros = dict(kind.levels), dict(kind.zeros)
+    kind, si_value = DIMENSIONS[unit], parse_quantity(text, unit)
+    levels, zeros = dict(kind.db_units), dict(kind.offset_units)
     if symbol in levels:
-        return Decimal(f"{10 * math.log10(plain) - levels[symbol]:.12g}") if plain > 0 else None
+        return (
+            Decimal(f"{10 * math.log10(si_value) - levels[symbol]:.12g}") if si_value > 0 else None
+        )
     if symbol in zeros:
-        return Decimal(repr(plain)) - Decimal(zeros[symbol])
-    if own in levels or own in zeros or not symbol:
-        number, own = Decimal(f"{plain:.12g}"), kind.base
-    if not own or not symbol:
-        return number  # without a unit, or 0, which is so in all of them
-    from dechirp.config.units import convert  # as in `_number`
+        return Decimal(repr(si_value)) - Decimal(zeros[symbol])
+    if own_symbol in levels or own_symbol in zeros or not symbol:
+        number, own_symbol = Decimal(f"{si_value:.12g}"), kind.si_unit
+    if not own_symbol or not symbol:
+        return number  # without a unit, or 0, which is the same in all units
+    from dechirp.config.units import convert_unit  # as in `_to_si`
 
-    return convert(number, own.replace("^", ""), symbol.replace("^", ""))
+    return convert_unit(number, own_symbol.replace("^", ""), symbol.replace("^", ""))
 
 
-def difference_in(symbol: str, text: str, unit: str | None) -> Decimal:
-    """Number of a difference of quantities that are told in a unit.
+def convert_difference(symbol: str, text: str, unit: str | None) -> Decimal:
+    """Convert a difference of quantities that are given in a unit to a number.
 
-    Of levels, dBsm or dBm, it is told in dB, of degC in K; else as the quantities are.
+    Differences of levels (dBsm, dBm) are in dB, of degC in K; others in the unit itself.
 
     Raises
     ------
     InvalidSetting
-        If the text is none.
+        If the text is not such a difference.
     """
-    kind = KINDS[unit]
-    levels, zeros = dict(kind.levels), dict(kind.zeros)
+    kind = DIMENSIONS[unit]
+    levels, zeros = dict(kind.db_units), dict(kind.offset_units)
     if symbol in levels or symbol in zeros:
-        apart = "dB" if symbol in levels else "K"
-        match = _GRAMMAR.fullmatch(text.strip()) if len(text) <= _LONGEST else None
-        if match is not None and match["unit"] == apart:
+        difference_symbol = "dB" if symbol in levels else "K"
+        match = _GRAMMAR.fullmatch(text.strip()) if len(text) <= _MAX_LENGTH else None
+        if match is not None and match["unit"] == difference_symbol:
             return Decimal(match["number"])
         raise InvalidSetting(
             "quantity",
-            got=shown(text),
-            need=f"a difference between two values in {symbol}, as 2 {apart}",
-            fix=f"Write a number and {apart}.",
+            value=quote_text(text),
+            expected=f"a difference of two values in {symbol}, such as 2 {difference_symbol}",
+            fix=f"write a number and {difference_symbol}",
         )
-    _, own = written(text, unit)
-    number = number_in(symbol, text, unit)
-    if own in levels or own in zeros or number is None:
+    _, own_symbol = split_quantity(text, unit)
+    number = convert_quantity(symbol, text, unit)
+    if own_symbol in levels or own_symbol in zeros or number is None:
         raise InvalidSetting(
             "quantity",
-            got=shown(text),
-            need=f"a difference, {kind.words}" if symbol else "a bare number, as the values are",
-            fix="Write it in the unit of the values.",
+            value=quote_text(text),
+            expected=f"a difference, {kind.description}"
+            if symbol
+            else "a number without unit, like the values",
+            fix="write it in the unit of the values",
         )
     return number
 
 
-def digits_of(number: Decimal) -> str:
-    """Write a number in the shortest way that `quantity` reads."""
+def format_decimal(number: Decimal) -> str:
+    """Write a number in the shortest form that `parse_quantity` accepts."""
     number = number.normalize()
     return f"{number:f}" if -5 <= number.adjusted() <= 15 else f"{number:e}"
 
 
-def text_of(number: float, unit: str | None) -> str:
-    """Text for people, which `quantity` reads back to the last bit.
+def format_exact_quantity(number: float, unit: str | None) -> str:
+    """Write a number with unit so that `parse_quantity` returns exactly the same float.
 
-    In dB where the unit has them and six digits are enough, else in the nearest scale below.
+    In dB if the dimension has a logarithmic unit and six digits suffice, else in the largest
+    unit that does not exceed the number.
     """
-    kind = KINDS[unit]
+    kind = DIMENSIONS[unit]
     number = float(number)
-    for text in _rounded(number, unit, kind):
-        if quantity(text, unit) == number:
+    for text in _rounded_candidates(number, unit, kind):
+        if parse_quantity(text, unit) == number:
             return text
     digits = Decimal(repr(number))
-    if not kind.scales:
+    if not kind.scaled_units:
         return repr(number)
     # Moving the decimal point of the shortest digits is exact.
-    sizes = {name: Decimal(repr(quantity(f"1 {name}", unit))) for name in kind.scales}
-    fitting = [name for name, size in sizes.items() if size <= abs(digits)]
-    symbol = fitting[0] if fitting else kind.scales[-1] if number else kind.base
+    sizes = {name: Decimal(repr(parse_quantity(f"1 {name}", unit))) for name in kind.scaled_units}
+    fitting_units = [name for name, size in sizes.items() if size <= abs(digits)]
+    symbol = (
+        fitting_units[0] if fitting_units else kind.scaled_units[-1] if number else kind.si_unit
+    )
     scaled = (digits / sizes[symbol]).normalize()
-    plain = -7 <= scaled.adjusted() <= 15
-    return f"{scaled:f} {symbol}" if plain else f"{scaled:e} {symbol}"
+    is_short = -7 <= scaled.adjusted() <= 15
+    return f"{scaled:f} {symbol}" if is_short else f"{scaled:e} {symbol}"
 
 
-def _number(digits: str, symbol: str, kind: Kind) -> float | None:
-    """SI value; None where the unit does not fit, infinite where no float is so large."""
+def _to_si(digits: str, symbol: str, kind: Dimension) -> float | None:
+    """Convert to SI; None if the unit does not fit, infinite beyond the range of floats."""
     number = float(digits)
     if not symbol:
-        return number if number == 0 or not kind.base else None
-    for level, zero_db in kind.levels:
+        return number if number == 0 or not kind.si_unit else None
+    for level, zero_db in kind.db_units:
         if symbol == level:
-            return _power(number, zero_db)
-    for name, zero in kind.zeros:
+            return _from_level(number, zero_db)
+    for name, zero in kind.offset_units:
         if symbol == name and math.isfinite(number):
             return float(Decimal(digits) + Decimal(zero))
-    if not kind.base:
+    if not kind.si_unit:
         return None
-    from dechirp.config.units import convert  # pint takes 0.3 s; dB and bare numbers need none
+    from dechirp.config.units import convert_unit  # pint takes 0.3 s; dB and ratios need none
 
-    # The exponents of Decimal would go on where those of float end.
+    # Decimal has larger exponents than float.
     exact = Decimal(digits) if math.isfinite(number) and number else Decimal(0)
-    made = convert(exact, symbol, kind.base.replace("^", ""))
-    if made is None:
+    converted = convert_unit(exact, symbol, kind.si_unit.replace("^", ""))
+    if converted is None:
         return None
-    return float(made) if math.isfinite(number) else number
+    return float(converted) if math.isfinite(number) else number
 
 
-def _power(level_db: float, zero_db: float) -> float:
+def _from_level(level_db: float, zero_db: float) -> float:
     try:
         return float(10 ** ((level_db + zero_db) / 10))
     except OverflowError:
         return math.inf
 
 
-def _rounded(number: float, unit: str | None, kind: Kind) -> list[str]:
-    """Short texts that may be the number, or only near it."""
-    if kind.levels and 1e-300 < number < 1e300:  # rounded up, the largest would be infinite
-        symbol, zero_db = kind.levels[0]
+def _rounded_candidates(number: float, unit: str | None, kind: Dimension) -> list[str]:
+    """Return short texts that equal the number or approximate it."""
+    if kind.db_units and 1e-300 < number < 1e300:  # rounding up could overflow beyond
+        symbol, zero_db = kind.db_units[0]
         return [f"{10 * math.log10(number) - zero_db:.6g} {symbol}"]
     if unit in ("rad", "rad_per_s") and abs(number) < 1e3:
-        return [f"{math.degrees(number):.12g} {kind.others[0]}"]
+        return [f"{math.degrees(number):.12g} {kind.other_units[0]}"]
     return []
 
 
-def _fix(text: str, symbol: str, kind: Kind) -> str:
-    if not kind.good:
-        return "Leave the unit out." if symbol else "Write it without a unit."
-    units = f"Units that fit: {', '.join(kind.good)}."
+def _suggest_units(text: str, symbol: str, kind: Dimension) -> str:
+    if not kind.offered_units:
+        return "omit the unit" if symbol else "write it without a unit"
+    units = f"units that fit: {', '.join(kind.offered_units)}"
     if "," in text:
-        return f"Write the decimal point as a point. {units}"
-    meant = nearest(symbol, kind.good) if symbol else None
-    return f"Did you mean {meant}? {units}" if meant else units
+        return f"write the decimal separator as a point; {units}"
+    suggestion = nearest_name(symbol, kind.offered_units) if symbol else None
+    return f"did you mean {suggestion}? {units}" if suggestion else units

@@ -1,6 +1,6 @@
-"""The units that settings files may use: our own few, and nothing that comes with pint.
+"""Units of settings files: a registry of pint with only these definitions.
 
-Its default registry would read 12 dBi as deci-biots and MS/s as mega-siemens.
+The default registry of pint would read 12 dBi as deci-biots and MS/s as mega-siemens.
 """
 
 from decimal import Decimal
@@ -9,7 +9,7 @@ from typing import Any
 
 import pint
 
-DEFINITIONS = {
+UNIT_DEFINITIONS = {
     "s": "[time]",
     "s2": "s ** 2",
     "s3": "s ** 3",
@@ -66,43 +66,43 @@ DEFINITIONS = {
     "MiB": "1048576 B",
     "GiB": "1073741824 B",
 }
-"""Each unit by the ones before it; a setting may divide one by another."""
+"""Units defined by earlier ones; settings may divide one by another."""
 
 
-def convert(number: Decimal, unit: str, wanted: str) -> Decimal | None:
-    """Convert to the unit wanted, or give None where `unit` is unknown or of another kind.
+def convert_unit(number: Decimal, unit: str, target_unit: str) -> Decimal | None:
+    """Convert a number to `target_unit`; None if `unit` is unknown or of another dimension.
 
-    Decimal, so that 7.776 mm is the float nearest to 0.007776 m.
+    Decimal arithmetic makes 7.776 mm the float nearest to 0.007776 m.
     """
-    # pint alone would take a plural, mms, for mm.
-    if not all(part in DEFINITIONS for part in unit.split("/")):
+    # pint itself would accept plurals such as mms.
+    if not all(part in UNIT_DEFINITIONS for part in unit.split("/")):
         return None
     try:
-        return Decimal(_registry().convert(number, unit, wanted))
+        return Decimal(_registry().convert(number, unit, target_unit))
     except pint.DimensionalityError:
         return None
 
 
-def alike(base: str) -> list[tuple[tuple[str, ...], ...]]:
-    """Units of the kind of a base unit: names that may stand at each place of A or A/B."""
-    registry, wanted = _registry(), _registry().get_dimensionality(base)
-    of_kind: dict[Any, list[str]] = {}
-    for name in DEFINITIONS:
-        of_kind.setdefault(registry.get_dimensionality(name), []).append(name)
-    alone: list[tuple[tuple[str, ...], ...]] = [
-        (tuple(names),) for kind, names in of_kind.items() if kind == wanted
+def compatible_units(si_unit: str) -> list[tuple[tuple[str, ...], ...]]:
+    """Return the units of the dimension of an SI unit: names for each part of A or A/B."""
+    registry, target = _registry(), _registry().get_dimensionality(si_unit)
+    names_by_dimension: dict[Any, list[str]] = {}
+    for name in UNIT_DEFINITIONS:
+        names_by_dimension.setdefault(registry.get_dimensionality(name), []).append(name)
+    plain_units: list[tuple[tuple[str, ...], ...]] = [
+        (tuple(names),) for dimension, names in names_by_dimension.items() if dimension == target
     ]
-    over: list[tuple[tuple[str, ...], ...]] = [
-        (tuple(above), tuple(below))
-        for kind, above in of_kind.items()
-        for other, below in of_kind.items()
-        if other and kind / other == wanted
+    quotients: list[tuple[tuple[str, ...], ...]] = [
+        (tuple(numerators), tuple(denominators))
+        for dimension, numerators in names_by_dimension.items()
+        for denominator, denominators in names_by_dimension.items()
+        if denominator and dimension / denominator == target
     ]
-    return alone + over
+    return plain_units + quotients
 
 
 @cache
 def _registry() -> "pint.UnitRegistry[Decimal]":
     registry: pint.UnitRegistry[Decimal] = pint.UnitRegistry(None, non_int_type=Decimal)
-    registry.load_definitions([f"{name} = {meaning}" for name, meaning in DEFINITIONS.items()])
+    registry.load_definitions([f"{name} = {meaning}" for name, meaning in UNIT_DEFINITIONS.items()])
     return registry

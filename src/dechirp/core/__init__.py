@@ -1,1 +1,1 @@
-"""Words that everything shares."""
+"""Foundation that all other packages share: values, checks, errors, units and text."""

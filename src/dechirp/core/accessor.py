@@ -1,76 +1,89 @@
-"""What detections and maps say of themselves as `array.dechirp`, once the package has made any."""
+"""Accessors `array.dechirp` of xarray: tables and power maps in the units that people read."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from dechirp.core.columns import Cell, columns
-from dechirp.core.displayed import Table, cut, html, several
+from dechirp.core.detection_columns import SHOWN_COLUMNS
+from dechirp.core.display import Table, pluralise, render_html, truncated_table
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.words import NONE, in_unit, number, power_db, power_unit
+from dechirp.core.table_columns import Cell, dataset_to_columns
+from dechirp.core.text import EN_DASH, format_number, format_quantity, power_db, power_unit
 
 if TYPE_CHECKING:
     import pandas as pd  # type: ignore[import-untyped]
 
-# What rows are of, and what each of them has.
-_KINDS = {"detection": "range", "cluster": "range", "track": "status", "target": "range"}
-_KINDS |= {"frame": "vx"}  # the last: truth and tracks run over frames as well
-# Units of the samples whose squares a map holds.
-_ROOTS = {"W": "sqrt(W)", "full scale squared": "full scale"}
-_SPANS = {"range": "m", "velocity": "m_per_s", "azimuth": "rad", "elevation": "rad", "snr": None}
+# A variable that marks the dataset, by the dimension that its rows run along.
+_REQUIRED_VARIABLES = {
+    "detection": "range",
+    "cluster": "range",
+    "track": "status",
+    "target": "range",
+}
+_REQUIRED_VARIABLES |= {"frame": "vx"}  # last, since truth and tracks have frames as well
+# Units of the samples by the units of the map, which holds their squares.
+_SAMPLE_UNITS = {"W": "sqrt(W)", "full scale squared": "full scale"}
+_SUMMARY_UNITS = {
+    column.name: None if column.unit == "1" else column.unit.replace("/", "_per_")
+    for column in SHOWN_COLUMNS
+}
 
 
 @xr.register_dataset_accessor("dechirp")  # type: ignore[no-untyped-call]
-class Found:
-    """What was found, or truth, as people read it: metres, degrees and decibels."""
+class TableAccessor:
+    """Accessor of detections, clusters, tracks, ego motion and truth: metres, degrees, decibels."""
 
-    def __init__(self, found: xr.Dataset) -> None:
-        over = next((one for one in _KINDS if one in found.dims), None)
-        if over is None or _KINDS[over] not in found:
-            held = ", ".join(map(str, found.data_vars)) or "nothing"
-            raise _not(
-                f"a dataset of {held} over {', '.join(map(str, found.dims)) or 'no axis'}",
-                "detections, clusters, tracks, own motion or truth",
-                "Take what dc.detect and the like give; one of them as isel(detection=[0]).",
+    def __init__(self, dataset: xr.Dataset) -> None:
+        dim = next((name for name in _REQUIRED_VARIABLES if name in dataset.dims), None)
+        if dim is None or _REQUIRED_VARIABLES[dim] not in dataset:
+            variables = ", ".join(map(str, dataset.data_vars)) or "nothing"
+            dims = ", ".join(map(str, dataset.dims)) or "no axis"
+            raise _invalid_array(
+                f"a dataset of {variables} over {dims}",
+                "detections, clusters, tracks, ego motion or truth",
+                "pass a result of dc.detect or a similar function; select one row with "
+                "isel(detection=[0])",
             )
-        self._found, self._over = found, over
+        self._dataset, self._dim = dataset, dim
 
     def table(self) -> "pd.DataFrame":
-        """A row for each, with the columns of the CSV file: `range_m`, `azimuth_deg`, `snr_db`."""
+        """Return a row each, with the columns of the CSV file: `range_m`, `azimuth_deg`, ..."""
         import pandas as pd
 
-        return pd.DataFrame(columns(self._found))
+        return pd.DataFrame(dataset_to_columns(self._dataset))
 
     def __repr__(self) -> str:
-        return self._line()
+        return self._summary()
 
     def _repr_html_(self) -> str:
-        return html("", self._line(), [rows(self._found)])
+        return render_html("", self._summary(), [preview_table(self._dataset)])
 
-    def _line(self) -> str:
-        found = self._found
-        parts = [several(found.sizes[self._over], self._over)]
-        for name, unit in _SPANS.items():
-            values = found[name].values if name in found else np.empty(0)
-            known = values[np.isfinite(values)]
-            if known.size:
-                low, high = (in_unit(float(end), unit, 3) for end in (known.min(), known.max()))
+    def _summary(self) -> str:
+        dataset = self._dataset
+        parts = [pluralise(dataset.sizes[self._dim], self._dim)]
+        for name, unit in _SUMMARY_UNITS.items():
+            values = dataset[name].values if name in dataset else np.empty(0)
+            finite = values[np.isfinite(values)]
+            if finite.size:
+                low, high = (
+                    format_quantity(float(end), unit, 3) for end in (finite.min(), finite.max())
+                )
                 parts.append(f"{name} {low}" + (f" to {high}" if high != low else ""))
         return ", ".join(parts)
 
 
 @xr.register_dataarray_accessor("dechirp")  # type: ignore[no-untyped-call]
-class Power:
-    """A map of powers as people read it."""
+class PowerMapAccessor:
+    """Accessor of power maps: decibels and degrees."""
 
     def __init__(self, power: xr.DataArray) -> None:
-        units = _ROOTS.get(str(power.attrs.get("units")))
+        units = _SAMPLE_UNITS.get(str(power.attrs.get("units")))
         if units is None or power.dtype.kind not in "fiu":
-            raise _not(
+            raise _invalid_array(
                 f"an array of {power.dtype} in {power.attrs.get('units', 'no unit')}",
-                "a map of powers, in W or full scale squared",
-                "Take what dc.power_map and the like give.",
+                "a power map in W or full scale squared",
+                "pass a result of dc.power_map or a similar function",
             )
         self._power, self._units = power, units
 
@@ -79,10 +92,10 @@ class Power:
         cells = " x ".join(f"{size} {name}" for name, size in self._power.sizes.items())
         if not level.size:
             return f"no cells: {cells}"
-        return f"{cells}, {number(level.min(), 3)} to {number(level.max(), 3)} {unit}"
+        return f"{cells}, {format_number(level.min(), 3)} to {format_number(level.max(), 3)} {unit}"
 
     def db(self) -> xr.DataArray:
-        """The map in dBm, or in dB over full scale; angles along its axes in degrees."""
+        """Return the map in dBm or dBFS, with the angles along its axes in degrees."""
         power = self._power
         level = power.copy(data=power_db(power.values, self._units))
         level = level.assign_attrs(units=power_unit(self._units), long_name="power")
@@ -94,23 +107,23 @@ class Power:
         return level.assign_coords(in_degrees)
 
 
-def rows(found: xr.Dataset, title: str = "") -> Table:
-    """The first rows, without the columns in which nothing is told."""
-    told = {
+def preview_table(dataset: xr.Dataset, title: str = "") -> Table:
+    """Return the first rows, without empty columns."""
+    columns = {
         name: cells
-        for name, cells in columns(found).items()
+        for name, cells in dataset_to_columns(dataset).items()
         if any(cell is not None for cell in cells)
     }
-    n_rows = len(next(iter(told.values()), ()))
-    shown = ([_text(cell) for cell in row] for row in zip(*told.values(), strict=True))
-    return cut(title, shown, n_rows, list(told))
+    n_rows = len(next(iter(columns.values()), ()))
+    rows = ([_format_cell(cell) for cell in row] for row in zip(*columns.values(), strict=True))
+    return truncated_table(title, rows, n_rows, list(columns))
 
 
-def _text(cell: Cell) -> str:
+def _format_cell(cell: Cell) -> str:
     if isinstance(cell, float):
-        return number(cell, 5)
-    return NONE if cell is None else str(cell)
+        return format_number(cell, 5)
+    return EN_DASH if cell is None else str(cell)
 
 
-def _not(got: str, need: str, fix: str) -> InvalidSetting:
-    return InvalidSetting("array.dechirp", got=got, need=need, fix=fix)
+def _invalid_array(value: str, expected: str, fix: str) -> InvalidSetting:
+    return InvalidSetting("array.dechirp", value=value, expected=expected, fix=fix)

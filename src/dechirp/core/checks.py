@@ -1,4 +1,4 @@
-"""Checks that values make of their fields, and functions of their arguments."""
+"""Checks of the fields of values and the arguments of functions."""
 
 import math
 import reprlib
@@ -14,37 +14,42 @@ Vector = tuple[float, float, float]
 _T = TypeVar("_T")
 
 
-def positive(owner: object, *names: str, at_least: float = 0.0, at_most: float = math.inf) -> None:
+def check_positive(
+    owner: object, *names: str, at_least: float = 0.0, at_most: float = math.inf
+) -> None:
     """Raise `InvalidSetting` unless the named numbers are finite, above zero, within bounds."""
     for name in names:
         number = getattr(owner, name)
-        where = f"{type(owner).__name__}.{name}"
+        setting = f"{type(owner).__name__}.{name}"
         if not (_is_finite(number) and number > 0):
             raise InvalidSetting(
-                where, got=number, need="a finite number above 0", fix="Give a positive value."
+                setting,
+                value=number,
+                expected="a finite number above 0",
+                fix="give a positive value",
             )
-        _within(where, number, at_least, at_most)
+        _check_bounds(setting, number, at_least, at_most)
 
 
-def not_negative(owner: object, *names: str, at_most: float = math.inf) -> None:
+def check_non_negative(owner: object, *names: str, at_most: float = math.inf) -> None:
     """Raise `InvalidSetting` unless the named numbers are finite, at least zero, within bounds."""
     for name in names:
         number = getattr(owner, name)
-        where = f"{type(owner).__name__}.{name}"
+        setting = f"{type(owner).__name__}.{name}"
         if not (_is_finite(number) and number >= 0):
             raise InvalidSetting(
-                where,
-                got=number,
-                need="a finite number, 0 or more",
-                fix="Give 0 or a positive value.",
+                setting,
+                value=number,
+                expected="a finite number, 0 or more",
+                fix="give 0 or a positive value",
             )
-        _within(where, number, 0.0, at_most)
+        _check_bounds(setting, number, 0.0, at_most)
 
 
-def count(owner: object, *names: str, at_least: int = 1, at_most: int = 2**31 - 1) -> None:
-    """Raise `InvalidSetting` unless the named numbers are whole and within bounds."""
+def check_count(owner: object, *names: str, at_least: int = 1, at_most: int = 2**31 - 1) -> None:
+    """Raise `InvalidSetting` unless the named fields are integers within bounds."""
     for name in names:
-        whole(
+        check_integer(
             f"{type(owner).__name__}.{name}",
             getattr(owner, name),
             at_least=at_least,
@@ -52,245 +57,261 @@ def count(owner: object, *names: str, at_least: int = 1, at_most: int = 2**31 - 
         )
 
 
-def whole(where: str, number: Any, *, at_least: int, at_most: int = 2**31 - 1) -> None:
-    """Raise `InvalidSetting`, about the setting `where`, unless a number is whole and bounded."""
+def check_integer(setting: str, number: Any, *, at_least: int, at_most: int = 2**31 - 1) -> None:
+    """Raise `InvalidSetting` for `setting` unless a number is an integer within bounds."""
     is_whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
     if not (is_whole and at_least <= number <= at_most):
         raise InvalidSetting(
-            where,
-            got=number,
-            need=f"a whole number from {at_least} to {at_most}",
-            fix="Give a whole number in these bounds.",
+            setting,
+            value=number,
+            expected=f"a whole number from {at_least} to {at_most}",
+            fix="give a whole number in these bounds",
         )
 
 
-def number(
-    where: str,
+def check_number(
+    setting: str,
     x: Any,
     *,
     above: float | None = None,
     at_least: float | None = None,
     at_most: float | None = None,
 ) -> float:
-    """Keep one finite number as a float, or raise `InvalidSetting`, about the setting `where`.
+    """Return one finite number as a float, or raise `InvalidSetting` for `setting`.
 
-    What is not one real number has axes, is text, None, complex or a truth value.
+    Arrays with axes, text, None, complex numbers and booleans are refused.
     """
-    one = _without_axes(x)
-    found = float(one) if _is_finite(one) else math.nan
-    right = (
-        math.isfinite(found)
-        and (above is None or found > above)
-        and (at_least is None or found >= at_least)
-        and (at_most is None or found <= at_most)
+    scalar = _unwrap_scalar(x)
+    value = float(scalar) if _is_finite(scalar) else math.nan
+    is_valid = (
+        math.isfinite(value)
+        and (above is None or value > above)
+        and (at_least is None or value >= at_least)
+        and (at_most is None or value <= at_most)
     )
-    if not right:
+    if not is_valid:
         bounds = [(above, "above"), (at_least, "at least"), (at_most, "at most")]
-        need = [f"{says} {_bound(where, bound)}" for bound, says in bounds if bound is not None]
+        requirements = [
+            f"{relation} {_format_bound(setting, bound)}"
+            for bound, relation in bounds
+            if bound is not None
+        ]
         raise InvalidSetting(
-            where,
-            got=x if _is_number(one) else reprlib.repr(x),
-            need=", ".join(["one finite number", *need]),
-            fix="Check the sign and the unit.",
+            setting,
+            value=x if _is_number(scalar) else reprlib.repr(x),
+            expected=", ".join(["one finite number", *requirements]),
+            fix="check the sign and the unit",
         )
-    return found
+    return value
 
 
-def probability(where: str, number: float) -> None:
-    """Raise `InvalidSetting`, about the setting `where`, unless one number, 0 < number < 1."""
-    one = _without_axes(number)
-    if not (_is_number(one) and 0 < one < 1):
+def check_probability(setting: str, number: float) -> None:
+    """Raise `InvalidSetting` for `setting` unless 0 < number < 1."""
+    scalar = _unwrap_scalar(number)
+    if not (_is_number(scalar) and 0 < scalar < 1):
         raise InvalidSetting(
-            where, got=number, need="between 0 and 1, both excluded", fix="Give a probability."
+            setting,
+            value=number,
+            expected="between 0 and 1, both excluded",
+            fix="give a probability",
         )
 
 
-def false_alarms(where: str, number: float) -> None:
-    """Raise `InvalidSetting`, about the setting `where`, unless 1e-300 <= number <= 1 - 1e-9.
+def check_false_alarm_probability(setting: str, number: float) -> None:
+    """Raise `InvalidSetting` for `setting` unless 1e-300 <= number <= 1 - 1e-9.
 
-    Nearer to 0 a threshold may be beyond all floats, nearer to 1 below all rounding errors.
+    Nearer to 0 a threshold may overflow, nearer to 1 rounding errors exceed it.
     """
-    probability(where, number)
+    check_probability(setting, number)
     if not 1e-300 <= number <= 1 - 1e-9:
         raise InvalidSetting(
-            where,
-            got=number,
-            need="from 1e-300 to 1 - 1e-9",
-            fix="Give one that can be told from 0 and from 1.",
+            setting,
+            value=number,
+            expected="from 1e-300 to 1 - 1e-9",
+            fix="give a probability that floats distinguish from 0 and from 1",
         )
 
 
-def detection_above_false_alarms(
+def check_detection_probability(
     detection_probability: float, false_alarm_probability: float
 ) -> None:
-    """Raise `InvalidSetting` unless a false-alarm probability < detection probability < 1."""
-    probability("detection_probability", detection_probability)
-    false_alarms("false_alarm_probability", false_alarm_probability)
+    """Raise `InvalidSetting` unless false-alarm probability < detection probability < 1."""
+    check_probability("detection_probability", detection_probability)
+    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     if not detection_probability > false_alarm_probability:
         raise InvalidSetting(
             "detection_probability",
-            got=detection_probability,
-            need=f"above the false-alarm probability, {false_alarm_probability}",
-            fix="Ask for more detections, or allow fewer false alarms.",
+            value=detection_probability,
+            expected=f"above the false-alarm probability, {false_alarm_probability}",
+            fix="raise the detection probability, or lower the false-alarm probability",
         )
 
 
-def ratios(where: str, array: ArrayLike) -> np.ndarray:
-    """Keep an array as floats, or raise `InvalidSetting` unless all are finite and 0 or more."""
-    found = _floats(where, array)
-    _must_be_ratios(where, found, found >= 0, "finite, 0 or more")
-    return found
+def check_ratios(setting: str, array: ArrayLike) -> np.ndarray:
+    """Return an array of floats, or raise `InvalidSetting` unless all are finite and 0 or more."""
+    values = _to_float_array(setting, array)
+    _check_all_ratios(setting, values, values >= 0, "finite, 0 or more")
+    return values
 
 
-def positive_ratios(where: str, array: ArrayLike) -> np.ndarray:
-    """Keep an array as floats, or raise `InvalidSetting` unless all are finite and above 0."""
-    found = _floats(where, array)
-    _must_be_ratios(where, found, found > 0, "finite and above 0")
-    return found
+def check_positive_ratios(setting: str, array: ArrayLike) -> np.ndarray:
+    """Return an array of floats, or raise `InvalidSetting` unless all are finite and above 0."""
+    values = _to_float_array(setting, array)
+    _check_all_ratios(setting, values, values > 0, "finite and above 0")
+    return values
 
 
-def numbers(
-    where: str, array: ArrayLike, *, above: float = -math.inf, below: float = math.inf
+def check_array(
+    setting: str, array: ArrayLike, *, above: float = -math.inf, below: float = math.inf
 ) -> np.ndarray:
-    """Keep an array as floats, or raise `InvalidSetting` unless all are finite, within bounds."""
-    found = _floats(where, array)
-    wrong = found[~((above < found) & (found < below))]  # infinite is not below infinity
+    """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds."""
+    values = _to_float_array(setting, array)
+    wrong = values[~((above < values) & (values < below))]  # infinite is not below infinity
     if wrong.size:
         bounds = [(above, f"above {above:.6g}"), (below, f"below {below:.6g}")]
         raise InvalidSetting(
-            where,
-            got=wrong.flat[0],
-            need=" and ".join(
-                ["finite", *(says for bound, says in bounds if math.isfinite(bound))]
+            setting,
+            value=wrong.flat[0],
+            expected=" and ".join(
+                ["finite", *(relation for bound, relation in bounds if math.isfinite(bound))]
             ),
-            fix="Check the sign and the unit.",
+            fix="check the sign and the unit",
         )
-    return found
+    return values
 
 
-def vector(owner: object, name: str, *, at_most: float) -> None:
-    """Keep the named field as three floats, none larger, or raise `InvalidSetting`."""
-    where = f"{type(owner).__name__}.{name}"
-    object.__setattr__(owner, name, _vector(where, getattr(owner, name), at_most))
+def check_vector(owner: object, name: str, *, at_most: float) -> None:
+    """Set the named field to three floats within +-`at_most`, or raise `InvalidSetting`."""
+    setting = f"{type(owner).__name__}.{name}"
+    object.__setattr__(owner, name, _to_vector(setting, getattr(owner, name), at_most))
 
 
-def vectors(owner: object, name: str, *, at_most: float) -> None:
-    """Keep the named field as a tuple of at least one vector, or raise `InvalidSetting`."""
-    where = f"{type(owner).__name__}.{name}"
+def check_vectors(owner: object, name: str, *, at_most: float) -> None:
+    """Set the named field to a tuple of at least one vector, or raise `InvalidSetting`."""
+    setting = f"{type(owner).__name__}.{name}"
     rows = getattr(owner, name)
-    made = tuple(_vector(where, row, at_most) for row in listed(rows) or ())
-    if not made:
+    vectors = tuple(_to_vector(setting, row, at_most) for row in as_tuple(rows) or ())
+    if not vectors:
         raise InvalidSetting(
-            where, got=rows, need="at least one position (x, y, z)", fix="Give one, as [[x, y, z]]."
+            setting,
+            value=rows,
+            expected="at least one position (x, y, z)",
+            fix="give one, as [[x, y, z]]",
         )
-    object.__setattr__(owner, name, made)
+    object.__setattr__(owner, name, vectors)
 
 
-def listed(thing: object) -> tuple[Any, ...] | None:
-    """Members of what is a list to a user; None for a text, a mapping, a number or array of one."""
-    is_number = isinstance(thing, np.ndarray) and not thing.ndim
-    is_one = is_number or isinstance(thing, str | bytes | Mapping)
-    return tuple(thing) if isinstance(thing, Iterable) and not is_one else None
+def as_tuple(value: object) -> tuple[Any, ...] | None:
+    """Return the members of any list; None for a text, a mapping or a scalar."""
+    is_number = isinstance(value, np.ndarray) and not value.ndim
+    is_scalar = is_number or isinstance(value, str | bytes | Mapping)
+    return tuple(value) if isinstance(value, Iterable) and not is_scalar else None
 
 
-def series(
-    where: str,
-    given: object,
+def check_numbers(
+    setting: str,
+    numbers: object,
     *,
     above: float | None = None,
     at_least: float | None = None,
     at_most: float | None = None,
 ) -> tuple[float, ...]:
-    """Keep a list of numbers as floats, or raise `InvalidSetting`, about `where` or one in it."""
-    members = listed(given)
+    """Return a list of numbers as floats, or raise `InvalidSetting` for the list or a member."""
+    members = as_tuple(numbers)
     if members is None:
         raise InvalidSetting(
-            where,
-            got=reprlib.repr(given),
-            need="a list of numbers",
-            fix="Write it in brackets, also where it is one number.",
+            setting,
+            value=reprlib.repr(numbers),
+            expected="a list of numbers",
+            fix="write it in brackets, even a single number",
         )
     return tuple(
-        number(f"{where}.{place}", one, above=above, at_least=at_least, at_most=at_most)
-        for place, one in enumerate(members)
+        check_number(f"{setting}.{index}", member, above=above, at_least=at_least, at_most=at_most)
+        for index, member in enumerate(members)
     )
 
 
-def instances(where: str, thing: object, kind: type[_T], *, fix: str) -> tuple[_T, ...]:
-    """Keep a list of values of one class, or raise `InvalidSetting`, about `where` or one in it."""
-    members = listed(thing)
+def check_instances(setting: str, values: object, cls: type[_T], *, fix: str) -> tuple[_T, ...]:
+    """Return instances of a class as a tuple, or raise `InvalidSetting` for list or member."""
+    members = as_tuple(values)
     if members is None:
-        need = f"a list, each a {kind.__name__}"
-        raise InvalidSetting(where, got=reprlib.repr(thing), need=need, fix=fix)
-    for place, member in enumerate(members):
-        if not isinstance(member, kind):
-            need = f"a {kind.__name__}, as each in the list"
-            raise InvalidSetting(f"{where}.{place}", got=reprlib.repr(member), need=need, fix=fix)
+        expected = f"a list, each a {cls.__name__}"
+        raise InvalidSetting(setting, value=reprlib.repr(values), expected=expected, fix=fix)
+    for index, member in enumerate(members):
+        if not isinstance(member, cls):
+            expected = f"a {cls.__name__}, as each in the list"
+            raise InvalidSetting(
+                f"{setting}.{index}", value=reprlib.repr(member), expected=expected, fix=fix
+            )
     return members
 
 
-def _floats(where: str, array: ArrayLike) -> np.ndarray:
-    """Keep real numbers as floats, or raise `InvalidSetting`: no text, no rows of many lengths."""
+def _to_float_array(setting: str, array: ArrayLike) -> np.ndarray:
+    """Convert real numbers to a float array; refuse text and ragged rows by `InvalidSetting`."""
     try:
-        found = np.asarray(array)
-    except ValueError:  # rows of many lengths
-        found = np.asarray(None)
-    # Whole numbers beyond 64 bits are objects to NumPy.
-    if found.dtype.kind in "iuf" or all(_is_finite(one) for one in found.flat):
-        return found.astype(float)
+        values = np.asarray(array)
+    except ValueError:  # ragged rows
+        values = np.asarray(None)
+    # NumPy stores integers beyond 64 bits as objects.
+    if values.dtype.kind in "iuf" or all(_is_finite(value) for value in values.flat):
+        return values.astype(float)
     raise InvalidSetting(
-        where,
-        got=reprlib.repr(array),
-        need="real numbers, in an array or alone",
-        fix="Give numbers, in rows of one length.",
+        setting,
+        value=reprlib.repr(array),
+        expected="a real number or an array of them",
+        fix="give numbers, in rows of equal length",
     )
 
 
-def _must_be_ratios(where: str, array: np.ndarray, right: np.ndarray, need: str) -> None:
-    wrong = array[~(right & np.isfinite(array))]
+def _check_all_ratios(setting: str, array: np.ndarray, is_valid: np.ndarray, expected: str) -> None:
+    wrong = array[~(is_valid & np.isfinite(array))]
     if wrong.size:
         raise InvalidSetting(
-            where, got=wrong.flat[0], need=need, fix="Give a ratio of powers, not dB."
+            setting, value=wrong.flat[0], expected=expected, fix="give a ratio of powers, not dB"
         )
 
 
-def _vector(where: str, row: Any, at_most: float) -> Vector:
-    numbers = listed(row) or ()
+def _to_vector(setting: str, coordinates: Any, at_most: float) -> Vector:
+    numbers = as_tuple(coordinates) or ()
     if len(numbers) != 3 or not all(_is_finite(n) for n in numbers):
         raise InvalidSetting(
-            where, got=row, need="three finite numbers (x, y, z)", fix="Give all three."
+            setting,
+            value=coordinates,
+            expected="three finite numbers (x, y, z)",
+            fix="give all three",
         )
     x, y, z = (float(n) for n in numbers)
     for number in (x, y, z):
-        _within(where, number, -at_most, at_most)
+        _check_bounds(setting, number, -at_most, at_most)
     return (x, y, z)
 
 
-def _within(where: str, number: float, at_least: float, at_most: float) -> None:
+def _check_bounds(setting: str, number: float, at_least: float, at_most: float) -> None:
     if not at_least <= number <= at_most:
+        low, high = _format_bound(setting, at_least), _format_bound(setting, at_most)
         raise InvalidSetting(
-            where,
-            got=number,
-            need=f"a number from {_bound(where, at_least)} to {_bound(where, at_most)}",
-            fix="Check the unit.",
+            setting,
+            value=number,
+            expected=f"a number from {low} to {high}",
+            fix="check the unit",
         )
 
 
-def _bound(where: str, bound: float) -> str:
-    """Write a bound, of angles in degrees as well: settings files have those."""
-    is_angle = where.rstrip(".0123456789").endswith("_rad")
+def _format_bound(setting: str, bound: float) -> str:
+    """Write a bound; angles also in degrees, the unit of settings files."""
+    is_angle = setting.rstrip(".0123456789").endswith("_rad")
     return f"{bound:.6g} rad ({math.degrees(bound):.4g} deg)" if is_angle else f"{bound:.6g}"
 
 
-def _without_axes(thing: Any) -> Any:
-    """What the functions of one ratio return is an array without axes, and one number."""
+def _unwrap_scalar(thing: Any) -> Any:
+    """Return the scalar of a zero-dimensional array, and anything else unchanged."""
     return thing[()] if isinstance(thing, np.ndarray) and thing.ndim == 0 else thing
 
 
 def _is_finite(thing: Any) -> bool:
     try:
         return _is_number(thing) and math.isfinite(thing)
-    except OverflowError:  # a whole number beyond all floats
+    except OverflowError:  # an integer beyond the largest float
         return False
 
 

@@ -1,10 +1,11 @@
-"""Names, units and signs that every labelled array keeps.
+"""Names, units and signs of the axes of labelled arrays.
 
-Fast time runs along `sample`, slow time along `chirp`. A transform renames the axis it
-consumes: sample -> range, chirp -> velocity. Where several transmitters take turns, `chirp`
-holds all chirps in the order sent, and the coordinate `transmitter` along it says whose each is;
-where several send together it is not there. Where intervals differ from frame to frame, `chirp`
-counts chirps, and the coordinate `chirp_time` over `frame` and `chirp` says when each starts.
+Fast time runs along `sample`, slow time along `chirp`. A transform renames the axis that it
+consumes: sample -> range, chirp -> velocity. With time-division multiplexing `chirp` contains all
+chirps in order of transmission, and the coordinate `transmitter` along it holds the transmitter
+of each; when several transmit at once, the coordinate is absent. If intervals differ from frame
+to frame, `chirp` is an index, and the coordinate `chirp_time` over `frame` and `chirp` holds the
+start times.
 
 Range and velocity grow away from the radar: a receding target has positive velocity. The
 beat signal is Tx x conj(Rx), so an up-chirp gives positive beat frequencies. x points
@@ -16,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-import dechirp.core.accessor  # noqa: F401  # who has labelled arrays has `.dechirp`
+import dechirp.core.accessor  # noqa: F401  # registers the accessor `.dechirp`
 
 AXES = {
     "frame": ("s", "start of the frame"),
@@ -32,22 +33,22 @@ AXES = {
 CUBE_AXES = ("frame", "chirp", "rx", "sample")
 
 
-def transmitters(turns: Sequence[int], n_chirps: int) -> xr.Variable:
-    """Coordinate along `chirp`: which transmitter sent each, its place in `Array.tx_m`.
+def transmitter_coordinate(turns: Sequence[int], n_chirps: int) -> xr.Variable:
+    """Return the coordinate along `chirp` with the transmitter of each, an index into `Array.tx_m`.
 
-    `turns` are those of one round.
+    `turns` are the transmitters of one multiplexing cycle.
     """
     numbers = np.resize(np.array(turns), n_chirps)
     return xr.Variable("chirp", numbers, {"units": "1", "long_name": "transmitter of the chirp"})
 
 
-def chirp_times(times_s: np.ndarray) -> xr.Variable:
-    """Coordinate over `frame` and `chirp`, where one axis cannot hold the times of all frames."""
+def chirp_time_coordinate(times_s: np.ndarray) -> xr.Variable:
+    """Return the coordinate of chirp start times over `frame` and `chirp`."""
     units, long_name = AXES["chirp"]
     return xr.Variable(("frame", "chirp"), times_s, {"units": units, "long_name": long_name})
 
 
-def axis(name: str, values: np.ndarray) -> xr.Variable:
-    """Coordinate of a labelled array, with the units and words of the table."""
+def axis_coordinate(name: str, values: np.ndarray) -> xr.Variable:
+    """Return the coordinate of an axis, with the unit and long name of `AXES`."""
     units, long_name = AXES[name]
     return xr.Variable(name, values, {"units": units, "long_name": long_name})

@@ -1,8 +1,9 @@
-"""Families: a folder holds the base class, every other file in it is a member.
+"""Families: interchangeable classes, one folder a family, which settings files select by `kind`.
 
-A member is a final class; its `kind`, by which settings files choose it, is its file's
-name with hyphens. Adding the file is the whole of adding a member. Another package joins
-with an entry point in the family's group, such as `dechirp.cfar`.
+The folder contains the base class in `base.py`, and members in the other files. A member is a
+final class; its `kind` is `kind_name`, or else the name of its file with hyphens. A new file is
+all that a new member needs. Other packages add members by entry points in the group of the
+family, such as `dechirp.cfar`.
 """
 
 import importlib
@@ -16,71 +17,81 @@ from typing import ClassVar
 
 
 class Family(ABC):
-    """Base of the classes that a settings file chooses by `kind`."""
+    """Base class of the classes that a settings file selects by `kind`."""
 
     group: ClassVar[str]
     """Entry-point group through which other packages add members."""
+    kind_name: ClassVar[str] = ""
+    """Kind of a member that shares its file with others; if empty, the kind is the file's name."""
+    experimental: ClassVar[bool] = False
+    """True for a member never tried on real data; `dechirp list` marks it."""
 
     @classmethod
     def kind(cls) -> str:
-        """Name of the member in settings files."""
-        return cls.__module__.rpartition(".")[2].replace("_", "-")
+        """Return the name of the member in settings files."""
+        return cls.kind_name or cls.__module__.rpartition(".")[2].replace("_", "-")
 
     @classmethod
     def members(cls) -> dict[str, type]:
-        """Final classes by kind: from the files in the folder, and from guests."""
-        members, _ = cls._gathered()
+        """Return the final classes by kind: from the folder, plug-ins and notebooks."""
+        members, _ = cls._collect_members()
         return dict(sorted(members.items()))
 
     @classmethod
-    def missing_guests(cls) -> dict[str, str]:
-        """Why entry points give no member, by their names.
+    def failed_plugins(cls) -> dict[str, str]:
+        """Return the reasons why entry points supply no member, by their names.
 
-        A guest that is broken takes nothing from what does without it, and one that goes by the
-        kind of another member does not take its place.
+        A broken plug-in affects no other member, and one with the kind of another member does
+        not replace it.
         """
-        _, reasons = cls._gathered()
+        _, reasons = cls._collect_members()
         return reasons
 
     @classmethod
-    def _gathered(cls) -> tuple[dict[str, type], dict[str, str]]:
-        """Members by kind, and why guests are none."""
+    def _collect_members(cls) -> tuple[dict[str, type], dict[str, str]]:
+        """Return the members by kind, and the reasons of failed plug-ins."""
         folder = importlib.import_module(cls.__module__.rpartition(".")[0])
         for module in pkgutil.iter_modules(folder.__path__, folder.__name__ + "."):
             importlib.import_module(module.name)
-        inside = f"{folder.__name__}."  # a guest that inherits from a member leaves it one
-        own = (one for one in _final(cls, inside) if one.__module__.startswith(inside))
-        members: dict[str, type] = {one.kind(): one for one in own}
+        prefix = f"{folder.__name__}."  # a member that a plug-in inherits from remains a member
+        members: dict[str, type] = {
+            member.kind(): member
+            for member in _iter_final_classes(cls, prefix)
+            if member.__module__.startswith(prefix)
+        }
         reasons = {}
-        for guest in _guests(cls.group):
+        for plugin in _plugin_entry_points(cls.group):
             try:
-                loaded = guest.load()
-            except Exception as error:  # of another package, at import: it may be any
-                reasons[guest.name] = f"{guest.value} raises {type(error).__name__}: {error}"
+                loaded = plugin.load()
+            except Exception as error:  # importing another package may raise anything
+                reasons[plugin.name] = f"{plugin.value} raises {type(error).__name__}: {error}"
                 continue
             if not (inspect.isclass(loaded) and issubclass(loaded, cls)):
-                reasons[guest.name] = f"{guest.value} is no {cls.__name__}"
+                reasons[plugin.name] = f"{plugin.value} is not a {cls.__name__}"
             elif inspect.isabstract(loaded):
-                lacks = ", ".join(sorted(loaded.__abstractmethods__))
-                reasons[guest.name] = f"{guest.value} does not give {lacks}"
-            elif (first := members.setdefault(loaded.kind(), loaded)) is not loaded:
-                other = f"{first.__module__}:{first.__qualname__}"
-                reasons[guest.name] = f"{guest.value} goes by {loaded.kind()}, as {other} does"
-        for one in _final(cls):  # those that a notebook defines have no entry point
-            members.setdefault(one.kind(), one)
+                missing_methods = ", ".join(sorted(loaded.__abstractmethods__))
+                reasons[plugin.name] = f"{plugin.value} does not define {missing_methods}"
+            elif (registered := members.setdefault(loaded.kind(), loaded)) is not loaded:
+                other = f"{registered.__module__}:{registered.__qualname__}"
+                reasons[plugin.name] = f"{plugin.value} has the kind {loaded.kind()} of {other}"
+        for member in _iter_final_classes(cls):  # classes of a notebook have no entry point
+            members.setdefault(member.kind(), member)
         return members, reasons
 
 
 @cache
-def _guests(group: str) -> EntryPoints:
-    return entry_points(group=group)  # 10 ms, and a file of settings asks several times
+def _plugin_entry_points(group: str) -> EntryPoints:
+    return entry_points(group=group)  # takes 10 ms, and a settings file needs it several times
 
 
-def _final(cls: type[Family], inside: str = "") -> Iterator[type[Family]]:
-    """Classes that no other is made of, of those whose module begins so."""
-    for sub in cls.__subclasses__():
-        below = any(one.__module__.startswith(inside) for one in sub.__subclasses__())
-        if inspect.isabstract(sub) or below:
-            yield from _final(sub, inside)
+def _iter_final_classes(cls: type[Family], module_prefix: str = "") -> Iterator[type[Family]]:
+    """Yield the classes that have no subclass in a module with the prefix."""
+    for subclass in cls.__subclasses__():
+        below = any(
+            descendant.__module__.startswith(module_prefix)
+            for descendant in subclass.__subclasses__()
+        )
+        if inspect.isabstract(subclass) or below:
+            yield from _iter_final_classes(subclass, module_prefix)
         else:
-            yield sub
+            yield subclass

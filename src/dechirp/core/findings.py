@@ -1,62 +1,64 @@
-"""What a user should know about a result that is nevertheless a result."""
+"""Findings: notes, warnings and errors about a result that is nevertheless valid."""
 
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Literal, Self
 
-from dechirp.core.displayed import Table
+from dechirp.core.display import Table
 from dechirp.core.errors import Mistake
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 
 
-@value
+@frozen_dataclass
 class Finding:
-    """A requirement that is not met, or physics that surprises: a sentence in four parts."""
+    """Unmet requirement or surprising physics: setting, value, expectation and fix."""
 
     level: Literal["note", "warning", "error"]
     setting: str
-    got: str
-    need: str
+    value: str
+    expected: str
     fix: str
 
     @classmethod
-    def of(cls, mistake: Mistake, *, level: Literal["warning", "error"]) -> Self:
-        """Tell a mistake of what is a result all the same, but for its place in a file."""
+    def from_mistake(cls, mistake: Mistake, *, level: Literal["warning", "error"]) -> Self:
+        """Create a finding from a mistake, without its location in a file."""
         return cls(
             level=level,
             setting=mistake.setting,
-            got=mistake.got,
-            need=mistake.need,
+            value=mistake.value,
+            expected=mistake.expected,
             fix=mistake.fix,
         )
 
     def __str__(self) -> str:
-        return f"{self.setting}: {self.got}; needs {self.need}. {self.fix}"
+        return f"{self.setting}: {self.value}; expected {self.expected}; {self.fix}"
 
 
-def findings(found: Iterable[Finding]) -> Table:
-    """What there is to know of a result, as a notebook shows it."""
-    return Table("Findings", [(one.level, str(one)) for one in found])
+def findings_table(findings: Iterable[Finding]) -> Table:
+    """Return the table of findings that a notebook shows."""
+    return Table("Findings", [(finding.level, str(finding)) for finding in findings])
 
 
 class PhysicsWarning(UserWarning):
-    """Legal physics that surprises: an echo that aliases, folds or arrives late.
+    """Valid but surprising physics, such as an aliased or a late echo.
 
-    Made of a `Finding`, whose sentence it says.
+    Its argument is a `Finding`, whose text it shows.
     """
 
 
 @contextmanager
-def heard() -> Iterator[list[Finding]]:
-    """Hear what is warned of inside: findings are in the list afterwards, all else is passed on."""
-    found: list[Finding] = []
-    with warnings.catch_warnings(record=True) as warned:
+def collect_findings() -> Iterator[list[Finding]]:
+    """Collect the findings that the block warns about; emit all other warnings again."""
+    findings: list[Finding] = []
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        yield found
-    for one in warned:
-        (said,) = getattr(one.message, "args", ("",))[:1] or ("",)
-        if isinstance(said, Finding):
-            found.append(said)
+        yield findings
+    for warning in caught:
+        (content,) = getattr(warning.message, "args", ("",))[:1] or ("",)
+        if isinstance(content, Finding):
+            findings.append(content)
         else:
-            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+            warnings.warn_explicit(
+                warning.message, warning.category, warning.filename, warning.lineno
+            )

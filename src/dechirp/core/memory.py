@@ -1,4 +1,4 @@
-"""What fits into memory, asked before a job starts."""
+"""Memory checks before a job starts."""
 
 from contextlib import suppress
 
@@ -6,25 +6,25 @@ import psutil
 
 from dechirp.core.errors import NotEnoughMemory
 
-# Asking takes 0.1 ms, a fortieth of the time that a frame of so little takes.
+# Below this size no check: it takes 0.1 ms, a fortieth of the time of a frame of this size.
 SMALL_BYTES = 2**25
 
 
-def must_fit(what: str, *, needed_bytes: float, fix: str) -> None:
-    """Raise `NotEnoughMemory`, with both numbers, unless so much memory is free."""
+def check_memory(what: str, *, needed_bytes: float, fix: str) -> None:
+    """Raise `NotEnoughMemory` if the job needs more than the free memory."""
     if needed_bytes < SMALL_BYTES:
         return
-    available_bytes = free_bytes()
+    available_bytes = available_memory_bytes()
     if needed_bytes > available_bytes:
         raise NotEnoughMemory(
             what, needed_bytes=needed_bytes, available_bytes=available_bytes, fix=fix
         )
 
 
-def free_bytes() -> float:
-    """Memory that this process may still take: what the machine has, or its own limit allows."""
+def available_memory_bytes() -> float:
+    """Return the memory left to this process, by the machine and by its own limit."""
     free: float = psutil.virtual_memory().available
-    with suppress(ImportError):  # Windows has no such limits
+    with suppress(ImportError):  # Windows has no resource limits
         import resource
 
         limit, _ = resource.getrlimit(resource.RLIMIT_AS)

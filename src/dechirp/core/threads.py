@@ -1,4 +1,4 @@
-"""Threads for compiled loops that let go of the interpreter."""
+"""Threads for compiled loops that release the interpreter lock."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -12,44 +12,44 @@ from typing import TypeVar
 import numba
 
 T = TypeVar("T")
-_turn = RLock()
+_single_thread_lock = RLock()
 
 
-def in_threads(n_threads: int, work: Callable[[T], None], jobs: Iterable[T]) -> None:
-    """Do jobs that write to different places, some at a time; raise the first error.
+def run_in_threads(n_threads: int, work: Callable[[T], None], jobs: Iterable[T]) -> None:
+    """Run independent jobs on several threads; raise the first error.
 
-    The caller works too, so that jobs may themselves share out theirs.
+    The calling thread works as well, so jobs may start jobs of their own.
     """
-    left = iter(list(jobs))  # threads may share it; a generator refuses two at once
+    remaining_jobs = iter(list(jobs))  # threads may share it; a generator refuses two at once
 
-    def drain() -> None:
+    def run_remaining() -> None:
         try:
-            for job in left:
+            for job in remaining_jobs:
                 work(job)
         except BaseException:
-            for _ in left:  # nobody begins another
+            for _ in remaining_jobs:  # empties the iterator, so that no thread starts another job
                 pass
             raise
 
-    helpers = [_helpers().submit(drain) for _ in range(n_threads - 1)]
+    futures = [_thread_pool().submit(run_remaining) for _ in range(n_threads - 1)]
     try:
-        drain()
+        run_remaining()
     finally:
-        errors = [helper.exception() for helper in helpers if not helper.cancel()]
+        errors = [future.exception() for future in futures if not future.cancel()]
     for error in errors:
         if error is not None:
             raise error
 
 
 @contextmanager
-def alone() -> Iterator[None]:
-    """Work on one thread, in turn with all others of this process that do so.
+def single_threaded() -> Iterator[None]:
+    """Run the block with one Numba thread, and never two such blocks of a process at once.
 
-    Some sums are cut by the number of threads, and rounded by the cut: on one they are the same
-    wherever they are made. What is kept from call to call, and who hears warnings, belongs to
-    the process, so two may not be at it at once.
+    Some sums are split by the number of threads, and the split changes their rounding: on one
+    thread they are the same on every machine. Buffers and warning filters belong to the process,
+    so two blocks may not run at once.
     """
-    with _turn:
+    with _single_thread_lock:
         n_threads = numba.get_num_threads()
         numba.set_num_threads(1)
         try:
@@ -59,17 +59,17 @@ def alone() -> Iterator[None]:
 
 
 @cache
-def _helpers() -> ThreadPoolExecutor:
-    """Kept: threads take 0.2 ms to start, and 0.05 to wake."""
+def _thread_pool() -> ThreadPoolExecutor:
+    """Return the shared pool: threads take 0.2 ms to start, but 0.05 ms to wake."""
     return ThreadPoolExecutor(numba.get_num_threads())
 
 
-# Threads do not live on in a forked process.
+# Threads do not survive in a forked process.
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_helpers.cache_clear)
+    os.register_at_fork(after_in_child=_thread_pool.cache_clear)
 
 
-def slices(n: int, n_parts: int) -> list[slice]:
-    """Cut n things into so many parts, as equal as can be; none is empty."""
+def split_range(n: int, n_parts: int) -> list[slice]:
+    """Split range(n) into at most `n_parts` nearly equal slices, none of them empty."""
     edges = [n * part // n_parts for part in range(n_parts + 1)]
     return [slice(a, b) for a, b in pairwise(edges) if a < b]

@@ -1,4 +1,4 @@
-"""Physical constants, and the one pair of functions that speaks decibels."""
+"""Physical constants, and conversion to and from decibels."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,11 +8,11 @@ BOLTZMANN = 1.380_649e-23  # J/K
 REFERENCE_TEMPERATURE = 290.0  # K, at which noise figures are defined
 
 
-def decibels(power_ratio: ArrayLike) -> np.ndarray:
-    """Power ratio in dB. Amplitudes are squared by the caller, not by a flag."""
+def to_decibels(power_ratio: ArrayLike) -> np.ndarray:
+    """Convert a power ratio to dB; the caller squares amplitudes."""
     return 10.0 * np.log10(power_ratio)
 
 
 def from_decibels(level_db: ArrayLike) -> np.ndarray:
-    """Power ratio of a level in dB."""
+    """Convert a level in dB to a power ratio."""
     return 10.0 ** (np.asarray(level_db, dtype=float) / 10.0)

@@ -1,4 +1,4 @@
-"""Where the antennas are: x forward, y left, z up."""
+"""Antenna positions: x forward, y left, z up."""
 
 from collections.abc import Iterable
 from math import dist
@@ -6,26 +6,26 @@ from typing import Literal
 
 import numpy as np
 
-from dechirp.core.checks import Vector, vectors
-from dechirp.core.displayed import Displayed, Table, cut, several, told
-from dechirp.core.values import value
+from dechirp.core.checks import Vector, check_vectors
+from dechirp.core.display import Displayable, Table, format_value, pluralise, truncated_table
+from dechirp.core.values import frozen_dataclass
 
-_APART_M = 1e-6  # 0.1 degree of phase at 77 GHz
+_COINCIDENCE_M = 1e-6  # 0.1 degree of phase at 77 GHz
 
 
-@value
-class Array(Displayed):
-    """Positions of the transmitters and receivers; one of each at the origin by default."""
+@frozen_dataclass
+class Array(Displayable):
+    """Positions of transmitters and receivers; by default one of each at the origin."""
 
     tx_m: tuple[Vector, ...] = ((0.0, 0.0, 0.0),)
-    """(n_tx, 3)."""
+    """Positions of the transmitters, (n_tx, 3)."""
     rx_m: tuple[Vector, ...] = ((0.0, 0.0, 0.0),)
-    """(n_rx, 3)."""
+    """Positions of the receivers, (n_rx, 3)."""
 
     def __post_init__(self) -> None:
-        # Wider than any array on one oscillator: beyond, a unit is wrong.
-        vectors(self, "tx_m", at_most=1e6)
-        vectors(self, "rx_m", at_most=1e6)
+        # No array on one oscillator is as wide: a value beyond has a wrong unit.
+        check_vectors(self, "tx_m", at_most=1e6)
+        check_vectors(self, "rx_m", at_most=1e6)
 
     @property
     def n_rx(self) -> int:
@@ -33,39 +33,39 @@ class Array(Displayed):
         return len(self.rx_m)
 
     @property
-    def virtual_m(self) -> np.ndarray:
+    def virtual_positions_m(self) -> np.ndarray:
         """Positions of the virtual array, (n_tx x n_rx, 3): transmitter plus receiver.
 
-        Element tx * n_rx + rx; a far target's echo over that pair has the phase of an antenna
-        there that hears what one at the origin sends.
+        Element tx * n_rx + rx; a far target's echo over that pair has the phase of an antenna at
+        this position that receives a transmission from the origin.
         """
         tx, rx = np.array(self.tx_m), np.array(self.rx_m)
         return np.asarray((tx[:, None] + rx).reshape(-1, 3))
 
-    def coincident(self) -> tuple[tuple[Literal["tx", "rx"], int, int], ...]:
-        """Pairs of elements at one place, within 1 um: of which kind, and their numbers.
+    def find_coincident_elements(self) -> tuple[tuple[Literal["tx", "rx"], int, int], ...]:
+        """Return pairs of elements within 1 um of each other: "tx" or "rx", and their numbers.
 
-        Two transmitters, or two receivers: a slip, since both tell the same. A transmitter
-        may lie where a receiver lies.
+        Two transmitters, or two receivers, at one position are an input error, since they carry
+        the same information. A transmitter may coincide with a receiver.
         """
         kinds: tuple[tuple[Literal["tx", "rx"], tuple[Vector, ...]], ...]
         kinds = (("tx", self.tx_m), ("rx", self.rx_m))
         return tuple(
             (kind, first, second)
-            for kind, at_m in kinds
-            for second in range(len(at_m))
+            for kind, positions_m in kinds
+            for second in range(len(positions_m))
             for first in range(second)
-            if dist(at_m[first], at_m[second]) < _APART_M
+            if dist(positions_m[first], positions_m[second]) < _COINCIDENCE_M
         )
 
-    def _line(self) -> str:
+    def _summary(self) -> str:
         n_tx = len(self.tx_m)
-        return f"{several(n_tx, 'transmitter')}, {several(self.n_rx, 'receiver')}"
+        return f"{pluralise(n_tx, 'transmitter')}, {pluralise(self.n_rx, 'receiver')}"
 
     def _tables(self) -> Iterable[Table]:
         rows = [
-            (f"{kind} {number}", *(told(one, "m") for one in at_m))
-            for kind, all_m in (("tx", self.tx_m), ("rx", self.rx_m))
-            for number, at_m in enumerate(all_m)
+            (f"{kind} {number}", *(format_value(coordinate, "m") for coordinate in position_m))
+            for kind, positions_m in (("tx", self.tx_m), ("rx", self.rx_m))
+            for number, position_m in enumerate(positions_m)
         ]
-        return (cut("Positions", rows, len(rows), ("", "x", "y", "z")),)
+        return (truncated_table("Positions", rows, len(rows), ("", "x", "y", "z")),)

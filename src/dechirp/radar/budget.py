@@ -1,4 +1,4 @@
-"""The link budget: powers from the transmitter to the samples, in watts."""
+"""Link budget: powers from the transmitter to the samples, in watts."""
 
 from typing import Literal
 
@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import BOLTZMANN, REFERENCE_TEMPERATURE
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 
 
@@ -19,21 +19,21 @@ def received_power_w(
     azimuth_rad: ArrayLike | None = None,
     elevation_rad: ArrayLike | None = None,
 ) -> np.ndarray:
-    r"""Echo power of a point target, by the radar equation.
+    r"""Return the echo power of a point target by the radar equation.
 
     .. math:: P_r = \frac{P_t G_t G_r \lambda^2 \sigma}{(4\pi)^3 R^4 L}
 
     Parameters
     ----------
     radar : Radar
-        Power, gain, loss and the mid-window wavelength are taken from it.
+        Provides power, gains, loss and the mid-window wavelength.
     range_m : array, m
         Distance to the target; any shape, broadcast with `rcs_m2`.
     rcs_m2 : array, m^2
         Radar cross section, not in dBsm.
     azimuth_rad, elevation_rad : array, rad, optional
-        Where the target is seen, for the gains towards it; the peaks of both antennas
-        without them.
+        Direction of the target, for the antenna gains towards it; the peak gains of both
+        antennas by default.
 
     Returns
     -------
@@ -57,38 +57,38 @@ def received_power_w(
     range_m = np.asarray(range_m, dtype=float)
     if not np.all(range_m > 0):
         raise InvalidSetting(
-            "range_m", got=f"{range_m.min()} m", need="above 0", fix="Move the target away."
+            "range_m", value=f"{range_m.min()} m", expected="above 0", fix="move the target away"
         )
-    hardware = radar.known_hardware()
+    hardware = radar.require_hardware()
     gains = hardware.tx_gain(azimuth_rad, elevation_rad)
     gains = gains * hardware.rx_gain(azimuth_rad, elevation_rad)
     return np.asarray(echo_amplitude(radar) ** 2 * gains * np.asarray(rcs_m2) / range_m**4)
 
 
 def echo_amplitude(radar: Radar) -> float:
-    """Amplitude of an echo between antennas of gain 1, sqrt(W) m.
+    """Return the amplitude of an echo between antennas of gain 1, in sqrt(W) m.
 
-    Times the lengths of both ways (range squared), over the square root of the RCS: the
-    amplitude itself takes the square root of both gains as well.
+    Divide by the product of both path lengths (range squared) and multiply by the square roots of
+    RCS and gains to get the amplitude of an echo.
     """
-    hardware = radar.known_hardware()
+    hardware = radar.require_hardware()
     spreading = radar.frame.chirp.wavelength_m**2 / (4 * np.pi) ** 3
     return float(np.sqrt(hardware.transmit_power_w * spreading / hardware.loss))
 
 
 def noise_power_w(radar: Radar) -> float:
-    """Thermal noise in one sample, k T0 F fs.
+    """Return the thermal noise power in one sample, k T0 F fs.
 
-    Complex samples: the noise bandwidth is the sample rate. Real samples: the band is
-    half of it, but one mixer folds the noise of the image band onto it, so the power is
-    the same (Barton 2005).
+    The noise bandwidth of complex samples is the sample rate. That of real samples is half of it,
+    but a single mixer also converts the noise of the image band, so the power is the same (Barton
+    2005).
     """
     sample_rate_hz = radar.frame.chirp.sample_rate_hz
-    noise_factor = radar.known_hardware().noise_factor
+    noise_factor = radar.require_hardware().noise_factor
     return BOLTZMANN * REFERENCE_TEMPERATURE * noise_factor * sample_rate_hz
 
 
-def snr(
+def sample_snr(
     radar: Radar,
     *,
     range_m: ArrayLike,
@@ -96,7 +96,7 @@ def snr(
     azimuth_rad: ArrayLike | None = None,
     elevation_rad: ArrayLike | None = None,
 ) -> np.ndarray:
-    """Signal-to-noise ratio in one sample of one receiver, thermal noise alone."""
+    """Return the signal-to-noise ratio in one sample of one receiver, with thermal noise only."""
     echo_w = received_power_w(
         radar,
         range_m=range_m,
@@ -107,13 +107,13 @@ def snr(
     return echo_w / noise_power_w(radar)
 
 
-@value
+@frozen_dataclass
 class BudgetLine:
-    """One line of a link budget: a level that is reached, or a step towards the next."""
+    """A line of a link budget: a power level, or the gain or loss between two levels."""
 
     name: str
     kind: Literal["level", "step"]
     level_db: float
-    """dBm or dB for a level, dB for a step."""
+    """Level in dBm or dB, or step in dB."""
     unit: Literal["dBm", "dB"]
     formula: str

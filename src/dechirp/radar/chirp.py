@@ -1,70 +1,70 @@
-"""One chirp: the ramp that is sent, and the samples taken of its echoes."""
+"""A chirp: the transmitted frequency ramp and the sampling of its echoes."""
 
 from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
 
-from dechirp.core.checks import count, not_negative, positive
-from dechirp.core.displayed import Displayed, Table, follows, settings
+from dechirp.core.checks import check_count, check_non_negative, check_positive
+from dechirp.core.display import Displayable, Table, derived_rows, settings_table
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import format_quantity
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.core.values import value
-from dechirp.core.words import in_unit
+from dechirp.core.values import frozen_dataclass
 
 Sampling = Literal["complex", "real"]
 
 
-@value
-class Chirp(Displayed):
-    """A linear up-ramp, and when and how its dechirped echoes are sampled.
+@frozen_dataclass
+class Chirp(Displayable):
+    """A linear up-ramp and the sampling of its dechirped echoes.
 
-    Everything derived says which bandwidth and which frequency it uses: the bandwidth
-    swept while sampling, not that of the whole ramp, and the frequency at the middle of
-    the samples, not the start of the ramp (1.6 % apart for a 2.5 GHz chirp at 77 GHz).
+    Derived values name the bandwidth and the frequency that they use: the bandwidth swept while
+    sampling, not that of the whole ramp, and the frequency at the middle of the sampling window,
+    not the start of the ramp (1.6 % apart for a 2.5 GHz chirp at 77 GHz).
     """
 
     start_frequency_hz: float
     """Frequency at the start of the ramp."""
     slope_hz_per_s: float
-    """Rate of the ramp."""
+    """Frequency slope of the ramp."""
     adc_start_s: float = 0.0
-    """From the start of the ramp to the first sample."""
+    """Time from the start of the ramp to the first sample."""
     ramp_duration_s: float
-    """From the start of the ramp to its end."""
+    """Time from the start of the ramp to its end."""
     sample_rate_hz: float
-    """Samples per second: complex samples, or real ones, as `sampling` says."""
+    """Sample rate, of complex or of real samples as in `sampling`."""
     n_samples: int
-    """Samples taken of each chirp."""
+    """Number of samples of each chirp."""
     sampling: Sampling
-    """Complex: an I/Q mixer. Real: one mixer, half the range and 3 dB less."""
+    """Complex: an I/Q mixer. Real: a single mixer, half the range and 3 dB less."""
 
     def __post_init__(self) -> None:
-        # Wider than from over-the-horizon to terahertz radar: outside, a unit is wrong.
-        positive(self, "start_frequency_hz", at_least=1e6, at_most=1e13)
-        positive(self, "slope_hz_per_s", at_least=1.0, at_most=1e18)
-        positive(self, "ramp_duration_s", at_least=1e-12, at_most=1e6)
-        positive(self, "sample_rate_hz", at_least=1.0, at_most=1e13)
-        not_negative(self, "adc_start_s", at_most=1e6)
-        count(self, "n_samples", at_least=2)
+        # The bounds span over-the-horizon to terahertz radar: a value outside has a wrong unit.
+        check_positive(self, "start_frequency_hz", at_least=1e6, at_most=1e13)
+        check_positive(self, "slope_hz_per_s", at_least=1.0, at_most=1e18)
+        check_positive(self, "ramp_duration_s", at_least=1e-12, at_most=1e6)
+        check_positive(self, "sample_rate_hz", at_least=1.0, at_most=1e13)
+        check_non_negative(self, "adc_start_s", at_most=1e6)
+        check_count(self, "n_samples", at_least=2)
         if self.sampling not in ("complex", "real"):
             raise InvalidSetting(
-                "Chirp.sampling", got=self.sampling, need="complex or real", fix="Choose one."
+                "Chirp.sampling", value=self.sampling, expected="complex or real", fix="choose one"
             )
         last_sample_s = self.adc_start_s + (self.n_samples - 1) / self.sample_rate_hz
         if last_sample_s > self.ramp_duration_s * (1 + 1e-9):
             raise InvalidSetting(
                 "Chirp.ramp_duration_s",
-                # Ten digits, or 9.9999999 s would be called 10 s, and refused for less than that.
-                got=f"{self.ramp_duration_s:.10g} s",
-                need=f"at least {last_sample_s:.10g} s, when the last sample is taken",
-                fix="Lengthen the ramp, start sampling earlier, take fewer samples or sample"
-                " faster.",
+                # Fewer than ten digits would print 9.9999999 s as 10 s in a message about 10 s.
+                value=f"{self.ramp_duration_s:.10g} s",
+                expected=f"at least {last_sample_s:.10g} s, the time of the last sample",
+                fix="lengthen the ramp, start sampling earlier, take fewer samples or sample"
+                " faster",
             )
 
     @property
     def sampled_duration_s(self) -> float:
-        """Time the samples take, N / fs: the part of the ramp that counts."""
+        """Duration of the sampling window, N / fs."""
         return self.n_samples / self.sample_rate_hz
 
     @property
@@ -74,26 +74,26 @@ class Chirp(Displayed):
 
     @property
     def ramp_bandwidth_hz(self) -> float:
-        """Bandwidth swept by the whole ramp: what the regulator and the synthesiser see."""
+        """Bandwidth swept by the whole ramp, the occupied bandwidth of the transmitter."""
         return self.slope_hz_per_s * self.ramp_duration_s
 
     @property
     def mid_window_s(self) -> float:
-        """Mean of the sampling instants, from the start of the ramp."""
+        """Mean of the sampling instants from the start of the ramp."""
         return self.adc_start_s + (self.n_samples - 1) / (2 * self.sample_rate_hz)
 
     @property
     def mid_window_frequency_hz(self) -> float:
-        """Frequency sent at the middle of the sampling window, f0 + S (adc_start + N / 2fs)."""
+        """Transmit frequency at mid-window, f0 + S (adc_start + N / 2fs)."""
         middle_s = self.adc_start_s + self.sampled_duration_s / 2
         return self.start_frequency_hz + self.slope_hz_per_s * middle_s
 
     @property
     def mean_sampled_frequency_hz(self) -> float:
-        """Mean of the frequencies sent at the sampling instants, f0 + S mid_window.
+        """Mean transmit frequency at the sampling instants, f0 + S mid_window.
 
-        Half a sample before `mid_window_frequency_hz`; estimates are exact with this one
-        (0.07 % apart for 64 samples of 5.5 GHz at 60 GHz).
+        Half a sample before `mid_window_frequency_hz`; estimates are exact with this one (0.07 %
+        apart for 64 samples of 5.5 GHz at 60 GHz).
         """
         return self.start_frequency_hz + self.slope_hz_per_s * self.mid_window_s
 
@@ -109,7 +109,7 @@ class Chirp(Displayed):
 
     @property
     def max_beat_frequency_hz(self) -> float:
-        """Highest beat frequency that does not alias: fs complex, fs / 2 real."""
+        """Highest unaliased beat frequency: fs for complex samples, fs / 2 for real ones."""
         return self.sample_rate_hz if self.sampling == "complex" else self.sample_rate_hz / 2
 
     @property
@@ -118,17 +118,17 @@ class Chirp(Displayed):
         return self.range_m(self.max_beat_frequency_hz)
 
     def beat_frequency_hz(self, range_m: float) -> float:
-        """Beat frequency of a target at rest, 2 S R / c."""
+        """Return the beat frequency of a static target, 2 S R / c."""
         return 2 * self.slope_hz_per_s * range_m / SPEED_OF_LIGHT
 
     def range_m(self, beat_frequency_hz: float) -> float:
-        """Range of a target at rest, c f / 2S: the inverse of `beat_frequency_hz`."""
+        """Return the range of a static target, c f / 2S, the inverse of `beat_frequency_hz`."""
         return SPEED_OF_LIGHT * beat_frequency_hz / (2 * self.slope_hz_per_s)
 
     def range_bins_m(self, n_bins: int | None = None) -> np.ndarray:
-        """Range of each bin of a beat spectrum of n_bins points; none: n_samples.
+        """Return the range of each bin of a beat spectrum of n_bins points; none: n_samples.
 
-        (n_bins,) for complex samples, (n_bins // 2 + 1,) for real ones: the other half is a
+        (n_bins,) for complex samples, (n_bins // 2 + 1,) for real ones, whose other half is a
         mirror image. Steps of c fs / 2 S n_bins, the range resolution when not padded.
         """
         n_bins = n_bins or self.n_samples
@@ -138,9 +138,9 @@ class Chirp(Displayed):
     def echo_frequencies_hz(
         self, range_m: np.ndarray, velocity_m_per_s: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Beat and Doppler frequencies at mid-window: S tau + f_D, f_D = 2 v (f - S tau) / c.
+        """Return beat (S tau + f_D) and Doppler frequency (2 v (f - S tau) / c) at mid-window.
 
-        Before sampling folds them; any shape.
+        Both before aliasing by sampling; any shape.
         """
         delay_hz = range_m / self.range_m(1.0)
         sent_hz = self.mean_sampled_frequency_hz - delay_hz
@@ -148,26 +148,28 @@ class Chirp(Displayed):
         return delay_hz + doppler_hz, doppler_hz
 
     def range_doppler_coupling_m(self, velocity_m_per_s: float) -> float:
-        """How much too far a receding target seems, v f / S, f at mid-window.
+        """Return the range error of a receding target, v f / S, with f at mid-window.
 
-        The Doppler frequency adds to the beat frequency of an up-chirp; 3.77 cm at
-        10 m/s in the reference scenario (Griffiths 1990).
+        The Doppler frequency adds to the beat frequency of an up-chirp; 3.77 cm at 10 m/s in the
+        reference scenario (Griffiths 1990).
         """
         return velocity_m_per_s * self.mid_window_frequency_hz / self.slope_hz_per_s
 
-    def _line(self) -> str:
+    def _summary(self) -> str:
         return (
-            f"{in_unit(self.start_frequency_hz, 'hz')},"
-            f" {in_unit(self.sampled_bandwidth_hz, 'hz')} in"
-            f" {in_unit(self.sampled_duration_s, 's')}, {self.n_samples:,} {self.sampling} samples:"
-            f" {in_unit(self.range_resolution_m, 'm', 3)} to {in_unit(self.max_range_m, 'm', 3)}"
+            f"{format_quantity(self.start_frequency_hz, 'hz')},"
+            f" {format_quantity(self.sampled_bandwidth_hz, 'hz')} in"
+            f" {format_quantity(self.sampled_duration_s, 's')}, {self.n_samples:,}"
+            f" {self.sampling} samples:"
+            f" {format_quantity(self.range_resolution_m, 'm', 3)} to"
+            f" {format_quantity(self.max_range_m, 'm', 3)}"
         )
 
     def _tables(self) -> Iterable[Table]:
-        return (settings(self), Table("What follows", self._follows()))
+        return (settings_table(self), Table("What follows", self._derived_rows()))
 
-    def _follows(self) -> list[tuple[str, str, str]]:
-        return follows(
+    def _derived_rows(self) -> list[tuple[str, str, str]]:
+        return derived_rows(
             self,
             "sampled_bandwidth_hz",
             "ramp_bandwidth_hz",

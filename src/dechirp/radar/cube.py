@@ -1,50 +1,61 @@
-"""Samples with their labels: what a cube is, whether simulated or recorded."""
+"""Radar cubes: labelled samples, simulated or recorded."""
 
 from typing import Literal
 
 import numpy as np
 import xarray as xr
 
-from dechirp.core.conventions import CUBE_AXES, axis, chirp_times, transmitters
+from dechirp.core.conventions import (
+    CUBE_AXES,
+    axis_coordinate,
+    chirp_time_coordinate,
+    transmitter_coordinate,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.radar import Radar
 
 
-def labelled_cube(
+def label_cube(
     samples: np.ndarray,
     radar: Radar,
     *,
     units: Literal["sqrt(W)", "full scale"],
     first_frame: int = 0,
 ) -> xr.DataArray:
-    """Label samples (frame, chirp, rx, sample), not copied, with the times of the radar.
+    """Label samples (frame, chirp, rx, sample) with the times of the radar, without copying.
 
-    Coordinates: start of each frame and chirp, and of each sample since the start of the
-    ramp, all in s; `transmitter` along `chirp`, which one sent it, where they take turns;
-    `first_frame` is the number of the first frame. Where intervals differ from frame to frame
-    `chirp` counts chirps, and `chirp_time` has the start of each in each frame.
+    Coordinates: start of each frame and chirp, and of each sample from the start of the ramp, all
+    in s; `transmitter` along `chirp` where transmitters take turns. `first_frame` is the number
+    of the first frame. Where intervals differ between frames, `chirp` counts chirps and
+    `chirp_time` holds the start of each chirp in each frame.
     """
     frame, chirp = radar.frame, radar.frame.chirp
-    turns = frame.turns
+    tdm_order = frame.tdm_order
     n_frames, n_chirps, n_rx, n_samples = samples.shape
-    numbers = range(first_frame, first_frame + n_frames)
-    starts_s = [frame.start_s(number) for number in numbers]
-    slow: dict[str, xr.Variable] = {}
+    frame_numbers = range(first_frame, first_frame + n_frames)
+    starts_s = [frame.frame_start_s(number) for number in frame_numbers]
+    slow_time_coords: dict[str, xr.Variable] = {}
     if frame.n_intervals == 1:
-        slow["chirp"] = axis("chirp", frame.chirps_s)
+        slow_time_coords["chirp"] = axis_coordinate("chirp", frame.chirp_starts_s)
     else:
-        slow["chirp"] = xr.Variable("chirp", np.arange(n_chirps), {"units": "1"})
-        slow["chirp_time"] = chirp_times(np.array([frame.at(one).chirps_s for one in numbers]))
+        slow_time_coords["chirp"] = xr.Variable("chirp", np.arange(n_chirps), {"units": "1"})
+        slow_time_coords["chirp_time"] = chirp_time_coordinate(
+            np.array([frame.for_frame(number).chirp_starts_s for number in frame_numbers])
+        )
     return xr.DataArray(
         samples,
         dims=CUBE_AXES,
         coords={
-            "frame": axis("frame", np.array(starts_s)),
-            **slow,
-            **({} if turns is None else {"transmitter": transmitters(turns, n_chirps)}),
-            "rx": axis("rx", np.arange(n_rx)),
-            "sample": axis(
+            "frame": axis_coordinate("frame", np.array(starts_s)),
+            **slow_time_coords,
+            **(
+                {}
+                if tdm_order is None
+                else {"transmitter": transmitter_coordinate(tdm_order, n_chirps)}
+            ),
+            "rx": axis_coordinate("rx", np.arange(n_rx)),
+            "sample": axis_coordinate(
                 "sample", chirp.adc_start_s + np.arange(n_samples) / chirp.sample_rate_hz
             ),
         },
@@ -53,12 +64,12 @@ def labelled_cube(
     )
 
 
-def must_be_sampled_as(chirp: Chirp, samples: np.ndarray | xr.DataArray, *, where: str) -> None:
-    """Raise `InvalidSetting` about `where` unless samples are complex or real as the chirp says."""
+def check_sampling(chirp: Chirp, samples: np.ndarray | xr.DataArray, *, where: str) -> None:
+    """Check that samples are complex or real as the chirp specifies."""
     if np.iscomplexobj(samples) != (chirp.sampling == "complex"):
         raise InvalidSetting(
             where,
-            got=f"samples of type {samples.dtype}",
-            need=f"{chirp.sampling} samples, as the chirp says",
-            fix="Set the chirp's sampling to what the converter takes.",
+            value=f"samples of type {samples.dtype}",
+            expected=f"{chirp.sampling} samples, as the chirp specifies",
+            fix="set the chirp's sampling to that of the converter",
         )

@@ -1,4 +1,4 @@
-"""A frame: chirps in equal rounds at equal intervals, processed together."""
+"""A frame: the chirps of one coherent processing interval, in rounds at equal intervals."""
 
 import math
 from collections.abc import Iterable
@@ -7,150 +7,156 @@ from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import count, listed, number, positive, series
-from dechirp.core.displayed import Displayed, Table, follows, settings, several
+from dechirp.core.checks import as_tuple, check_count, check_number, check_numbers, check_positive
+from dechirp.core.display import Displayable, Table, derived_rows, pluralise, settings_table
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.values import value
-from dechirp.core.words import in_unit
+from dechirp.core.text import format_quantity
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.modulations.base import Modulation, Ramp
 from dechirp.radar.multiplexing.base import Multiplexing
 
-_MOST_FOLDS = 64
-_ALIKE = 0.02  # of a cycle: 7 degrees, by which noise turns two slots of 18 dB
+_MAX_AMBIGUITIES = 64
+_PHASE_TOLERANCE_CYCLES = 0.02  # 7 degrees, the phase error between two slots at 18 dB of SNR
 
 
-@value
-class Frame(Displayed):
-    """The chirps of one coherent interval, and how often it comes.
+@frozen_dataclass
+class Frame(Displayable):
+    """Chirps of one coherent processing interval, and the frame period.
 
     Velocities use the wavelength at the middle of the sampling window.
     """
 
     chirp: Chirp
     n_chirps: int
-    """Chirps of each transmitter; one alone tells no velocity. Under a code in which
-    transmitters send together: how often the code repeats, 1 where it is as long as the frame;
+    """Chirps of each transmitter; a single one measures no velocity. Under a code in which
+    transmitters send together: repetitions of the code, 1 where it is as long as the frame;
     under a modulation: rounds of its ramps."""
     interval_s: float | tuple[float, ...]
-    """From the start of a chirp to the start of the next, whichever transmitter sends it; a
-    list: one for each frame in turn, see `at`."""
+    """Time from the start of a chirp to the start of the next, of whichever transmitter; a list
+    has one interval for each frame in turn, see `for_frame`."""
     period_s: float | None = None
-    """From the start of a frame to the start of the next; none: without a gap."""
+    """Time from the start of a frame to the start of the next; none: frames without a gap."""
     multiplexing: Multiplexing | None = None
-    """How transmitters share the chirps; none: one transmitter sends them all."""
+    """Sharing of the chirps among transmitters; none: one transmitter sends them all."""
     modulation: Modulation | None = None
-    """How the ramps of a round differ, all sent by one transmitter; none: all are alike."""
+    """Differences between the ramps of a round, all sent by one transmitter; none: equal ramps."""
 
     def __post_init__(self) -> None:
-        count(self, "n_chirps")
+        check_count(self, "n_chirps")
         self._check_intervals()
         if not isinstance(self.multiplexing, Multiplexing | None):
             raise InvalidSetting(
                 "Frame.multiplexing",
-                got=self.multiplexing,
-                need="a member of the family, or none",
-                fix="Give Tdm(order=(0, 1)) where two transmitters take turns.",
+                value=self.multiplexing,
+                expected="a member of the family, or none",
+                fix="give Tdm(order=(0, 1)) where two transmitters take turns",
             )
         self._check_modulation()
         if self.period_s is None:
             return
-        positive(self, "period_s", at_least=1e-12, at_most=1e6)
-        longest_s = max(self.at(index).duration_s for index in range(self.n_intervals))
+        check_positive(self, "period_s", at_least=1e-12, at_most=1e6)
+        longest_s = max(self.for_frame(index).duration_s for index in range(self.n_intervals))
         if self.period_s < longest_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Frame.period_s",
-                got=f"{self.period_s:.10g} s",
-                need=f"at least {longest_s:.10g} s, the time the chirps take",
-                fix="Lengthen the period, or send fewer chirps at a shorter interval.",
+                value=f"{self.period_s:.10g} s",
+                expected=f"at least {longest_s:.10g} s, the duration of the chirps",
+                fix="lengthen the period, or send fewer chirps at a shorter interval",
             )
 
     def _check_intervals(self) -> None:
-        intervals_s = listed(self.interval_s)
+        intervals_s = as_tuple(self.interval_s)
         if intervals_s is None:
-            positive(self, "interval_s", at_least=1e-12, at_most=1e6)  # the bounds of a ramp
-            named = [("Frame.interval_s", number("Frame.interval_s", self.interval_s))]
+            check_positive(self, "interval_s", at_least=1e-12, at_most=1e6)  # the bounds of a ramp
+            named_intervals = [
+                ("Frame.interval_s", check_number("Frame.interval_s", self.interval_s))
+            ]
         else:
-            kept = series("Frame.interval_s", intervals_s, at_least=1e-12, at_most=1e6)
-            object.__setattr__(self, "interval_s", kept)
-            named = [(f"Frame.interval_s.{place}", one_s) for place, one_s in enumerate(kept)]
-            if len(kept) < 2:
+            checked = check_numbers("Frame.interval_s", intervals_s, at_least=1e-12, at_most=1e6)
+            object.__setattr__(self, "interval_s", checked)
+            named_intervals = [
+                (f"Frame.interval_s.{place}", one_s) for place, one_s in enumerate(checked)
+            ]
+            if len(checked) < 2:
                 raise InvalidSetting(
                     "Frame.interval_s",
-                    got=f"a list of {len(kept)}",
-                    need="two or more, one for each frame in turn",
-                    fix="Write one interval without brackets.",
+                    value=f"a list of {len(checked)} interval{'s' * (len(checked) != 1)}",
+                    expected="two or more, one for each frame in turn",
+                    fix="write one interval without brackets",
                 )
-        for where, interval_s in named:
+        for setting, interval_s in named_intervals:
             if interval_s < self.chirp.ramp_duration_s * (1 - 1e-9):
                 raise InvalidSetting(
-                    where,
-                    got=f"{interval_s:.10g} s",
-                    need=f"at least {self.chirp.ramp_duration_s:.10g} s, the duration of the ramp",
-                    fix="Lengthen the interval or shorten the ramp.",
+                    setting,
+                    value=f"{interval_s:.10g} s",
+                    expected=f"at least {self.chirp.ramp_duration_s:.10g} s, the duration of the"
+                    " ramp",
+                    fix="lengthen the interval or shorten the ramp",
                 )
 
     def _check_modulation(self) -> None:
         if not isinstance(self.modulation, Modulation | None):
             raise InvalidSetting(
                 "Frame.modulation",
-                got=self.modulation,
-                need="a member of the family, or none",
-                fix="Give Triangular() for ramps that rise and fall in turns.",
+                value=self.modulation,
+                expected="a member of the family, or none",
+                fix="give Triangular() for ramps that rise and fall in turns",
             )
         if self.modulation is not None and self.multiplexing is not None:
             raise InvalidSetting(
                 "Frame.modulation",
-                got=f"{self.modulation.kind()}, with multiplexing of kind"
+                value=f"{self.modulation.kind()}, with multiplexing of kind"
                 f" {self.multiplexing.kind()}",
-                need="one or the other: ramps that differ are all sent by one transmitter",
-                fix="Leave one of the two out.",
+                expected="only one of the two: a single transmitter sends ramps that differ",
+                fix="remove one of the two",
             )
         lowest_hz = self.chirp.start_frequency_hz + min(ramp.shift_hz for ramp in self.ramps)
         if lowest_hz <= 0:
             raise InvalidSetting(
                 "Frame.modulation",
-                got=f"a ramp that starts at {lowest_hz:.6g} Hz",
-                need="frequencies above 0",
-                fix="Lower the step.",
+                value=f"a ramp that starts at {lowest_hz:.6g} Hz",
+                expected="frequencies above 0",
+                fix="lower the step",
             )
 
     @property
     def n_intervals(self) -> int:
-        """Frames after which the intervals begin again: 1 where all frames have the same."""
+        """Number of frames after which the list of intervals repeats; 1 for a single interval."""
         return len(self.interval_s) if isinstance(self.interval_s, tuple) else 1
 
-    def at(self, index: int) -> "Frame":
-        """A frame, counted from 0, with the one interval that it has.
+    def for_frame(self, frame_index: int) -> "Frame":
+        """Return the frame of this index (from 0) with its single chirp interval.
 
-        What depends on the interval is asked of this where it is a list.
+        Properties that depend on the interval are defined only for such a frame where the
+        interval is a list.
         """
         if not isinstance(self.interval_s, tuple):
             return self
-        return replace(self, interval_s=self.interval_s[index % len(self.interval_s)])
+        return replace(self, interval_s=self.interval_s[frame_index % len(self.interval_s)])
 
     @property
-    def only_interval_s(self) -> float:
-        """The interval, where all frames have the same; `InvalidSetting` where they have not."""
+    def single_interval_s(self) -> float:
+        """Interval of all frames; raises `InvalidSetting` where it differs between frames."""
         if not isinstance(self.interval_s, tuple):
             return self.interval_s
         raise InvalidSetting(
             "Frame.interval_s",
-            got=f"a list: {', '.join(f'{one_s:.6g} s' for one_s in self.interval_s)}",
-            need="one interval: this is about one frame",
-            fix="Take the radar as it is in one of the frames: radar.at(0).",
+            value=f"a list: {', '.join(f'{one_s:.6g} s' for one_s in self.interval_s)}",
+            expected="a single interval, since this value belongs to one frame",
+            fix="use the radar of a single frame: radar.for_frame(0)",
         )
 
     @cached_property
     def ramps(self) -> tuple[Ramp, ...]:
-        """What sets the ramp of each slot of a round apart from `chirp`."""
+        """Deviations of the ramp of each slot of a round from `chirp`."""
         if self.modulation is not None:
             return self.modulation.ramps(self.chirp)
         return (Ramp(),) * (1 if self.multiplexing is None else len(self.multiplexing.weights))
 
     @property
-    def ramps_are_alike(self) -> bool:
-        """Whether all ramps are as `chirp` says, whenever they are sent."""
+    def has_identical_ramps(self) -> bool:
+        """True if all ramps equal `chirp`, at whatever time they are sent."""
         return all(ramp.sign == 1 and ramp.shift_hz == 0 for ramp in self.ramps)
 
     @property
@@ -163,104 +169,110 @@ class Frame(Displayed):
             return ((1 + 0j,),) * len(self.ramps)
         return self.multiplexing.weights
 
-    def sent_weights(self) -> np.ndarray:
-        """Factor of each transmitter's echo in each chirp of the frame, (n_sent, n_tx) complex."""
+    def chirp_weights(self) -> np.ndarray:
+        """Return the factor of each transmitter's echo in each chirp, (n_chirps_total, n_tx)."""
         return np.tile(np.array(self.weights, np.complex128), (self.n_chirps, 1))
 
     @property
-    def slots(self) -> tuple[tuple[int, ...], ...]:
+    def slot_transmitters(self) -> tuple[tuple[int, ...], ...]:
         """Transmitters that send in each slot of a round; the first alone without multiplexing."""
-        return ((0,),) * len(self.ramps) if self.multiplexing is None else self.multiplexing.slots
+        return (
+            ((0,),) * len(self.ramps)
+            if self.multiplexing is None
+            else self.multiplexing.slot_transmitters
+        )
 
     @property
-    def turns(self) -> tuple[int, ...] | None:
-        """Transmitter of each slot where they take turns, each once; none under other codes."""
-        alone = tuple(slot[0] for slot in self.slots if len(slot) == 1)
-        return alone if len(set(alone)) == self.n_slots else None
+    def tdm_order(self) -> tuple[int, ...] | None:
+        """Transmitter of each slot if transmitters take turns, each once; None for other codes."""
+        lone_transmitters = tuple(slot[0] for slot in self.slot_transmitters if len(slot) == 1)
+        return lone_transmitters if len(set(lone_transmitters)) == self.n_slots else None
 
     @property
     def n_slots(self) -> int:
-        """Chirps in a round of the transmitters or of the ramps; 1 without either."""
+        """Number of chirps in a round of the transmitters or of the ramps; 1 without either."""
         return len(self.ramps)
 
     @property
-    def n_sent(self) -> int:
-        """All chirps of the frame, n_chirps x n_slots."""
+    def n_chirps_total(self) -> int:
+        """Number of chirps of the frame of all transmitters, n_chirps x n_slots."""
         return self.n_chirps * self.n_slots
 
     @property
-    def slots_s(self) -> np.ndarray:
-        """Start of each slot, since that of its round, (n_slots,)."""
-        after_s = [self.only_interval_s + ramp.pause_s for ramp in self.ramps]
-        return np.concatenate([[0.0], np.cumsum(after_s)[:-1]])
+    def slot_starts_s(self) -> np.ndarray:
+        """Start of each slot from the start of its round, (n_slots,)."""
+        slot_durations_s = [self.single_interval_s + ramp.pause_s for ramp in self.ramps]
+        return np.concatenate([[0.0], np.cumsum(slot_durations_s)[:-1]])
 
     @property
-    def turning_s(self) -> np.ndarray:
-        """By what a Doppler frequency turns each slot against the first, (n_slots,).
+    def doppler_phase_times_s(self) -> np.ndarray:
+        """Time t of each slot in the phase 2 pi f_D t that a Doppler frequency adds, (n_slots,).
 
-        Its start, less the time that ramps of another frequency take to get there: for one
-        beat frequency, a higher Doppler frequency is a shorter delay.
+        The start of the slot, less the time that a ramp of another frequency takes to reach the
+        same frequency: for one beat frequency, a higher Doppler frequency is a shorter delay.
         """
         shift_hz = np.array([ramp.shift_hz for ramp in self.ramps])
-        return self.slots_s - (shift_hz - shift_hz[0]) / self.chirp.slope_hz_per_s
+        return self.slot_starts_s - (shift_hz - shift_hz[0]) / self.chirp.slope_hz_per_s
 
     @cached_property
-    def n_folds(self) -> int:
-        """Folds of velocity that turn slots differently: n_slots where they come evenly.
+    def n_resolvable_ambiguities(self) -> int:
+        """Number of ambiguity numbers that the phases between slots distinguish.
 
-        The least number after which all slots turn alike again, within 0.02 of a cycle; at
-        most 64, or n_slots.
+        The least number after which the phases of all slots repeat, within 0.02 of a cycle; at
+        most 64, or n_slots. It is n_slots where slots are evenly spaced.
         """
-        most = max(_MOST_FOLDS, self.n_slots)
-        cycles = np.outer(np.arange(1, most + 1), self.turning_s / self.repetition_s)
-        again = np.flatnonzero(np.all(abs(cycles - np.rint(cycles)) <= _ALIKE, axis=1))
-        return 1 + int(again[0]) if again.size else most
+        limit = max(_MAX_AMBIGUITIES, self.n_slots)
+        cycles = np.outer(np.arange(1, limit + 1), self.doppler_phase_times_s / self.repetition_s)
+        realigned = np.flatnonzero(
+            np.all(abs(cycles - np.rint(cycles)) <= _PHASE_TOLERANCE_CYCLES, axis=1)
+        )
+        return 1 + int(realigned[0]) if realigned.size else limit
 
-    def n_folds_in_turn(self, index: int) -> int:
-        """Folds of the velocity in one frame that frames of all intervals tell together.
+    def n_resolvable_ambiguities_across_frames(self, index: int) -> int:
+        """Return the number of ambiguity numbers that frames of all intervals distinguish.
 
-        As many as the greatest common divisor of the repetitions goes into its own, 64 at most;
-        1 where all frames have the same interval.
+        The repetition of the frame over the greatest common divisor of all repetitions, at most
+        64; 1 where all frames have the same interval.
         """
-        frames = [self.at(place) for place in range(self.n_intervals)]
-        together_s = math.gcd(*(round(one.repetition_s * 1e12) for one in frames)) * 1e-12
-        return min(round(self.at(index).repetition_s / together_s), _MOST_FOLDS)
+        frames = [self.for_frame(place) for place in range(self.n_intervals)]
+        common_s = math.gcd(*(round(item.repetition_s * 1e12) for item in frames)) * 1e-12
+        return min(round(self.for_frame(index).repetition_s / common_s), _MAX_AMBIGUITIES)
 
     @property
-    def falls(self) -> bool:
-        """Whether some of its ramps do."""
+    def has_falling_ramps(self) -> bool:
+        """True if any ramp falls in frequency."""
         return any(ramp.sign < 0 for ramp in self.ramps)
 
     @property
-    def tells_velocity(self) -> bool:
-        """Whether several chirps do, or a ramp that rises and one that falls."""
-        return self.n_chirps > 1 or self.falls
+    def can_measure_velocity(self) -> bool:
+        """True for several chirps, or a rising and a falling ramp."""
+        return self.n_chirps > 1 or self.has_falling_ramps
 
     @property
-    def chirps_s(self) -> np.ndarray:
-        """Start of each chirp, since that of the frame, (n_sent,)."""
+    def chirp_starts_s(self) -> np.ndarray:
+        """Start of each chirp from the start of the frame, (n_chirps_total,)."""
         if not any(ramp.pause_s for ramp in self.ramps):
-            return self.only_interval_s * np.arange(self.n_sent)
+            return self.single_interval_s * np.arange(self.n_chirps_total)
         rounds_s = self.repetition_s * np.arange(self.n_chirps)
-        return np.ravel(rounds_s[:, None] + self.slots_s)
+        return np.ravel(rounds_s[:, None] + self.slot_starts_s)
 
     @property
     def repetition_s(self) -> float:
-        """From a chirp of a transmitter to its next; under a code from round to round."""
-        return self.n_slots * self.only_interval_s + sum(ramp.pause_s for ramp in self.ramps)
+        """Time from one chirp of a transmitter to its next; under a code, from round to round."""
+        return self.n_slots * self.single_interval_s + sum(ramp.pause_s for ramp in self.ramps)
 
     @property
     def duration_s(self) -> float:
-        """From the start of the first chirp to the end of the last interval."""
+        """Time from the start of the first chirp to the end of the last interval."""
         return self.n_chirps * self.repetition_s
 
     @property
     def mid_frame_s(self) -> float:
-        """Mean of all sampling instants, from the start of the frame.
+        """Mean of all sampling instants from the start of the frame.
 
         Estimates and truth refer to this instant.
         """
-        slots_s = float(self.slots_s.mean())
+        slots_s = float(self.slot_starts_s.mean())
         return (self.n_chirps - 1) / 2 * self.repetition_s + slots_s + self.chirp.mid_window_s
 
     @property
@@ -274,42 +286,42 @@ class Frame(Displayed):
         return self.chirp.wavelength_m / (4 * self.repetition_s)
 
     def velocity_bins_m_per_s(self, n_bins: int | None = None) -> np.ndarray:
-        """Velocity of each bin of a Doppler spectrum of n_bins points; none: n_chirps.
+        """Return the velocity of each bin of a Doppler spectrum of n_bins points (none: n_chirps).
 
-        (n_bins,), ascending from minus the largest velocity in steps of lambda / 2 n_bins T,
-        zero at n_bins // 2.
+        (n_bins,), ascending from minus the largest velocity in steps of lambda / 2 n_bins T, zero
+        at n_bins // 2.
         """
         doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_bins or self.n_chirps, self.repetition_s))
         return doppler_hz * self.chirp.wavelength_m / 2
 
-    def start_s(self, index: int) -> float:
-        """Start of a frame, counted from 0."""
+    def frame_start_s(self, index: int) -> float:
+        """Return the start of a frame, counted from 0."""
         if self.period_s is not None:
             return index * self.period_s
-        turns, left = divmod(index, self.n_intervals)
-        lasts_s = [self.at(place).duration_s for place in range(self.n_intervals)]
-        return turns * sum(lasts_s) + sum(lasts_s[:left])
+        n_cycles, n_remaining = divmod(index, self.n_intervals)
+        durations_s = [self.for_frame(place).duration_s for place in range(self.n_intervals)]
+        return n_cycles * sum(durations_s) + sum(durations_s[:n_remaining])
 
-    def _line(self) -> str:
-        sent = several(self.n_sent, "chirp")
+    def _summary(self) -> str:
+        text = pluralise(self.n_chirps_total, "chirp")
         if self.n_slots > 1:
-            sent += f" in {several(self.n_chirps, 'round')}"
-        return f"{sent} of {several(self.chirp.n_samples, 'sample')}{self._seen()}"
+            text += f" in {pluralise(self.n_chirps, 'round')}"
+        return f"{text} of {pluralise(self.chirp.n_samples, 'sample')}{self._format_velocities()}"
 
-    def _seen(self) -> str:
-        """Velocities, of the first frame where intervals differ; empty where there are none."""
+    def _format_velocities(self) -> str:
+        """Format velocity resolution and limit, of the first of several intervals."""
         if self.n_chirps == 1:
             return ""
-        first = self.at(0)
-        width = in_unit(first.velocity_resolution_m_per_s, "m_per_s", 3)
-        return f", {width} to ±{in_unit(first.max_velocity_m_per_s, 'm_per_s', 3)}"
+        first = self.for_frame(0)
+        resolution = format_quantity(first.velocity_resolution_m_per_s, "m_per_s", 3)
+        return f", {resolution} to ±{format_quantity(first.max_velocity_m_per_s, 'm_per_s', 3)}"
 
     def _tables(self) -> Iterable[Table]:
-        return (settings(self), Table("What follows", self._follows()))
+        return (settings_table(self), Table("What follows", self._derived_rows()))
 
-    def _follows(self) -> list[tuple[str, str, str]]:
-        """What follows, in the first frame where intervals differ."""
-        names = ["n_sent", "duration_s"]
+    def _derived_rows(self) -> list[tuple[str, str, str]]:
+        """Return table rows of derived values, of the first frame where intervals differ."""
+        names = ["n_chirps_total", "duration_s"]
         if self.n_chirps > 1:
             names += ["repetition_s", "velocity_resolution_m_per_s", "max_velocity_m_per_s"]
-        return follows(self.at(0), *names)
+        return derived_rows(self.for_frame(0), *names)

@@ -1,86 +1,86 @@
-"""What the electronics send and add, and what the antennas make of it."""
+"""Hardware: transmit power, antenna gains, receiver noise and losses."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import positive
+from dechirp.core.checks import check_positive
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.patterns.base import Pattern
 
 
-@value
+@frozen_dataclass
 class Hardware:
-    """Power, gain, noise and loss, as absolute and linear numbers."""
+    """Power, gain, noise and loss as absolute, linear values."""
 
     transmit_power_w: float
     """Power into the transmit antenna."""
     antenna_gain: float | None = None
-    """Gain of the transmit and of the receive antenna, each, in all directions, as a ratio
-    (dBi in files); needed by those that have no pattern, and only used by them."""
+    """Gain of the transmit and of the receive antenna, each, in all directions, as a ratio (dBi
+    in files); used only for antennas without a pattern, and required for them."""
     tx_pattern: Pattern | None = None
-    """How each transmit antenna sees directions."""
+    """Antenna pattern of each transmitter."""
     rx_pattern: Pattern | None = None
-    """How each receive antenna sees directions."""
+    """Antenna pattern of each receiver."""
     noise_factor: float
-    """Noise added by the receiver, a ratio of at least 1 (the noise figure in dB in files)."""
+    """Noise factor of the receiver, a ratio of at least 1 (noise figure in dB in files)."""
     loss: float = 1.0
-    """Losses on the way out and in together, a ratio of at least 1."""
+    """Transmit and receive losses together, a ratio of at least 1."""
 
     def __post_init__(self) -> None:
-        # Wider than from a leaking mixer to the largest dish: outside, a unit is wrong.
-        positive(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
+        # The bounds span a leaking mixer to the largest dish: a value outside has a wrong unit.
+        check_positive(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
         if self.antenna_gain is not None:
-            positive(self, "antenna_gain", at_least=1e-6, at_most=1e12)
+            check_positive(self, "antenna_gain", at_least=1e-6, at_most=1e12)
         for name in ("tx_pattern", "rx_pattern"):
             self._check_pattern(name)
-        positive(self, "noise_factor", "loss")
+        check_positive(self, "noise_factor", "loss")
         for name in ("noise_factor", "loss"):
             if getattr(self, name) < 1:
                 raise InvalidSetting(
                     f"Hardware.{name}",
-                    got=f"{getattr(self, name):.4g}",
-                    need="a ratio of at least 1 (0 dB)",
-                    fix="A loss of 3 dB is written 3 dB, not -3 dB.",
+                    value=f"{getattr(self, name):.4g}",
+                    expected="a ratio of at least 1 (0 dB)",
+                    fix="write a loss of 3 dB as 3 dB, not -3 dB",
                 )
-        positive(self, "noise_factor", "loss", at_least=1.0, at_most=1e12)
+        check_positive(self, "noise_factor", "loss", at_least=1.0, at_most=1e12)
 
     def _check_pattern(self, name: str) -> None:
         pattern = getattr(self, name)
         if pattern is None and self.antenna_gain is None:
             raise InvalidSetting(
                 "Hardware.antenna_gain",
-                got=f"none, and no {name}",
-                need="given for antennas without a pattern",
-                fix=f"Give antenna_gain, or {name}.",
+                value=f"none, and no {name}",
+                expected="given for antennas without a pattern",
+                fix=f"give antenna_gain, or {name}",
             )
         if not (pattern is None or isinstance(pattern, Pattern)):
             raise InvalidSetting(
                 f"Hardware.{name}",
-                got=pattern,
-                need=f"a pattern, one of {', '.join(Pattern.members())}",
-                fix="Give one gain in all directions as antenna_gain.",
+                value=pattern,
+                expected=f"a pattern, one of {', '.join(Pattern.members())}",
+                fix="give one gain in all directions as antenna_gain",
             )
 
     @property
     def eirp_w(self) -> float:
-        """Radiated power times the largest gain: what the regulator limits."""
+        """Effective isotropic radiated power: transmit power times the peak gain."""
         return float(self.transmit_power_w * self.tx_gain())
 
     def tx_gain(
         self, azimuth_rad: ArrayLike | None = None, elevation_rad: ArrayLike | None = None
     ) -> np.ndarray:
-        """Power gain of a transmit antenna towards directions, a ratio.
+        """Return the power gain of a transmit antenna towards directions, a ratio.
 
-        In the axes of the radar, any shapes that broadcast; the peak without any, in the
-        horizon without an elevation.
+        Directions are in the axes of the radar and of any shapes that broadcast. Without
+        directions: the peak gain; without an elevation: the gain in the horizontal plane.
         """
         return self._gain(self.tx_pattern, azimuth_rad, elevation_rad)
 
     def rx_gain(
         self, azimuth_rad: ArrayLike | None = None, elevation_rad: ArrayLike | None = None
     ) -> np.ndarray:
-        """Power gain of a receive antenna towards directions, as `tx_gain`."""
+        """Return the power gain of a receive antenna towards directions, as `tx_gain`."""
         return self._gain(self.rx_pattern, azimuth_rad, elevation_rad)
 
     def _gain(

@@ -1,136 +1,145 @@
-"""The radar: what it sends, where its antennas are, what its electronics do."""
+"""A complete radar: frame, antenna array, hardware and calibration."""
 
 from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
-from dechirp.core.displayed import Displayed, Table, follows, settings
+from dechirp.core.display import Displayable, Table, derived_rows, settings_table
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.values import value
-from dechirp.core.words import in_unit
+from dechirp.core.text import format_quantity
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.array import Array
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 
 
-@value
-class Radar(Displayed):
-    """Everything that simulation and processing know of a radar."""
+@frozen_dataclass
+class Radar(Displayable):
+    """Parameters of a radar, as simulation and processing use them."""
 
     frame: Frame
     array: Array = Array()
     hardware: Hardware | None = None
-    """None where it is not known, as for most recordings: no absolute powers then."""
+    """Power, gain and noise; none where unknown, as for most recordings: there are no absolute
+    powers then."""
     calibration: Calibration | None = None
-    """In files also the name of one that `dechirp calibrate` wrote; none: an ideal array."""
+    """Corrections of the array; in files also the name of a file that `dechirp calibrate` wrote.
+    None: an ideal array."""
 
     def __post_init__(self) -> None:
         n_tx = len(self.array.tx_m)
-        named = sorted({transmitter for slot in self.frame.slots for transmitter in slot})
-        if named == list(range(n_tx)):
+        transmitters = sorted(
+            {transmitter for slot in self.frame.slot_transmitters for transmitter in slot}
+        )
+        if transmitters == list(range(n_tx)):
             if self.calibration is not None:
-                self.calibration.must_fit(self.array)
+                self.calibration.check_array(self.array)
             return
-        every = ", ".join(map(str, range(n_tx)))
+        expected_order = ", ".join(map(str, range(n_tx)))
         if self.frame.multiplexing is None:
             raise InvalidSetting(
                 "Radar.frame.multiplexing",
-                got=f"none, with {n_tx} transmitters in the array",
-                need="given where there are several: it says how they share the chirps",
-                fix=f"Give multiplexing of kind tdm with order [{every}], or keep one of array.tx.",
+                value=f"none, with {n_tx} transmitters in the array",
+                expected="a multiplexing scheme, since several transmitters share the chirps",
+                fix=f"give multiplexing of kind tdm with order [{expected_order}], or keep one"
+                " of array.tx",
             )
         raise InvalidSetting(
             "Radar.frame.multiplexing",
-            got=f"of {len(named)} transmitter{'s' * (len(named) > 1)}:"
-            f" {', '.join(map(str, named))}",
-            need=f"of the {n_tx} in array.tx: {every}",
-            fix="Correct the order or the code, or give the position of every transmitter in"
-            " array.tx.",
+            value=f"{len(transmitters)} transmitter{'s' * (len(transmitters) != 1)}:"
+            f" {', '.join(map(str, transmitters))}",
+            expected=f"the {n_tx} in array.tx: {expected_order}",
+            fix="correct the order or the code, or give the position of every transmitter in"
+            " array.tx",
         )
 
     @property
-    def elements_m(self) -> np.ndarray:
-        """Where the virtual elements are, (n_tx x n_rx, 3): the array's, as calibrated."""
+    def element_positions_m(self) -> np.ndarray:
+        """Positions of the virtual elements with their calibrated errors, (n_tx x n_rx, 3)."""
         if self.calibration is None:
-            return self.array.virtual_m
-        return np.asarray(self.array.virtual_m + self.calibration.errors_m())
+            return self.array.virtual_positions_m
+        return np.asarray(
+            self.array.virtual_positions_m + self.calibration.element_position_errors_m()
+        )
 
     @property
-    def element_gain(self) -> np.ndarray:
-        """Factors that the amplitudes of the virtual elements are to be multiplied by, complex.
+    def element_corrections(self) -> np.ndarray:
+        """Complex factors by which to multiply the amplitudes of the virtual elements.
 
         (n_tx x n_rx,); 1 without a calibration.
         """
         if self.calibration is None:
             return np.ones(self.n_channels, complex)
-        return self.calibration.factors()
+        return self.calibration.element_corrections()
 
-    def at(self, index: int) -> "Radar":
-        """The radar as it is in a frame, counted from 0: with one interval, see `Frame.at`."""
-        frame = self.frame.at(index)
+    def for_frame(self, frame_index: int) -> "Radar":
+        """Return the radar with the single chirp interval of one frame, see `Frame.for_frame`."""
+        frame = self.frame.for_frame(frame_index)
         return self if frame is self.frame else replace(self, frame=frame)
 
-    def one_sided(self) -> "Radar":
-        """The radar as if it sent the rising ramps of its triangles alone."""
+    def with_rising_ramps_only(self) -> "Radar":
+        """Return the radar with only the rising ramps of its triangles."""
         frame = replace(self.frame, modulation=None, interval_s=self.frame.repetition_s)
         return replace(self, frame=frame)
 
     @property
     def n_channels(self) -> int:
-        """Pairs of a transmitter and a receiver, each of which sees the whole scene."""
+        """Number of transmitter-receiver pairs, each of which observes the whole scene."""
         return self.array.n_rx * len(self.array.tx_m)
 
     @property
-    def n_summed(self) -> int:
-        """Maps whose powers the range-Doppler map adds: of every slot of a round and receiver."""
+    def n_summed_maps(self) -> int:
+        """Number of maps whose powers are added: one for each slot of a round and each receiver."""
         return self.frame.n_slots * self.array.n_rx
 
     @property
     def integration_gain(self) -> float:
-        """Ratio by which range, Doppler and channels together raise the signal over noise.
+        """Gain of range, Doppler and channel integration in signal-to-noise ratio.
 
         N n_rx times the ramps that all transmitters send in a frame, without windows: N M n_tx
         n_rx where they take turns, n_slots times that where all send in every chirp, each with
-        its full power. Half of it for real samples: noise of both halves of the spectrum lies
-        in the half that is kept (Richards 2014).
+        its full power. Half of it for real samples: noise of both halves of the spectrum lies in
+        the half that is kept (Richards 2014).
         """
         chirp = self.frame.chirp
-        n_ramps = self.frame.n_chirps * sum(len(slot) for slot in self.frame.slots)
+        n_ramps = self.frame.n_chirps * sum(len(slot) for slot in self.frame.slot_transmitters)
         gain = chirp.n_samples * n_ramps * self.array.n_rx
         return gain if chirp.sampling == "complex" else gain / 2
 
-    def known_hardware(self) -> Hardware:
-        """The hardware, or an `InvalidSetting` that says what needs it."""
+    def require_hardware(self) -> Hardware:
+        """Return the hardware; raise `InvalidSetting` where it is not known."""
         if self.hardware is None:
             raise InvalidSetting(
                 "Radar.hardware",
-                got="none",
-                need="given: echo and noise powers follow from it",
-                fix="Give transmit_power, antenna_gain and noise_factor.",
+                value="none",
+                expected="given: echo and noise powers follow from it",
+                fix="give transmit_power, antenna_gain and noise_factor",
             )
         return self.hardware
 
-    def _line(self) -> str:
+    def _summary(self) -> str:
         chirp, frame = self.frame.chirp, self.frame
         return (
-            f"{in_unit(chirp.start_frequency_hz, 'hz')},"
-            f" {in_unit(chirp.sampled_bandwidth_hz, 'hz')},"
+            f"{format_quantity(chirp.start_frequency_hz, 'hz')},"
+            f" {format_quantity(chirp.sampled_bandwidth_hz, 'hz')},"
             f" {frame.n_chirps:,} chirps of {chirp.n_samples:,} samples,"
             f" {len(self.array.tx_m)} x {self.array.n_rx} elements:"
-            f" {in_unit(chirp.range_resolution_m, 'm', 3)} to"
-            f" {in_unit(chirp.max_range_m, 'm', 3)}{frame._seen()}"
+            f" {format_quantity(chirp.range_resolution_m, 'm', 3)} to"
+            f" {format_quantity(chirp.max_range_m, 'm', 3)}{frame._format_velocities()}"
         )
 
     def _tables(self) -> Iterable[Table]:
-        yield settings(self.frame.chirp, "Chirp")
-        frame = settings(self.frame, "Frame")
+        yield settings_table(self.frame.chirp, "Chirp")
+        frame = settings_table(self.frame, "Frame")
         yield frame._replace(rows=[row for row in frame.rows if row[0] != "chirp"])
         yield from self.array._tables()
         if self.hardware is not None:
-            yield settings(self.hardware, "Hardware")
-        own = follows(self, "n_channels", "integration_gain")
+            yield settings_table(self.hardware, "Hardware")
+        rows = derived_rows(self, "n_channels", "integration_gain")
         if self.hardware is not None:
-            own += follows(self.hardware, "eirp_w")
-        yield Table("What follows", [*self.frame.chirp._follows(), *self.frame._follows(), *own])
+            rows += derived_rows(self.hardware, "eirp_w")
+        yield Table(
+            "What follows", [*self.frame.chirp._derived_rows(), *self.frame._derived_rows(), *rows]
+        )

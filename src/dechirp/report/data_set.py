@@ -1,221 +1,231 @@
-"""The datasheet of a data set: what is in it, how it was made, how to read it, what it is not."""
+"""Datasheet page of a data set: contents, origin, file layout and limits of the model."""
 
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 import xarray as xr
 
-from dechirp.core.values import value
-from dechirp.core.words import number
-from dechirp.experiment.study.data_set import data_bytes, in_gigabytes
-from dechirp.experiment.study.plan import Plan
-from dechirp.experiment.study.study import Study
-from dechirp.report.amounts import counted
-from dechirp.report.data_set_plates import Shown
-from dechirp.report.settings_words import setting_words, value_words
-from dechirp.report.study_settings import varied
-from dechirp.report.template import template
+from dechirp.core.text import format_number
+from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.study.data_set import data_bytes, format_bytes
+from dechirp.experiments.study.plan import Plan
+from dechirp.experiments.study.study import Study
+from dechirp.report.check_values import format_count
+from dechirp.report.data_set_figures import DataSetFigures
+from dechirp.report.labels import setting_label, value_label
+from dechirp.report.study.settings import varied_setting_rows
+from dechirp.report.template import load_template
 
-_MOST_VALUES = 12
+_MAX_VALUES = 12
 
-_WORDS = {
-    "cube": "samples of the converter, whole numbers; times cube_scale of the item, in single"
-    " precision, sqrt(W)",
-    "cube_scale": "one number an item: the step of the converter where the scenario has one, else"
-    " the largest part of any sample over 32767",
-    "power": "range-Doppler map, mean over channels; times 0.01 it is 10 log10 of watts (xarray"
-    " does that)",
-    "made": "whether there is such an item: trials that failed or were not needed are zeros",
-    "scenario": "scenario of each point as YAML, its radar in it",
+_DESCRIPTIONS = {
+    "cube": "ADC samples as integers; multiplied by cube_scale of the item in single precision, in"
+    " sqrt(W)",
+    "cube_scale": "one value per item: the ADC step if the scenario has one, otherwise the largest"
+    " real or imaginary part over 32767",
+    "power": "range-Doppler map, mean over channels; times 0.01 it is 10 log10 of the power in W"
+    " (applied by xarray)",
+    "made": "1 if the item exists; failed and unneeded trials are 0",
+    "scenario": "scenario of each point as YAML, including its radar",
 }
-"""Of what stands at the top, where its own attribute does not say it."""
+"""Descriptions of arrays of the root group without a long name of their own."""
 
 
-@value
-class Row:
-    """One array, as the columns of a table."""
+@frozen_dataclass
+class ArrayRow:
+    """Row of the table of arrays."""
 
     name: str
     axes: str
     kind: str
     units: str
-    words: str
+    description: str
 
 
-def render(study: Study, data: Mapping[str, xr.Dataset], *, n_bytes: int) -> str:
-    """Return the HTML of the page; one data set always gives one page.
+def render_data_set_page(study: Study, data: Mapping[str, xr.Dataset], *, n_bytes: int) -> str:
+    """Return the HTML of the datasheet; equal data sets give equal pages.
 
     Parameters
     ----------
     study : Study
-        What it was made by.
+        Study that generated the data set.
     data : mapping
-        The data set, as `store.data_set.read_data_set` gives it.
+        Data set, the result of `results.data_set.read_data_set`.
     n_bytes : int
-        What its files take.
+        Size of its files.
 
     Returns
     -------
     str
-        A page that asks for no other file.
+        Self-contained HTML page.
     """
-    made = np.argwhere(data[""].made.values)
-    shown = Shown(study, data, made)
-    return template("data_set.html").render(
+    item_indices = np.argwhere(data[""].made.values)
+    figures = DataSetFigures(study, data, item_indices)
+    return load_template("data_set.html").render(
         study=study,
-        headline=_headline(study, len(made)),
-        lead=_lead(study),
-        cards=list(_cards(study, data, made, n_bytes)),
-        groups=[(name, list(_rows(of, name))) for name, of in data.items()],
-        varied=varied(study),
-        n_items=list(_n_items(study, made)),
-        plates=list(shown.plates()),
-        about_sample=shown.about,
-        maps=list(shown.maps()),
-        simulated=list(_simulated(study)),
-        targets=_targets(data),
+        headline=_format_headline(study, len(item_indices)),
+        lead=_format_lead(study),
+        cards=list(_build_cards(study, data, item_indices, n_bytes)),
+        groups=[(name, list(_array_rows(group, name))) for name, group in data.items()],
+        varied=varied_setting_rows(study),
+        n_items=list(_item_counts(study, item_indices)),
+        figures=list(figures.draw_figures()),
+        about_sample=figures.sample_note,
+        maps=list(figures.draw_maps()),
+        simulated=list(_model_limits(study)),
+        targets=_target_classes(data),
         yaml=data[""].attrs["study"],
         version=data[""].attrs["dechirp"],
     )
 
 
-def _headline(study: Study, n: int) -> str:
-    what = " and ".join([", ".join(study.keep[:-1]), study.keep[-1]]) if study.keep[1:] else ""
-    return f"{counted(n)} items: {what or study.keep[0]}, with truth"
+def _format_headline(study: Study, n: int) -> str:
+    contents = " and ".join([", ".join(study.keep[:-1]), study.keep[-1]]) if study.keep[1:] else ""
+    return f"{format_count(n)} items: {contents or study.keep[0]}, with truth"
 
 
-def _lead(study: Study) -> str:
-    how = (
-        "Detections drawn from theory"
+def _format_lead(study: Study) -> str:
+    method = (
+        "Detections sampled from theory"
         if study.sensor == "statistical"
         else "Samples simulated and processed"
     )
-    return f"{study.scenario.name}. {how}; nothing in it was measured. Seed {study.seed}."
+    return f"{study.scenario.name}. {method}; no measured data. Seed {study.seed}."
 
 
-def _cards(
-    study: Study, data: Mapping[str, xr.Dataset], made: np.ndarray, n_bytes: int
+def _build_cards(
+    study: Study, data: Mapping[str, xr.Dataset], item_indices: np.ndarray, n_bytes: int
 ) -> Iterator[Mapping[str, str]]:
     sizes = data["truth"].sizes
     n_planned = data[""].made.size
-    size, _, unit = in_gigabytes(n_bytes).partition(" ")
+    size, _, unit = format_bytes(n_bytes).partition(" ")
     yield {
         "name": "items",
-        "number": counted(len(made)),
+        "number": format_count(len(item_indices)),
         "unit": "",
-        "small_print": "all that were planned"
-        if len(made) == n_planned
-        else f"of {counted(n_planned)} planned; made says which",
+        "small_print": "complete"
+        if len(item_indices) == n_planned
+        else f"of {format_count(n_planned)} planned; see the array made",
     }
     yield {
-        "name": "an item",
-        "number": counted(sizes["frame"]),
+        "name": "frames per item",
+        "number": format_count(sizes["frame"]),
         "unit": "frame" if sizes["frame"] == 1 else "frames",
         "small_print": f"of {sizes['target']} targets" if sizes["target"] != 1 else "of one target",
     }
     if "detections" in data:
+        n_detections = data["detections"].sizes["detection"]
         yield {
             "name": "detections",
-            "number": counted(data["detections"].sizes["detection"]),
+            "number": format_count(data["detections"].sizes["detection"]),
             "unit": "",
-            "small_print": f"{number(data['detections'].sizes['detection'] / max(len(made), 1), 3)}"
-            " an item",
+            "small_print": f"{format_number(n_detections / max(len(item_indices), 1), 3)} per item",
         }
-    raw = data_bytes(Plan.of(study))
+    raw = data_bytes(Plan.from_study(study))
     yield {
         "name": "on disk",
         "number": size,
         "unit": unit,
-        "small_print": f"samples and maps of {in_gigabytes(raw)}, packed" if raw else "",
+        "small_print": f"samples and maps of {format_bytes(raw)}, packed" if raw else "",
     }
 
 
-def _rows(data: xr.Dataset, group: str) -> Iterator[Row]:
-    order = {name: at for at, name in enumerate(_WORDS)}
-    names = sorted(map(str, data.variables), key=lambda one: (order.get(one, len(order)), one))
+def _array_rows(data: xr.Dataset, group: str) -> Iterator[ArrayRow]:
+    order = {name: position for position, name in enumerate(_DESCRIPTIONS)}
+    names = sorted(map(str, data.variables), key=lambda name: (order.get(name, len(order)), name))
     for name in names:
-        of = data[name]
-        kept = of.encoding.get("dtype", of.dtype)
-        words = str(of.attrs.get("long_name", ""))
+        array = data[name]
+        stored_dtype = array.encoding.get("dtype", array.dtype)
+        description = str(array.attrs.get("long_name", ""))
         if not group:
-            words = _WORDS.get(name, words)
+            description = _DESCRIPTIONS.get(name, description)
         elif group == "settings":
-            words = setting_words(str(of.attrs["path"]))
+            description = setting_label(str(array.attrs["path"]))
         elif name == "class":
-            words = "kind of the body of the target; point where it has none"
+            description = "kind of the target's body; point for targets without a body"
         elif name == "target" and group == "truth":
-            words = "name of the target"
-        units = str(of.attrs.get("units", ""))
-        yield Row(
+            description = "name of the target"
+        units = str(array.attrs.get("units", ""))
+        yield ArrayRow(
             name=name,
-            axes=", ".join(f"{dim}\N{NO-BREAK SPACE}{counted(n)}" for dim, n in of.sizes.items()),
-            kind="text" if np.dtype(kept).kind in "OT" else str(kept),
+            axes=", ".join(
+                f"{dim}\N{NO-BREAK SPACE}{format_count(n)}" for dim, n in array.sizes.items()
+            ),
+            kind="text" if np.dtype(stored_dtype).kind in "OT" else str(stored_dtype),
             units="" if units == "1" else units,
-            words=words,
+            description=description,
         )
 
 
-def _n_items(
-    study: Study, made: np.ndarray
+def _item_counts(
+    study: Study, item_indices: np.ndarray
 ) -> Iterator[tuple[str, list[tuple[str, str, float]], int]]:
-    """Of each listed setting its values, their items, percent of the most, and how many more."""
-    plan = Plan.of(study)
-    of_point = np.bincount(made[:, 0], minlength=plan.n_points)
-    for along, axis in enumerate(plan.axes):
+    """Yield each swept setting with its values, their item counts and percentages, and the rest."""
+    plan = Plan.from_study(study)
+    items_per_point = np.bincount(item_indices[:, 0], minlength=plan.n_points)
+    for axis_index, axis in enumerate(plan.axes):
         if len(axis.texts) < 2:
             continue
-        of_value = of_point.reshape(plan.shape)
-        others = tuple(one for one in range(of_value.ndim) if one != along)
-        counts = of_value.sum(axis=others)
-        most = max(int(counts.max()), 1)
+        items_on_grid = items_per_point.reshape(plan.shape)
+        others = tuple(
+            other_index for other_index in range(items_on_grid.ndim) if other_index != axis_index
+        )
+        counts = items_on_grid.sum(axis=others)
+        largest_count = max(int(counts.max()), 1)
         rows = [
-            (value_words(label), counted(int(n)), 100 * n / most)
+            (value_label(label), format_count(int(n)), 100 * n / largest_count)
             for label, n in zip(axis.labels, counts, strict=True)
         ]
-        yield setting_words(axis.path), rows[:_MOST_VALUES], max(len(rows) - _MOST_VALUES, 0)
+        yield setting_label(axis.path), rows[:_MAX_VALUES], max(len(rows) - _MAX_VALUES, 0)
 
 
-def _targets(data: Mapping[str, xr.Dataset]) -> list[tuple[str, str]]:
+def _target_classes(data: Mapping[str, xr.Dataset]) -> list[tuple[str, str]]:
     truth = data["truth"]
     return list(zip(truth.target.values.tolist(), truth["class"].values.tolist(), strict=True))
 
 
-def _simulated(study: Study) -> Iterator[str]:
-    """What is in it of a real radar, and what is not."""
+def _model_limits(study: Study) -> Iterator[str]:
+    """Yield sentences on what the simulation includes and what it does not."""
     scenario = study.scenario
-    impairments = ", ".join(one.kind().replace("-", " ") for one in scenario.impairments)
-    changed = any(axis.path.startswith("impairments") for axis in study.vary)
+    impairments = ", ".join(
+        impairment.kind().replace("-", " ") for impairment in scenario.impairments
+    )
+    impairments_vary = any(axis.path.startswith("impairments") for axis in study.vary)
     yield (
         f"Impairments: {impairments or 'none, not even noise'}"
-        f"{'; they vary, see above' if changed else ''}. What is not named is not in it."
+        f"{'; they vary, see above' if impairments_vary else ''}. No other impairments are"
+        " simulated."
     )
     yield (
-        "Targets are points, or bodies of scatterers with mean cross sections; what is between"
-        " them is empty unless a target, a wall or clutter is named. Echoes do not bounce between"
-        " targets."
+        "Targets are points, or bodies of scatterers with mean cross sections. The space between"
+        " them is empty except for walls and clutter of the scenario. Multiple reflections between"
+        " targets are not simulated."
     )
     yield (
-        "The place of a body is that of the origin of its axes; its peaks lie where its parts"
-        " reflect, meters from there."
+        "The position of a body is the origin of its axes; its peaks lie at its scatterers, up to"
+        " metres away."
     )
     yield (
-        "The cross section and the ratio of the truth are means: where a target fluctuates, those"
-        " of the item are not told."
+        "RCS and SNR of the truth are mean values; for fluctuating targets those of the item are"
+        " not"
+        " stored."
     )
     if study.sensor == "statistical":
         yield (
-            "Detections are drawn from theory, not processed from samples: no phase noise, no"
+            "Detections are sampled from theory instead of processed samples: no phase noise, no"
             " interference, no images."
         )
     yield (
-        "A detection is of the target within two cells of it on every axis, the nearest one. The"
-        " sidelobe of a strong target is of that target or of none."
+        "A detection belongs to the nearest target within two cells on every axis. A sidelobe of a"
+        " strong target belongs to that target or to none."
     )
     yield (
-        "Trial t of every point has the same noise: split by trial, not by point, or the same"
-        " noise is in both parts."
+        "Trial t has the same noise at every point. Split the data by trial, not by point;"
+        " otherwise"
+        " training and test data share noise."
     )
     yield (
-        "Nothing here was measured. What a network learns of it is to be tested on recordings;"
-        " dechirp twin and dechirp inspect say how far a scenario is from one."
+        "No data were measured. Test a network that was trained on them with recordings; dechirp"
+        " twin"
+        " and dechirp inspect compare a scenario with a recording."
     )

@@ -1,4 +1,4 @@
-"""Our own pages, read back as a tree of elements, their drawings as they are."""
+"""Parser of the pages of this package to element trees; SVG drawings remain text."""
 
 import re
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ _EMPTY = frozenset({"br", "meta"})
 
 @dataclass
 class Element:
-    """An element of a page; of a drawing its SVG instead of what is in it."""
+    """Element of a page; an SVG drawing is stored as text."""
 
     tag: str
     attributes: dict[str, str] = field(default_factory=dict)
@@ -20,43 +20,43 @@ class Element:
 
     @property
     def classes(self) -> list[str]:
-        """What `class` says."""
+        """Names in the attribute `class`."""
         return self.attributes.get("class", "").split()
 
-    def all(self, *tags: str) -> "Iterator[Element]":
-        """Elements of these tags, or of any, inside of it, in the order of the page."""
+    def descendants(self, *tags: str) -> "Iterator[Element]":
+        """Iterate over inner elements in document order, of the given tags or all."""
         for child in self.children:
             if isinstance(child, Element):
                 if child.tag in tags or not tags:
                     yield child
-                yield from child.all(*tags)
+                yield from child.descendants(*tags)
 
     @property
     def text(self) -> str:
-        """All that is written in it, white space as it is."""
-        return "".join(one if isinstance(one, str) else one.text for one in self.children)
+        """Text content, with white space."""
+        return "".join(child if isinstance(child, str) else child.text for child in self.children)
 
 
-def tree(html: str) -> Element:
-    """Read a page.
+def parse_html(html: str) -> Element:
+    """Parse a page.
 
     Raises
     ------
     ValueError
-        If an element is closed that is not open: no page of ours does that.
+        If a closing tag does not match.
     """
     drawings: list[str] = []
 
-    def kept(found: re.Match[str]) -> str:
-        # The parser would write their names in small letters, and SVG minds that.
-        drawings.append(found[0])
+    def store_drawing(match: re.Match[str]) -> str:
+        # The parser would convert SVG names to lower case.
+        drawings.append(match[0])
         return f'<svg at="{len(drawings) - 1}"></svg>'
 
     reader = _Reader()
-    reader.feed(_DRAWING.sub(kept, html))
+    reader.feed(_DRAWING.sub(store_drawing, html))
     reader.close()
-    for drawn in reader.root.all("svg"):
-        drawn.svg = drawings[int(drawn.attributes["at"])]
+    for element in reader.root.descendants("svg"):
+        element.svg = drawings[int(element.attributes["at"])]
     return reader.root
 
 
@@ -67,10 +67,10 @@ class _Reader(HTMLParser):
         self.open = [self.root]
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        made = Element(tag, {name: of or "" for name, of in attrs})
-        self.open[-1].children.append(made)
+        element = Element(tag, {name: value or "" for name, value in attrs})
+        self.open[-1].children.append(element)
         if tag not in _EMPTY:
-            self.open.append(made)
+            self.open.append(element)
 
     def handle_endtag(self, tag: str) -> None:
         if self.open[-1].tag != tag:

@@ -1,176 +1,181 @@
-"""One self-contained page that shows a run of the chain."""
+"""Self-contained HTML report on a run of the processing chain."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
-from dechirp.core.words import quantity
-from dechirp.evaluate.match import scatterers
-from dechirp.process.spectrogram import spectrogram
-from dechirp.report import directions, tables, tracked
+from dechirp.core.text import format_si
+from dechirp.evaluation.association import scatterer_motion
+from dechirp.processing.spectrogram import spectrogram
+from dechirp.report import detections_section, directions_section, objects_section
 from dechirp.report.figures import bars, beat, cfar, frames, range_doppler, scene
 from dechirp.report.figures import spectrogram as over
-from dechirp.report.figures.parts import Axis
-from dechirp.report.figures.style import TALL_IN, svg
-from dechirp.report.summary import settings
-from dechirp.report.template import template
-from dechirp.report.view import View, view_of
-from dechirp.scene.folding import Place, folded, on_map
+from dechirp.report.figures.common import MapAxis
+from dechirp.report.figures.style import TALL_IN, render_svg
+from dechirp.report.page_context import PageContext, build_page_context
+from dechirp.report.settings_summary import summarise_settings
+from dechirp.report.template import load_template
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, map_position
 from dechirp.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from dechirp.experiment.run import Result
+    from dechirp.experiments.run import Result
 
-_MOST_ROWS = 50
-# Of a spectrogram: limbs keep their speed for about as long, and a figure shows no more columns.
-_WINDOW_S, _MOST_WINDOWS = 20e-3, 400
-# Fewer chirps tell no velocity over time.
-_LEAST_WINDOW = 16
-# Frames in which bodies are looked for.
-_MOST_LOOKS = 33
+_MAX_ROWS = 50
+# Spectrogram windows: limbs have a constant speed for about 20 ms; a figure shows 400 columns.
+_WINDOW_S, _MAX_WINDOWS = 20e-3, 400
+# A spectrogram needs at least this number of chirps.
+_MIN_WINDOW_CHIRPS = 16
+# Largest number of frames in which positions of bodies are evaluated.
+_MAX_SAMPLED_FRAMES = 33
 
 
-def render(result: "Result", *, yaml: str) -> str:
-    """Return the HTML of the report; one result always gives one page.
+def render_report(result: "Result", *, yaml: str) -> str:
+    """Return the HTML of the report; equal results give equal pages.
 
     Parameters
     ----------
     result : Result
-        Scene, truth and link budget appear where it has them; a recording has none. Of a
-        recording only the first frame is decoded.
+        Result of a run. Scene, truth and link budget are shown if available. Of a recording, only
+        the first frame is decoded.
     yaml : str
-        The scenario as run, shown for others to run again.
+        Scenario of the run, for reproduction.
 
     Returns
     -------
     str
-        A page that asks for no other file.
+        Self-contained HTML page.
     """
-    shown = view_of(result)
-    rows = tables.detections(shown, _MOST_ROWS)
-    return template("page.html").render(
+    context = build_page_context(result)
+    rows = detections_section.detection_rows(context, _MAX_ROWS)
+    return load_template("page.html").render(
         scenario=result.scenario,
-        headline=tables.headline(shown),
-        lead=tables.lead(shown),
-        cards=tables.cards(shown),
+        headline=detections_section.format_headline(context),
+        lead=detections_section.format_lead(context),
+        cards=detections_section.build_cards(context),
         rows=rows,
-        angles=tables.angles(shown),
-        errors=tables.errors(rows),
-        n_more=max(shown.strongest.sizes["detection"] - _MOST_ROWS, 0),
+        columns=detections_section.estimate_columns(context),
+        angles=detections_section.angle_columns(context),
+        errors=detections_section.error_columns(rows),
+        n_more=max(context.strongest.sizes["detection"] - _MAX_ROWS, 0),
         n_frames=result.n_frames,
         has_truth=result.truth is not None,
-        n_in_map=shown.found.range_m.size,
-        is_complex=np.iscomplexobj(shown.first),
-        figures=_figures(shown),
-        panels=directions.panels(shown),
-        has_bodies=shown.scatterers is not None and shown.scatterers.range_m.size > 0,
-        targets=tables.targets(shown),
-        targets_found=tables.targets_found(shown),
-        objects=tracked.about(result),
-        tracks=tracked.rows(result, _MOST_ROWS),
-        tracks_found=tracked.summary(result),
-        most_drawn=tracked.MOST_DRAWN,
+        n_in_map=context.peaks.range_m.size,
+        is_complex=np.iscomplexobj(context.first_frame),
+        figures=_draw_figures(context),
+        panels=directions_section.direction_figures(context),
+        has_bodies=context.scatterer_peaks is not None and context.scatterer_peaks.range_m.size > 0,
+        targets=detections_section.target_rows(context),
+        targets_found=detections_section.summarise_detected_targets(context),
+        objects=objects_section.describe_objects(result),
+        tracks=objects_section.track_rows(result, _MAX_ROWS),
+        tracks_found=objects_section.summarise_track_targets(result),
+        most_drawn=objects_section.MAX_TRACKS,
         n_tracks=0 if result.tracks is None else result.tracks.sizes["track"],
-        budget=bars.waterfall(result.budget or ()),
-        settings=settings(result),
+        budget=bars.link_budget_bars(result.budget or ()),
+        settings=summarise_settings(result),
         findings=result.findings,
-        timing=bars.timing(result.timing_s),
-        total=quantity(sum(result.timing_s.values()), "s", 3),
+        timing=bars.timing_bars(result.timing_s),
+        total=format_si(sum(result.timing_s.values()), "s", 3),
         yaml=yaml,
     )
 
 
-def _figures(shown: View) -> dict[str, Markup]:
-    result, expected = shown.result, shown.expected
-    radar, chain = result.radar.at(result.first_frame), result.scenario.chain
+def _draw_figures(context: PageContext) -> dict[str, Markup]:
+    result, expected = context.result, context.expected_peaks
+    radar, chain = result.radar.for_frame(result.first_frame), result.scenario.chain
     doppler_hz = None
-    if shown.found.range_m.size:
-        doppler_hz = 2 * float(shown.found.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
-    # Transmitters in turn have phases of their own, and falling ramps other beat frequencies.
-    alike = shown.first.isel(chirp=slice(None, None, radar.frame.n_slots))
-    truth_m = [place.range_m for place in (expected, shown.scatterers) if place is not None]
-    marked = range_doppler.MarkedMap(
+    if context.peaks.range_m.size:
+        doppler_hz = 2 * float(context.peaks.velocity_m_per_s[0]) / radar.frame.chirp.wavelength_m
+    # Slots differ in phase (TDM) or in beat frequency (falling ramps), so one slot is shown.
+    same_slot_chirps = context.first_frame.isel(chirp=slice(None, None, radar.frame.n_slots))
+    truth_m = [place.range_m for place in (expected, context.scatterer_peaks) if place is not None]
+    marked_map = range_doppler.MarkedMap(
         power=result.power,
-        units=shown.units,
-        found=shown.found,
+        units=context.units,
+        detections=context.peaks,
         truth=expected,
-        scatterers=shown.scatterers,
+        scatterers=context.scatterer_peaks,
     )
-    drawn = {
-        "signal": svg(
-            lambda figure: beat.whole_signal(figure, alike, doppler_frequency_hz=doppler_hz)
+    figures = {
+        "signal": render_svg(
+            lambda figure: beat.draw_signal_parts(
+                figure, same_slot_chirps, doppler_frequency_hz=doppler_hz
+            )
         ),
-        "spectrum": svg(
-            lambda figure: beat.spectrum(
+        "spectrum": render_svg(
+            lambda figure: beat.draw_spectrum(
                 figure.subplots(),
-                alike,
+                same_slot_chirps,
                 radar.frame.chirp,
                 chain,
                 truth_m=np.concatenate([[], *truth_m]),
             )
         ),
-        "map": svg(
-            lambda figure: range_doppler.whole(figure.subplots(), marked), height_in=TALL_IN
+        "map": render_svg(
+            lambda figure: range_doppler.draw_map(figure.subplots(), marked_map), height_in=TALL_IN
         ),
-        "close_up": svg(
-            lambda figure: range_doppler.close_up(figure.subplots(), marked, cell=shown.cell),
+        "close_up": render_svg(
+            lambda figure: range_doppler.draw_close_up(
+                figure.subplots(), marked_map, cell=context.strongest_cell
+            ),
             height_in=TALL_IN,
         ),
-        "cut_range": _cut(shown, "range"),
-        "cut_velocity": _cut(shown, "velocity"),
+        "cut_range": _draw_cut(context, "range"),
+        "cut_velocity": _draw_cut(context, "velocity"),
     }
     if result.scenario.scene is not None:
-        drawn["scene"] = _scene(shown, result.scenario.scene)
-    ways = tracked.from_above(shown)
-    if ways is not None:
-        drawn["tracks"] = ways
-    moving_m = _ranges_of_moving_bodies_m(shown)
+        figures["scene"] = _draw_scene(context, result.scenario.scene)
+    tracks = objects_section.draw_tracks(context)
+    if tracks is not None:
+        figures["tracks"] = tracks
+    moving_m = _moving_body_range_interval_m(context)
     if moving_m is not None:
-        drawn["spectrogram"] = _spectrogram(result, moving_m)
-    if result.n_frames > 1 and shown.strongest.sizes["detection"]:
-        drawn["range_over_time"] = _over_time(shown, "range")
-        drawn["velocity_over_time"] = _over_time(shown, "velocity")
-    return drawn
+        figures["spectrogram"] = _draw_spectrogram(result, moving_m)
+    if result.n_frames > 1 and context.strongest.sizes["detection"]:
+        figures["range_over_time"] = _draw_over_time(context, "range")
+        figures["velocity_over_time"] = _draw_over_time(context, "velocity")
+    return figures
 
 
-def _scene(shown: View, there: Scene) -> Markup:
-    found = shown.in_first_frame
-    without = np.isnan(found.azimuth.values)
-    return svg(
-        lambda figure: scene.from_above(
+def _draw_scene(context: PageContext, scene_: Scene) -> Markup:
+    detections = context.first_frame_detections
+    has_no_azimuth = np.isnan(detections.azimuth.values)
+    return render_svg(
+        lambda figure: scene.draw_scene(
             figure.subplots(),
-            there,
-            time_s=shown.result.radar.at(shown.result.first_frame).frame.mid_frame_s,
-            detected_m=found.range.values[without].tolist(),
-            seen=directions.seen(shown),
+            scene_,
+            time_s=context.result.radar.for_frame(context.result.first_frame).frame.mid_frame_s,
+            detected_m=detections.range.values[has_no_azimuth].tolist(),
+            detections=directions_section.detections_on_ground(context),
         ),
-        height_in=scene.height_in(there),
+        height_in=scene.height_in(scene_),
     )
 
 
-def _ranges_of_moving_bodies_m(shown: View) -> tuple[float, float] | None:
-    """Between which ranges of the map bodies are that swing or turn parts; None without any."""
-    scene_, truth, radar = shown.result.scenario.scene, shown.result.truth, shown.result.radar
-    if scene_ is None or truth is None or radar.frame.n_chirps < _LEAST_WINDOW:
+def _moving_body_range_interval_m(context: PageContext) -> tuple[float, float] | None:
+    """Return the range interval of bodies with moving parts on the map; None without any."""
+    scene_, truth, radar = context.result.scenario.scene, context.result.truth, context.result.radar
+    if scene_ is None or truth is None or radar.frame.n_chirps < _MIN_WINDOW_CHIRPS:
         return None
-    if radar.frame.n_intervals > 1 or radar.frame.falls:
-        return None  # what goes through all frames has one interval, and ramps of one kind
+    if radar.frame.n_intervals > 1 or radar.frame.has_falling_ramps:
+        return None  # a spectrogram needs one chirp interval and one kind of ramp
     moves = [target.body is not None and not target.body.is_rigid for target in scene_.targets]
-    own = np.array(moves, dtype=bool)[scene_.owners]
-    if not own.any():
+    is_moving = np.array(moves, dtype=bool)[scene_.owners]
+    if not is_moving.any():
         return None
-    times_s = truth.time.values[:: -(-truth.sizes["frame"] // _MOST_LOOKS)]
-    there = Place(*(of[:, own] for of in scatterers(scene_, times_s)))
-    ranges_m = on_map(folded(there, radar), radar).range_m
-    margin_m = 2 * radar.frame.chirp.range_resolution_m  # of the peaks that windows widen
+    times_s = truth.time.values[:: -(-truth.sizes["frame"] // _MAX_SAMPLED_FRAMES)]
+    motion = RangeVelocity(*(values[:, is_moving] for values in scatterer_motion(scene_, times_s)))
+    ranges_m = map_position(alias_range_velocity(motion, radar), radar).range_m
+    margin_m = 2 * radar.frame.chirp.range_resolution_m  # for peaks widened by windows
     return float(ranges_m.min()) - margin_m, float(ranges_m.max()) + margin_m
 
 
-def _spectrogram(result: "Result", range_m: tuple[float, float]) -> Markup:
+def _draw_spectrogram(result: "Result", range_m: tuple[float, float]) -> Markup:
     frame = result.radar.frame
-    n_window = min(max(round(_WINDOW_S / frame.repetition_s), _LEAST_WINDOW), frame.n_chirps)
-    hop = max(n_window // 4, frame.n_chirps * result.n_frames // _MOST_WINDOWS)
+    n_window = min(max(round(_WINDOW_S / frame.repetition_s), _MIN_WINDOW_CHIRPS), frame.n_chirps)
+    hop = max(n_window // 4, frame.n_chirps * result.n_frames // _MAX_WINDOWS)
     chain = result.scenario.chain
     power = spectrogram(
         result.cube,
@@ -181,31 +186,35 @@ def _spectrogram(result: "Result", range_m: tuple[float, float]) -> Markup:
         hop=hop,
         n_velocity_bins=2 * n_window,
     )
-    return svg(lambda figure: over.over_time(figure.subplots(), power))
+    return render_svg(lambda figure: over.draw_spectrogram(figure.subplots(), power))
 
 
-def _cut(shown: View, along: Axis) -> Markup:
-    result = shown.result
-    return svg(
-        lambda figure: cfar.cut(
+def _draw_cut(context: PageContext, axis: MapAxis) -> Markup:
+    result = context.result
+    return render_svg(
+        lambda figure: cfar.draw_cut(
             figure.subplots(),
             result.power,
             result.threshold,
             result.scenario.chain.cfar,
-            along=along,
-            cell=shown.cell,
-            units=shown.units,
+            along=axis,
+            cell=context.strongest_cell,
+            units=context.units,
         )
     )
 
 
-def _over_time(shown: View, variable: Axis) -> Markup:
+def _draw_over_time(context: PageContext, variable: MapAxis) -> Markup:
     lines = None
-    if shown.result.truth is not None and shown.seen is not None:
-        seen = shown.seen.range_m if variable == "range" else shown.seen.velocity_m_per_s
-        lines = (shown.result.truth.time.values, seen)
-    return svg(
-        lambda figure: frames.over_time(
-            figure.subplots(), shown.strongest, variable=variable, truth=lines
+    if context.result.truth is not None and context.apparent_truth is not None:
+        estimates = (
+            context.apparent_truth.range_m
+            if variable == "range"
+            else context.apparent_truth.velocity_m_per_s
+        )
+        lines = (context.result.truth.time.values, estimates)
+    return render_svg(
+        lambda figure: frames.draw_estimates_over_time(
+            figure.subplots(), context.strongest, variable=variable, truth=lines
         )
     )

@@ -1,4 +1,4 @@
-"""A page as PDF, for paper and for those who file it: our own HTML, set by Typst."""
+"""PDF output of pages, set by Typst."""
 
 from collections.abc import Callable
 from importlib.resources import files
@@ -7,51 +7,51 @@ from pathlib import Path
 
 import matplotlib as mpl
 
+from dechirp.core.atomic_files import atomic_file
 from dechirp.core.errors import InvalidSetting
-from dechirp.report.typst_source import source
-from dechirp.store.whole import whole_file
+from dechirp.report.typst_source import html_to_typst
 
 
 def check_pdf() -> None:
-    """Raise `InvalidSetting` if the extra is missing; to be asked before a long run."""
+    """Raise `InvalidSetting` if the extra `pdf` is missing; call it before a long run."""
     if find_spec("typst") is None:
         raise InvalidSetting(
             "--pdf",
-            got="asked for without typst, which sets the pages",
-            need="asked for with the extra pdf installed",
-            fix="Run pip install 'dechirp[pdf]'.",
+            value="the package typst is not installed",
+            expected="the extra pdf",
+            fix="run pip install 'dechirp[pdf]'",
         )
 
 
-def pdf_of(html: str) -> bytes:
-    """Return the PDF of a page of this package; the same page always gives the same PDF.
+def html_to_pdf(html: str) -> bytes:
+    """Return the PDF of a page of this package; equal pages give equal PDFs.
 
-    It takes no font of the machine, no file and nothing from the network.
+    It uses no system fonts, no files and no network.
 
     Parameters
     ----------
     html : str
-        What a `render` of this folder returns. Elements that its templates do not use are an
-        `UnknownElement`.
+        Result of a render function of this folder. Elements that its templates do not use raise
+        `UnknownElementError`.
     """
     import typst
 
-    body, drawings = source(html)
+    body, drawings = html_to_typst(html)
     look = files("dechirp.report").joinpath("page.typ").read_text(encoding="utf-8")
     contents = {"main.typ": look + body, **drawings}
-    # Files in memory: its types know of one file alone.
+    # The type hints of typst do not cover several files in memory.
     compiled: Callable[..., bytes] = typst.compile
     return compiled(
         {name: text.encode() for name, text in contents.items()},
-        font_paths=[str(Path(mpl.get_data_path(), "fonts", "ttf"))],  # those that figures name
+        font_paths=[str(Path(mpl.get_data_path(), "fonts", "ttf"))],  # fonts of the figures
         ignore_system_fonts=True,
     )
 
 
 def write_pdf(out: Path, html: str | None) -> None:
-    """Write the PDF of a page; without one remove that of an earlier page."""
+    """Write the PDF of a page, or remove an earlier one if `html` is None."""
     if html is None:
         out.unlink(missing_ok=True)
         return
-    with whole_file(out) as made:
-        made.write_bytes(pdf_of(html))
+    with atomic_file(out) as path:
+        path.write_bytes(html_to_pdf(html))

@@ -1,39 +1,56 @@
-"""What pages share: how templates are read, and what they are made with."""
+"""Templates of pages, and the dates and library versions that pages show."""
 
 import importlib.metadata
 import platform
+from datetime import UTC, datetime
 from functools import cache
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Template
 
+# fmt: off
+_MONTHS = (
+    "January", "February", "March", "April", "May", "June",
+    "July", "August", "September", "October", "November", "December",
+)
+# fmt: on
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
 @cache
-def environment() -> Environment:
-    """Templates of this folder; all of them extend `base.html`, of parts in `parts.html`."""
-    made = Environment(
-        loader=PackageLoader("dechirp.report", ""),
+def template_environment(*packages: str) -> Environment:
+    """Return the templates of this folder and of further packages.
+
+    All pages extend `base.html`, with the macros of `parts.html`.
+    """
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader(name, "") for name in ("dechirp.report", *packages)]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals["versions"] = versions
-    return made
+    environment.globals["versions"] = library_versions
+    return environment
 
 
-def template(name: str) -> Template:
-    """Read the template of a page of results."""
-    return environment().get_template(name)
+def load_template(name: str) -> Template:
+    """Load a page template of this folder."""
+    return template_environment().get_template(name)
 
 
-def versions() -> list[tuple[str, str]]:
-    """Name and version of what results depend on."""
-    known = [("Python", platform.python_version())]
+def library_versions() -> list[tuple[str, str]]:
+    """Return names and versions of Python and of the libraries."""
+    versions = [("Python", platform.python_version())]
     for name in ("dechirp", *_LIBRARIES):
         try:
-            known.append((name, importlib.metadata.version(name)))
+            versions.append((name, importlib.metadata.version(name)))
         except importlib.metadata.PackageNotFoundError:  # imported from a folder, not installed
             continue
-    return known
+    return versions
+
+
+def format_date(iso: str) -> str:
+    """Write an ISO 8601 date to the minute, in English and UTC; UTC is the default time zone."""
+    date = datetime.fromisoformat(iso)
+    date = date.replace(tzinfo=UTC) if date.tzinfo is None else date.astimezone(UTC)
+    return f"{date.day} {_MONTHS[date.month - 1]} {date:%Y, %H:%M} UTC"

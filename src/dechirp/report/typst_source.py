@@ -1,169 +1,189 @@
-"""A page of ours as Typst source: what its templates use of HTML, and nothing else."""
+"""Conversion of a page of this package to Typst source."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 
-from dechirp.report.html_tree import Element, tree
-from dechirp.report.typst_table import Cell, laid_out
-from dechirp.report.typst_words import INLINE, UnknownElement, Words, flat, look, string
+from dechirp.report.html_tree import Element, parse_html
+from dechirp.report.typst_inline import (
+    INLINE,
+    InlineWriter,
+    UnknownElementError,
+    apply_class_style,
+    collapse_whitespace,
+    typst_string,
+)
+from dechirp.report.typst_table import Cell, lay_out_table
 
 _FINDINGS = {"warning": 'rgb("#e0a100")', "error": "orange", "note": "blue"}
 
 
-def source(html: str) -> tuple[str, dict[str, str]]:
-    """Return the Typst source of a page, without what `page.typ` says, and its drawings by name."""
-    written = _Page(tree(html))
-    return written.text, written.drawings
+def html_to_typst(html: str) -> tuple[str, dict[str, str]]:
+    """Return the Typst source of a page, without `page.typ`, and its drawings by name."""
+    page = _Page(parse_html(html))
+    return page.text, page.drawings
 
 
-class _Page(Words):
+class _Page(InlineWriter):
     def __init__(self, page: Element) -> None:
-        (title,), (main,) = page.all("title"), page.all("main")
+        (title,), (main,) = page.descendants("title"), page.descendants("main")
         super().__init__(main)
         self.turned = False
         self.is_paper = "paper" in main.classes
         self.blocks: dict[str, Callable[[Element], str]] = {
-            "header": self.all,
-            "section": self.section,
-            **dict.fromkeys(("h1", "h2", "h3"), self.heading),
-            **dict.fromkeys(("ul", "ol"), self.list),
-            "div": self.div,
-            "p": self.paragraph,
-            "table": self.table,
-            "figure": self.figure,
-            "details": self.details,
-            "pre": lambda one: f"#file([], {string(one.text)})\n",
-            "footer": lambda one: f"#colophon[{self.words(one)}]\n",
+            "header": self.convert_all,
+            "section": self.convert_section,
+            **dict.fromkeys(("h1", "h2", "h3"), self.convert_heading),
+            **dict.fromkeys(("ul", "ol"), self.convert_list),
+            "div": self.convert_div,
+            "p": self.convert_paragraph,
+            "table": self.convert_table,
+            "figure": self.convert_figure,
+            "details": self.convert_details,
+            "pre": lambda element: f"#file([], {typst_string(element.text)})\n",
+            "footer": lambda element: f"#colophon[{self.inline_content(element)}]\n",
         }
         is_paper = "true" if self.is_paper else "false"
-        head = f"#show: report.with({string(flat(title.text))}, {is_paper})\n"
-        self.text = head + self.all(main)
+        head = f"#show: report.with({typst_string(collapse_whitespace(title.text))}, {is_paper})\n"
+        self.text = head + self.convert_all(main)
 
-    def all(self, parent: Element) -> str:
-        """Blocks of an element; words between them are a paragraph."""
-        made = []
-        for is_inline, some in groupby(parent.children, _is_inline):
+    def convert_all(self, parent: Element) -> str:
+        """Convert the blocks of an element; text between them becomes a paragraph."""
+        blocks = []
+        for is_inline, children_run in groupby(parent.children, _is_inline):
             if is_inline:
-                words = self.words(Element("p", {}, list(some)))
-                made += [f"#par[{words}]\n"] if words else []
+                words = self.inline_content(Element("p", {}, list(children_run)))
+                blocks += [f"#par[{words}]\n"] if words else []
             else:
-                made += [self.block(one) for one in some if isinstance(one, Element)]
-        return self.anchor(parent) + "".join(made)
+                blocks += [
+                    self.convert_block(element)
+                    for element in children_run
+                    if isinstance(element, Element)
+                ]
+        return self.anchor(parent) + "".join(blocks)
 
-    def block(self, one: Element) -> str:
-        if one.tag not in self.blocks:
-            raise UnknownElement(f"<{one.tag}> in {flat(one.text)[:60]!r}")
-        return self.blocks[one.tag](one)
+    def convert_block(self, element: Element) -> str:
+        if element.tag not in self.blocks:
+            raise UnknownElementError(
+                f"<{element.tag}> in {collapse_whitespace(element.text)[:60]!r}"
+            )
+        return self.blocks[element.tag](element)
 
-    def section(self, one: Element) -> str:
-        """A section, on pages of its own where a table is as wide as they are high."""
+    def convert_section(self, element: Element) -> str:
+        """Convert a section, on landscape pages if it contains a wide table."""
         self.turned = False
-        made = self.all(one)
-        return f"#wide[{made}]\n" if self.turned else made
+        blocks = self.convert_all(element)
+        return f"#wide[{blocks}]\n" if self.turned else blocks
 
-    def heading(self, one: Element) -> str:
-        level = int(one.tag[1])
-        plain = ", numbering: none" if level == 1 or "plain" in one.classes else ""
-        return f"#heading(level: {level}{plain})[{self.words(one)}]\n"
+    def convert_heading(self, element: Element) -> str:
+        level = int(element.tag[1])
+        plain = ", numbering: none" if level == 1 or "plain" in element.classes else ""
+        return f"#heading(level: {level}{plain})[{self.inline_content(element)}]\n"
 
-    def paragraph(self, one: Element) -> str:
-        words = self.words(one)
+    def convert_paragraph(self, element: Element) -> str:
+        words = self.inline_content(element)
         if not words:
             return ""
-        made = f"#par[{look(one, words)}]"
-        return f"#block(sticky: true)[{made}]\n" if "caption" in one.classes else f"{made}\n"
+        blocks = f"#par[{apply_class_style(element, words)}]"
+        return (
+            f"#block(sticky: true)[{blocks}]\n" if "caption" in element.classes else f"{blocks}\n"
+        )
 
-    def list(self, one: Element) -> str:
-        items = [child for child in one.children if isinstance(child, Element)]
-        if "findings" in one.classes:
+    def convert_list(self, element: Element) -> str:
+        items = [child for child in element.children if isinstance(child, Element)]
+        if "findings" in element.classes:
             return "".join(
-                f"#finding({_FINDINGS[item.classes[0]]})[{self.words(item)}]\n" for item in items
+                f"#finding({_FINDINGS[item.classes[0]]})[{self.inline_content(item)}]\n"
+                for item in items
             )
-        kind = "list" if one.tag == "ul" else "enum"
-        return f"#{kind}({', '.join(f'[{self.words(item)}]' for item in items)})\n"
+        kind = "list" if element.tag == "ul" else "enum"
+        return f"#{kind}({', '.join(f'[{self.inline_content(item)}]' for item in items)})\n"
 
-    def div(self, one: Element) -> str:
-        classes = one.classes
-        children = [child for child in one.children if isinstance(child, Element)]
+    def convert_div(self, element: Element) -> str:
+        classes = element.classes
+        children = [child for child in element.children if isinstance(child, Element)]
         if "cards" in classes:
             cards = (
                 ", ".join(
-                    f"[{self.words(part)}]" for part in card.children if isinstance(part, Element)
+                    f"[{self.inline_content(part)}]"
+                    for part in card.children
+                    if isinstance(part, Element)
                 )
                 for card in children
             )
             return f"#cards({', '.join(f'card({card})' for card in cards)})\n"
         if "pair" in classes:
-            return self.pair(children)
+            return self.convert_pair(children)
         if "sign" in classes:
-            return f"#signed({', '.join(f'[{self.words(child)}]' for child in children)})\n"
+            return (
+                f"#signed({', '.join(f'[{self.inline_content(child)}]' for child in children)})\n"
+            )
         if "equation" in classes:
             formula, number = children
-            words = f"[{self.words(formula)}], [{self.words(number)}]"
-            return f"{self.anchor(one)}#equation({words})\n"
-        made = self.all(one)
-        return f"#kept[{made}]\n" if {"keep", "group"} & set(classes) else made
+            words = f"[{self.inline_content(formula)}], [{self.inline_content(number)}]"
+            return f"{self.anchor(element)}#equation({words})\n"
+        blocks = self.convert_all(element)
+        return f"#kept[{blocks}]\n" if {"keep", "group"} & set(classes) else blocks
 
-    def pair(self, children: Sequence[Element]) -> str:
-        """Figures and groups two in a row, all else as wide as the page."""
-        made = []
-        for is_narrow, some in groupby(children, _is_narrow):
-            blocks = [self.block(one) for one in some]
+    def convert_pair(self, children: Sequence[Element]) -> str:
+        """Convert a pair: figures and groups in two columns, other blocks at full width."""
+        converted = []
+        for is_narrow, children_run in groupby(children, _is_narrow):
+            blocks = [self.convert_block(element) for element in children_run]
             if is_narrow and len(blocks) > 1:
-                made.append(f"#two({', '.join(f'[{one}]' for one in blocks)})\n")
+                converted.append(f"#two({', '.join(f'[{block}]' for block in blocks)})\n")
             else:
-                made += [f"#narrow[{one}]\n" if is_narrow else one for one in blocks]
-        return "".join(made)
+                converted += [f"#narrow[{block}]\n" if is_narrow else block for block in blocks]
+        return "".join(converted)
 
-    def figure(self, one: Element) -> str:
-        drawn = next(one.all("svg"))  # those after it are formulas of the caption
-        (caption,) = one.all("figcaption")
-        file, alt = self.drawn(drawn)
-        made = f"#drawing({file}, {alt}, [{self.words(caption)}])"
-        return f"#narrow[{made}]\n" if self.is_paper else f"{made}\n"
+    def convert_figure(self, element: Element) -> str:
+        drawing = next(element.descendants("svg"))  # further ones are formulas of the caption
+        (caption,) = element.descendants("figcaption")
+        file, alt = self.store_drawing(drawing)
+        blocks = f"#drawing({file}, {alt}, [{self.inline_content(caption)}])"
+        return f"#narrow[{blocks}]\n" if self.is_paper else f"{blocks}\n"
 
-    def details(self, one: Element) -> str:
-        (summary,), (pre,) = one.all("summary"), one.all("pre")
-        return f"#file([{self.words(summary)}], {string(pre.text)})\n"
+    def convert_details(self, element: Element) -> str:
+        (summary,), (pre,) = element.descendants("summary"), element.descendants("pre")
+        return f"#file([{self.inline_content(summary)}], {typst_string(pre.text)})\n"
 
-    def table(self, one: Element) -> str:
+    def convert_table(self, element: Element) -> str:
         rows = [
             [
                 Cell(
-                    words=look(cell, self.words(cell)),
-                    lines=tuple(_lines(cell)),
+                    source=apply_class_style(cell, self.inline_content(cell)),
+                    lines=tuple(_cell_lines(cell)),
                     kinds=frozenset(cell.classes),
                     n_columns=int(cell.attributes.get("colspan", "1")),
                 )
-                for cell in row.all("th", "td")
+                for cell in row.descendants("th", "td")
             ]
-            for row in one.all("tr")
+            for row in element.descendants("tr")
         ]
-        n_heads = sum(len(list(head.all("tr"))) for head in one.all("thead"))
-        looks = [frozenset(row.classes) for row in one.all("tr")]
-        kinds = frozenset(one.classes)
-        made, turned = laid_out(rows, looks, n_heads, kinds, is_paper=self.is_paper)
+        n_heads = sum(len(list(head.descendants("tr"))) for head in element.descendants("thead"))
+        looks = [frozenset(row.classes) for row in element.descendants("tr")]
+        kinds = frozenset(element.classes)
+        blocks, turned = lay_out_table(rows, looks, n_heads, kinds, is_paper=self.is_paper)
         self.turned = self.turned or turned
-        return made
+        return blocks
 
 
-def _lines(cell: Element) -> Iterator[str]:
-    """What is written in a cell, line by line."""
+def _cell_lines(cell: Element) -> Iterator[str]:
+    """Yield the text of a cell line by line."""
     line = ""
     for child in cell.children:
         if isinstance(child, str):
             line += child
         elif child.tag in {"br", "small"}:
-            yield flat(line)
+            yield collapse_whitespace(line)
             line = child.text
         else:
             line += child.text
-    yield flat(line)
+    yield collapse_whitespace(line)
 
 
-def _is_inline(one: Element | str) -> bool:
-    return isinstance(one, str) or one.tag in INLINE
+def _is_inline(element: Element | str) -> bool:
+    return isinstance(element, str) or element.tag in INLINE
 
 
-def _is_narrow(one: Element) -> bool:
-    return one.tag == "figure" or "group" in one.classes
+def _is_narrow(element: Element) -> bool:
+    return element.tag == "figure" or "group" in element.classes

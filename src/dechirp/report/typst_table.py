@@ -1,38 +1,39 @@
-"""Tables of a page on paper: columns as wide as what is in them, letters so small that all fit.
+"""Layout of tables in the PDF: column widths follow the content, and the font size the width.
 
-What does not fit a page at 5.2 points breaks its numbers, before ± and after "to". What does not
-fit so at 5.0 goes on a page that is turned, whole or broken; what does not fit that at 4.6 is cut
-into tables of some columns each, the first column in all of them.
+A table too wide for a portrait page at 5.2 points has its numbers broken, before ± and after "to".
+A
+table too wide for that at 5.0 points goes on a landscape page, without or with broken numbers. A
+table too wide for that at 4.6 points is split by columns, with the first column repeated.
 """
 
 from collections.abc import Iterator, Sequence
 
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 
 _UPRIGHT_PT, _TURNED_PT = 516.0, 759.0  # within the margins of A4
 _LARGEST_PT, _SMALLEST_PT, _BROKEN_SMALLEST_PT, _TURNED_SMALLEST_PT = 8.0, 5.2, 5.0, 4.6
-# Room, least size, and whether numbers go over two lines: the first in which a table fits.
-_TRIED = (
+# Width, smallest font size, and whether numbers are broken; the first fitting one is used.
+_LAYOUTS = (
     (_UPRIGHT_PT, _SMALLEST_PT, False),
     (_UPRIGHT_PT, _BROKEN_SMALLEST_PT, True),
     (_TURNED_PT, _TURNED_SMALLEST_PT, False),
     (_TURNED_PT, _TURNED_SMALLEST_PT, True),
 )
 _PADDING_EM = 0.7
-# Mean width of a letter: DejaVu Sans, and STIX in a paper.
+# Mean letter width of DejaVu Sans, and of STIX in papers.
 _LETTER_EM, _PAPER_LETTER_EM = 0.65, 0.50
-_NARROW = 16  # letters that a column of words has at least
-_WORD = 25  # words that are longer are broken
+_NARROW = 16  # minimum number of letters of a text column
+_WORD = 25  # longer words are broken
 _ON_ONE_LINE = frozenset({"num", "count", "interval", "theory", "short", "decision"})
-_TO_THE_RIGHT = frozenset({"num", "count", "interval", "theory"})
+_RIGHT_ALIGNED = frozenset({"num", "count", "interval", "theory"})
 _FIXED = {"bars": (24.0, 13.0, 36.0, 27.0), "shares": (50.0, 14.0, 36.0)}
 
 
-@value
+@frozen_dataclass
 class Cell:
-    """A cell: its Typst source, and what decides how wide it is."""
+    """Cell with its Typst source and the properties that determine its width."""
 
-    words: str
+    source: str
     lines: tuple[str, ...]
     kinds: frozenset[str]
     n_columns: int = 1
@@ -41,7 +42,7 @@ class Cell:
 Rows = Sequence[Sequence[Cell]]
 
 
-def laid_out(
+def lay_out_table(
     rows: Rows,
     looks: Sequence[frozenset[str]],
     n_heads: int,
@@ -49,33 +50,33 @@ def laid_out(
     *,
     is_paper: bool,
 ) -> tuple[str, bool]:
-    """Return the Typst source of a table, and whether it is for a page that is turned.
+    """Return the Typst source of a table, and whether it needs a landscape page.
 
     Parameters
     ----------
     rows : sequence of sequence of Cell
-        The first `n_heads` are its head, which every page repeats.
+        Rows, of which the first `n_heads` are the header, repeated on each page.
     looks : sequence of frozenset
         Classes of each row.
     kinds : frozenset
-        Classes of the table; `bars` and `plain` ones are laid out as such.
+        Classes of the table; `bars` and `plain` select special layouts.
     is_paper : bool
-        Whether letters are those of a paper.
+        Whether the page uses the font of papers.
     """
     if not rows:
         return "", False
     heads, body = rows[:n_heads], rows[n_heads:]
     n_columns = max(sum(cell.n_columns for cell in row) for row in rows)
-    right = [_is_right(rows, at, kinds, n_columns) for at in range(n_columns)]
+    right = [_is_right_aligned(rows, column, kinds, n_columns) for column in range(n_columns)]
     if kinds & {"bars", "plain"}:
-        fixed = next((of for name, of in _FIXED.items() if name in kinds), None)
+        fixed = next((cells for name, cells in _FIXED.items() if name in kinds), None)
         if "shares" in kinds:
             fixed = _FIXED["shares"]
-        columns = [f"{of}fr" for of in fixed] if fixed else ["auto", "1fr"]
-        return _table(columns, right, heads, body, looks[n_heads:], 7.5), False
+        columns = [f"{cells}fr" for cells in fixed] if fixed else ["auto", "1fr"]
+        return _typst_table(columns, right, heads, body, looks[n_heads:], 7.5), False
     letter_em = _PAPER_LETTER_EM if is_paper else _LETTER_EM
-    for room_pt, smallest_pt, is_broken in _TRIED:
-        letters = (_letters(rows, at, n_heads, is_broken) for at in range(n_columns))
+    for room_pt, smallest_pt, is_broken in _LAYOUTS:
+        letters = (_column_letters(rows, column, n_heads, is_broken) for column in range(n_columns))
         needs, wants = zip(*letters, strict=True)
         widths_em = [letter_em * need + _PADDING_EM for need in needs]
         size_pt = min(_LARGEST_PT, room_pt / sum(widths_em))
@@ -87,69 +88,73 @@ def laid_out(
                 f"{width + share * more:.2f}fr"
                 for width, more in zip(widths_em, more_em, strict=True)
             ]
-            made = _table(columns, right, heads, body, looks[n_heads:], size_pt)
-            return made, room_pt == _TURNED_PT
+            source = _typst_table(columns, right, heads, body, looks[n_heads:], size_pt)
+            return source, room_pt == _TURNED_PT
     parts = [
-        laid_out(
-            [[row[at] for at in some] for row in rows], looks, n_heads, kinds, is_paper=is_paper
+        lay_out_table(
+            [[row[column] for column in group] for row in rows],
+            looks,
+            n_heads,
+            kinds,
+            is_paper=is_paper,
         )
-        for some in _cut(widths_em)
+        for group in _cut(widths_em)
     ]
-    return "".join(made for made, _ in parts), True
+    return "".join(source for source, _ in parts), True
 
 
 def _cut(widths_em: Sequence[float]) -> Iterator[list[int]]:
-    """Columns of tables that each fit a turned page, the first column in all."""
+    """Yield groups of columns that fit a landscape page, each with the first column."""
     room_em = _TURNED_PT / _TURNED_SMALLEST_PT
-    some = [0]
-    for at in range(1, len(widths_em)):
-        if len(some) > 1 and sum(widths_em[one] for one in [*some, at]) > room_em:
-            yield some
-            some = [0]
-        some.append(at)
-    yield some
+    group = [0]
+    for column in range(1, len(widths_em)):
+        if len(group) > 1 and sum(widths_em[index] for index in [*group, column]) > room_em:
+            yield group
+            group = [0]
+        group.append(column)
+    yield group
 
 
-def _letters(rows: Rows, at: int, n_heads: int, is_broken: bool) -> tuple[int, int]:
-    """Letters that a column needs, and those with which no line of it is broken."""
+def _column_letters(rows: Rows, column: int, n_heads: int, is_broken: bool) -> tuple[int, int]:
+    """Return the minimum number of letters of a column, and the number without line breaks."""
     need = want = 1
     for number, row in enumerate(rows):
-        cell = _cell_at(row, at)
+        cell = _cell_at(row, column)
         if cell is None:
             continue
         words = [word for line in cell.lines for word in line.split(" ")]
         longest = min(max(map(len, words)), _WORD)
         need = max(need, longest)
         if number >= n_heads:
-            # Of a number its first line is whole; what stands small below it is words.
+            # The first line of a number is not broken; the small lines below it are text.
             first, *below = map(len, cell.lines)
             if cell.kinds & _ON_ONE_LINE:
                 whole = 0 if is_broken else first
             else:
                 whole = min(first, _NARROW)
-            need = max(need, whole, *(min(one, _NARROW) for one in below))
+            need = max(need, whole, *(min(index, _NARROW) for index in below))
         want = max(want, *map(len, cell.lines))
     return need, max(need, want)
 
 
-def _cell_at(row: Sequence[Cell], at: int) -> Cell | None:
-    """Cell of one column alone; none where one goes over several."""
+def _cell_at(row: Sequence[Cell], column: int) -> Cell | None:
+    """Return the cell that occupies exactly one column; None if it spans several."""
     start = 0
     for cell in row:
-        if start == at and cell.n_columns == 1:
+        if start == column and cell.n_columns == 1:
             return cell
         start += cell.n_columns
     return None
 
 
-def _is_right(rows: Rows, at: int, kinds: frozenset[str], n_columns: int) -> bool:
+def _is_right_aligned(rows: Rows, column: int, kinds: frozenset[str], n_columns: int) -> bool:
     if "plain" in kinds:
-        return at == n_columns - 1 and "signed" not in kinds
-    cells = (_cell_at(row, at) for row in rows)
-    return any(cell is not None and bool(cell.kinds & _TO_THE_RIGHT) for cell in cells)
+        return column == n_columns - 1 and "signed" not in kinds
+    cells = (_cell_at(row, column) for row in rows)
+    return any(cell is not None and bool(cell.kinds & _RIGHT_ALIGNED) for cell in cells)
 
 
-def _table(
+def _typst_table(
     columns: Sequence[str],
     right: Sequence[bool],
     heads: Rows,
@@ -157,17 +162,19 @@ def _table(
     looks: Sequence[frozenset[str]],
     size_pt: float,
 ) -> str:
-    head = "".join(f"[{cell.words}], " for row in heads for cell in row)
+    head = "".join(f"[{cell.source}], " for row in heads for cell in row)
     cells = "".join(
-        f"  {_cell(cell, look)},\n" for row, look in zip(body, looks, strict=True) for cell in row
+        f"  {_typst_cell(cell, look)},\n"
+        for row, look in zip(body, looks, strict=True)
+        for cell in row
     )
-    align = "".join(f"{'right' if one else 'left'}, " for one in right)
+    align = "".join(f"{'right' if index else 'left'}, " for index in right)
     return f"#rows({size_pt:.2f}pt, ({', '.join(columns)},), ({align}), ({head}),\n{cells})\n"
 
 
-def _cell(cell: Cell, look: frozenset[str]) -> str:
-    words = f"#strong[{cell.words}]" if "head" in look else cell.words
+def _typst_cell(cell: Cell, look: frozenset[str]) -> str:
+    words = f"#strong[{cell.source}]" if "head" in look else cell.source
     words = f"#quiet[{words}]" if "note" in look else words
-    told = [f"colspan: {cell.n_columns}"] if cell.n_columns > 1 else []
-    told += ['fill: rgb("#fdeeea")'] if "bad" in look else []
-    return f"table.cell({', '.join(told)})[{words}]" if told else f"[{words}]"
+    arguments = [f"colspan: {cell.n_columns}"] if cell.n_columns > 1 else []
+    arguments += ['fill: rgb("#fdeeea")'] if "bad" in look else []
+    return f"table.cell({', '.join(arguments)})[{words}]" if arguments else f"[{words}]"

@@ -23,13 +23,13 @@ const place = (event) => {
   const { x, y } = at.matrixTransform(drawing.getScreenCTM().inverse());
   return [x, y];
 };
-const button = (text, says, act) => {
+const button = (text, title, onClick) => {
   const made = document.createElement("button");
   made.type = "button";
   made.textContent = text;
-  made.title = says;
-  made.setAttribute("aria-label", says);
-  made.addEventListener("click", act);
+  made.title = title;
+  made.setAttribute("aria-label", title);
+  made.addEventListener("click", onClick);
   return made;
 };
 

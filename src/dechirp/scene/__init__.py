@@ -1,1 +1,1 @@
-"""What the radar looks at, and the truth about it."""
+"""Scene: targets, bodies, their motion, and the truth about them."""

@@ -1,36 +1,40 @@
-"""Cross sections as measured over aspect."""
+"""Tables of measured cross sections over aspect."""
 
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.values import value
-from dechirp.radar.directions import interpolated, keep_table
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.angle_table import check_angle_table, interpolate_angle_table
 
 
-@value
+@frozen_dataclass
 class RcsTable:
-    """Radar cross section over the direction in which the target sees the radar.
+    """Radar cross section over the direction from the target to the radar.
 
-    In the axes of the target: x along its heading, y left, z up; at azimuth 0 the radar is
-    ahead of it. Bilinear in decibels; round a whole circle of azimuths it wraps, outside the
-    angles of a smaller table the nearest edge holds.
+    In the axes of the target: x along its heading, y left, z up; at azimuth 0 the radar is ahead of
+    it.
+    Interpolation is bilinear in decibels. A full circle of azimuths is periodic; outside the angles
+    of
+    a smaller table, the nearest edge applies.
     """
 
     azimuth_rad: tuple[float, ...]
-    """Ascending, left positive."""
+    """Azimuths, ascending, left positive."""
     elevation_rad: tuple[float, ...] = (0.0,)
-    """Ascending. One alone: the same from above and below."""
+    """Elevations, ascending. A single one applies to all elevations."""
     rcs_m2: tuple[tuple[float, ...], ...]
-    """A row for each elevation, a cross section for each azimuth in it (dBsm in files)."""
+    """One row for each elevation, with a cross section for each azimuth (dBsm in files)."""
 
     def __post_init__(self) -> None:
-        keep_table(self, "rcs_m2", at_least=1e-12, at_most=1e12)
+        check_angle_table(self, "rcs_m2", at_least=1e-12, at_most=1e12)
 
-    def seen_from_m2(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> np.ndarray:
-        """Cross sections towards directions, any shapes that broadcast."""
-        return interpolated(*self._arrays, azimuth_rad, elevation_rad)
+    def cross_sections_towards_m2(
+        self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike
+    ) -> np.ndarray:
+        """Return cross sections towards directions, any shapes that broadcast."""
+        return interpolate_angle_table(*self._arrays, azimuth_rad, elevation_rad)
 
     @cached_property
     def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The scene: what there is, and where its scatterers are, seen from the radar."""
+"""Scene: targets, radar motion, and scatterer positions relative to the radar."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -8,168 +8,175 @@ from typing import NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import instances
-from dechirp.core.displayed import Displayed, Table, cut, settings, several
+from dechirp.core.checks import check_instances
+from dechirp.core.display import Displayable, Table, pluralise, settings_table, truncated_table
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import AspectBody, Body
 from dechirp.scene.ego import Ego
-from dechirp.scene.rotations import about_z, into, out_of
+from dechirp.scene.rotations import from_local_axes, rotation_about_z, to_local_axes
 from dechirp.scene.target import Fluctuation, Target
 
 
-class Parabolas(NamedTuple):
-    """Scatterers that go along parabolas, or straight lines, past a radar that does not turn."""
+class ParabolicPaths(NamedTuple):
+    """Scatterers on parabolas or straight lines, relative to a radar that does not turn."""
 
     scatterers: np.ndarray
-    """(n,), places in the list of all scatterers."""
-    terms_m: np.ndarray
-    """(2 or 3, n, 3): the sum of terms_m[k] t^k is where they are, radar coordinates."""
+    """(n,), indices into the list of all scatterers."""
+    coefficients_m: np.ndarray
+    """(2 or 3, n, 3): the position in radar coordinates is the sum of coefficients_m[k] t^k."""
 
 
-class _Motions(NamedTuple):
-    """How the targets move, each (n_targets, 3): fields of the targets as arrays."""
+class _TargetMotions(NamedTuple):
+    """Motion of the targets, each (n_targets, 3): fields of the targets as arrays."""
 
     start_m: np.ndarray
-    """From where the radar is at time zero: so the digits of short ways stay."""
+    """Position relative to the radar at time zero, which preserves the digits of short paths."""
     velocity_m_per_s: np.ndarray
     acceleration_m_per_s2: np.ndarray
 
 
-@value
-class Scene(Displayed):
-    """Targets, and the radar's own motion.
+@frozen_dataclass
+class Scene(Displayable):
+    """Targets, and the motion of the radar.
 
-    Scatterers are counted through: those of the first target, a point or a body of many,
-    then those of the next.
+    Scatterers are numbered consecutively: those of the first target, a point or a body of many,
+    then
+    those of the next.
     """
 
     targets: tuple[Target, ...] = ()
     ego: Ego = Ego()
 
     def __post_init__(self) -> None:
-        fix = "Write targets=[Target(...)], also for one alone."
-        targets = instances("Scene.targets", self.targets, Target, fix=fix)
+        fix = "write targets=[Target(...)], also for a single one"
+        targets = check_instances("Scene.targets", self.targets, Target, fix=fix)
         object.__setattr__(self, "targets", targets)
         if not isinstance(self.ego, Ego):
             raise InvalidSetting(
                 "Scene.ego",
-                got=self.ego,
-                need="an Ego",
-                fix="Write ego=Ego(velocity_m_per_s=(10, 0, 0)), or leave it out.",
+                value=self.ego,
+                expected="an Ego",
+                fix="write ego=Ego(velocity_m_per_s=(10, 0, 0)), or leave it out",
             )
-        for name, times in Counter(self.names).items():
-            if times > 1:
+        for name, count in Counter(self.names).items():
+            if count > 1:
                 raise InvalidSetting(
                     "Scene.targets",
-                    got=f"{times} targets named {name}",
-                    need="a name for each target alone",
-                    fix="Rename one of them.",
+                    value=f"{count} targets named {name}",
+                    expected="a unique name for each target",
+                    fix="rename one of them",
                 )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Name of each target, given or from its place: target-1, target-2 ..."""
+        """Return the name of each target, given or by position: target-1, target-2 ..."""
         return tuple(
             target.name or f"target-{number}" for number, target in enumerate(self.targets, 1)
         )
 
-    def target(self, name: str | None) -> Target:
-        """The target of that name; without a name, the only one there is."""
+    def find_target(self, name: str | None) -> Target:
+        """Return the target of a name, or the only target if the name is None."""
         if name is None and len(self.targets) == 1:
             return self.targets[0]
         if name not in self.names:
             raise InvalidSetting(
                 "target",
-                got=name or "not given",
-                need=f"one of {', '.join(self.names) or 'no targets: the scene is empty'}",
-                fix="Name the target that is meant.",
+                value=name or "none",
+                expected=f"one of {', '.join(self.names) or 'no targets: the scene is empty'}",
+                fix="give the name of a target",
             )
         return self.targets[self.names.index(name)]
 
     @property
     def n_scatterers(self) -> int:
-        """Scatterers of all targets."""
+        """Return the number of scatterers of all targets."""
         return len(self.owners)
 
     @cached_property
     def owners(self) -> np.ndarray:
-        """Which target each scatterer is of, its place in the list, (n_scatterers,)."""
-        return _kept(np.repeat(np.arange(len(self.targets)), self._counts))
+        """Return the target of each scatterer, its index, (n_scatterers,)."""
+        return _make_read_only(np.repeat(np.arange(len(self.targets)), self._scatterer_counts))
 
     @cached_property
     def fixed_rcs_m2(self) -> np.ndarray:
-        """Mean cross section of each scatterer, (n_scatterers,); 0 where it varies with aspect."""
-        own_m2 = [target.rcs_m2 if target.rcs_table is None else 0.0 for target in self.targets]
-        found = np.repeat(np.array(own_m2), self._counts)
-        stops = np.cumsum(self._counts)
-        for place in np.flatnonzero(self._has_body).tolist():
-            own = slice(stops[place] - self._counts[place], stops[place])
-            found[own] = self._body(place).cross_sections_m2()
-        wrong = np.flatnonzero(~(np.isfinite(found) & (found >= 0)))
-        if wrong.size:
-            raise InvalidSetting(
-                f"scene.targets.{self.names[self.owners[wrong[0]]]}.body",
-                got=f"a body with a cross section of {found[wrong[0]]:g} m^2",
-                need="cross sections that are finite, 0 or more",
-                fix="Correct what the body gives.",
+        """Return the mean cross section of each scatterer, (n,); 0 if aspect-dependent."""
+        target_m2 = [target.rcs_m2 if target.rcs_table is None else 0.0 for target in self.targets]
+        cross_sections_m2 = np.repeat(np.array(target_m2), self._scatterer_counts)
+        stops = np.cumsum(self._scatterer_counts)
+        for target_index in np.flatnonzero(self._has_body).tolist():
+            body_scatterers = slice(
+                stops[target_index] - self._scatterer_counts[target_index], stops[target_index]
             )
-        return _kept(found)
+            cross_sections_m2[body_scatterers] = self._target_body(target_index).cross_sections_m2()
+        invalid = np.flatnonzero(~(np.isfinite(cross_sections_m2) & (cross_sections_m2 >= 0)))
+        if invalid.size:
+            raise InvalidSetting(
+                f"scene.targets.{self.names[self.owners[invalid[0]]]}.body",
+                value=f"a body with a cross section of {cross_sections_m2[invalid[0]]:g} m^2",
+                expected="finite cross sections of 0 or more",
+                fix="correct cross_sections_m2 of the body",
+            )
+        return _make_read_only(cross_sections_m2)
 
     @cached_property
-    def over_aspect(self) -> np.ndarray:
-        """Places of the targets whose cross section varies with aspect."""
-        varies = [t.rcs_table is not None or isinstance(t.body, AspectBody) for t in self.targets]
-        return _kept(np.flatnonzero(varies))
+    def aspect_dependent_targets(self) -> np.ndarray:
+        """Return the indices of targets whose cross section depends on aspect."""
+        is_aspect_dependent = [
+            t.rcs_table is not None or isinstance(t.body, AspectBody) for t in self.targets
+        ]
+        return _make_read_only(np.flatnonzero(is_aspect_dependent))
 
     @cached_property
-    def fluctuating(self) -> dict[Fluctuation, np.ndarray]:
-        """Scatterers of each kind of fluctuation, the steady ones left out."""
+    def fluctuating_scatterers(self) -> dict[Fluctuation, np.ndarray]:
+        """Return the scatterers of each kind of fluctuation, without steady ones."""
         kinds = np.array([target.fluctuation for target in self.targets], dtype=str)
         kinds = kinds[self.owners]
-        places = {kind: np.flatnonzero(kinds == kind) for kind in get_args(Fluctuation)[1:]}
-        return {kind: _kept(found) for kind, found in places.items() if found.size}
+        scatterers = {kind: np.flatnonzero(kinds == kind) for kind in get_args(Fluctuation)[1:]}
+        return {
+            kind: _make_read_only(indices) for kind, indices in scatterers.items() if indices.size
+        }
 
     @cached_property
-    def accelerates(self) -> np.ndarray:
-        """Whether each target is accelerated at a constant rate, (n_targets,)."""
-        return _kept((self._motions.acceleration_m_per_s2 != 0).any(axis=1))
+    def is_accelerating(self) -> np.ndarray:
+        """Return whether each target has a constant acceleration, (n_targets,)."""
+        return _make_read_only((self._motions.acceleration_m_per_s2 != 0).any(axis=1))
 
     @property
     def is_uniform(self) -> bool:
-        """Whether all go on straight lines at constant speed, and the radar too."""
-        return not (self.wanderers.size or self.accelerates.any())
+        """Return whether all targets and the radar move on straight lines at constant speed."""
+        return not (self.non_polynomial_scatterers.size or self.is_accelerating.any())
 
     @cached_property
-    def parabolas(self) -> Parabolas:
-        """The scatterers whose paths are polynomials of time; a car's wheels are not."""
-        chosen = np.flatnonzero(self._is_straight)
-        scatterers = np.flatnonzero(self._is_straight[self.owners])
-        moving, still_s = self._motions, np.zeros(1)
-        axes = self.ego.axes(still_s)
-        slopes = [moving.velocity_m_per_s[chosen] - np.array(self.ego.velocity_m_per_s)]
-        if self.accelerates[chosen].any():
-            slopes.append(moving.acceleration_m_per_s2[chosen] / 2)
-        terms_m = [self.positions_m(still_s, chosen)[0]]
+    def parabolic_paths(self) -> ParabolicPaths:
+        """Return the scatterers whose paths are parabolas, which excludes a car's wheels."""
+        targets = np.flatnonzero(self._has_parabolic_path)
+        scatterers = np.flatnonzero(self._has_parabolic_path[self.owners])
+        motions, time_zero_s = self._motions, np.zeros(1)
+        axes = self.ego.axes(time_zero_s)
+        slopes = [motions.velocity_m_per_s[targets] - np.array(self.ego.velocity_m_per_s)]
+        if self.is_accelerating[targets].any():
+            slopes.append(motions.acceleration_m_per_s2[targets] / 2)
+        terms_m = [self.positions_m(time_zero_s, targets)[0]]
         for slope in slopes:
-            seen = into(axes, slope[None])[0]
-            terms_m.append(np.repeat(seen, self._counts[chosen], axis=0))
-        return Parabolas(_kept(scatterers), _kept(np.array(terms_m)))
+            rotated = to_local_axes(axes, slope[None])[0]
+            terms_m.append(np.repeat(rotated, self._scatterer_counts[targets], axis=0))
+        return ParabolicPaths(_make_read_only(scatterers), _make_read_only(np.array(terms_m)))
 
     @cached_property
-    def wanderers(self) -> np.ndarray:
-        """The scatterers, places in the list, that do not go along parabolas."""
-        return _kept(np.flatnonzero(~self._is_straight[self.owners]))
+    def non_polynomial_scatterers(self) -> np.ndarray:
+        """Return the indices of scatterers whose paths are not parabolas."""
+        return _make_read_only(np.flatnonzero(~self._has_parabolic_path[self.owners]))
 
     def positions_m(self, times_s: ArrayLike, targets: np.ndarray | None = None) -> np.ndarray:
-        """Where scatterers are, in the coordinates of the radar at each time.
+        """Return the positions of scatterers, in the coordinates of the radar at each time.
 
         Parameters
         ----------
         times_s : array (n_times,), s
             Since the start of the first frame.
         targets : array of int, optional
-            Places of the targets whose scatterers are meant; all without it.
+            Indices of the targets; default: all.
 
         Returns
         -------
@@ -177,127 +184,137 @@ class Scene(Displayed):
             Exact to some roundings of the largest coordinate.
         """
         times_s = np.asarray(times_s, dtype=float)
-        chosen = np.arange(len(self.targets)) if targets is None else targets
-        counts = self._counts[chosen]
-        at_m = np.repeat(self.from_radar_m(times_s, chosen), counts, axis=1)
+        indices = np.arange(len(self.targets)) if targets is None else targets
+        counts = self._scatterer_counts[indices]
+        positions_m = np.repeat(self.offsets_from_radar_m(times_s, indices), counts, axis=1)
         stops = np.cumsum(counts)
-        for place in np.flatnonzero(self._has_body[chosen]):
-            own = slice(stops[place] - counts[place], stops[place])
-            at_m[:, own] += self._offsets_m(int(chosen[place]), times_s)
-        return into(self.ego.axes(times_s), at_m)
+        for column in np.flatnonzero(self._has_body[indices]):
+            body_scatterers = slice(stops[column] - counts[column], stops[column])
+            positions_m[:, body_scatterers] += self._body_offsets_m(int(indices[column]), times_s)
+        return to_local_axes(self.ego.axes(times_s), positions_m)
 
     def target_positions_m(self, times_s: ArrayLike) -> np.ndarray:
-        """Where the targets are, bodies by their origins, (n_times, n_targets, 3).
+        """Return the positions of the targets, of bodies their origins, (n_times, n_targets, 3).
 
         In the coordinates of the radar at each time.
         """
-        return into(self.ego.axes(np.asarray(times_s, dtype=float)), self.from_radar_m(times_s))
+        return to_local_axes(
+            self.ego.axes(np.asarray(times_s, dtype=float)), self.offsets_from_radar_m(times_s)
+        )
 
     def target_velocities_m_per_s(self, times_s: ArrayLike) -> np.ndarray:
-        """Velocities of the targets less that of the radar, (n_times, n_targets, 3).
+        """Return the velocities of the targets minus that of the radar, (n_times, n_targets, 3).
 
-        Along the axes of the radar, whose turning is left out: the component along the line
-        of sight is the rate of change of range.
+        Along the axes of the radar, whose rotation is not included: the component along the line of
+        sight
+        is the rate of change of range.
         """
         times_s = np.asarray(times_s, dtype=float)
-        moving = self._motions
-        gained = times_s[:, None, None] * moving.acceleration_m_per_s2
-        velocities = moving.velocity_m_per_s + gained
-        for place in self._on_courses:
-            velocities[:, place] = self.targets[place].velocities_at_m_per_s(times_s)
+        motions = self._motions
+        velocity_changes = times_s[:, None, None] * motions.acceleration_m_per_s2
+        velocities = motions.velocity_m_per_s + velocity_changes
+        for target_index in self._waypoint_targets:
+            velocities[:, target_index] = self.targets[target_index].velocities_at_m_per_s(times_s)
         velocities -= self.ego.velocities_m_per_s(times_s)[:, None]
-        return into(self.ego.axes(times_s), velocities)
+        return to_local_axes(self.ego.axes(times_s), velocities)
 
-    def from_radar_m(self, times_s: ArrayLike, targets: np.ndarray | None = None) -> np.ndarray:
-        """From the radar to targets, along the axes of the scene, (n_times, n_targets, 3).
+    def offsets_from_radar_m(
+        self, times_s: ArrayLike, targets: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return vectors from the radar to targets, in scene axes, (n_times, n_targets, 3).
 
-        To all without `targets`, their places in the list.
+        `targets` are the indices of the targets; default: all.
         """
         times_s = np.asarray(times_s, dtype=float)
-        chosen = np.arange(len(self.targets)) if targets is None else targets
-        moving, t = self._motions, times_s[:, None, None]
-        at_m = moving.start_m[chosen] + t * moving.velocity_m_per_s[chosen]
-        if self.accelerates[chosen].any():
-            at_m += t**2 / 2 * moving.acceleration_m_per_s2[chosen]
-        for place in np.flatnonzero(np.isin(chosen, self._on_courses)):
-            # Its velocity and acceleration are zero.
-            at_m[:, place] += self.targets[chosen[place]].ways_m(times_s)
-        return at_m - self.ego.ways_m(times_s)[:, None]
+        indices = np.arange(len(self.targets)) if targets is None else targets
+        motions, t = self._motions, times_s[:, None, None]
+        positions_m = motions.start_m[indices] + t * motions.velocity_m_per_s[indices]
+        if self.is_accelerating[indices].any():
+            positions_m += t**2 / 2 * motions.acceleration_m_per_s2[indices]
+        for column in np.flatnonzero(np.isin(indices, self._waypoint_targets)):
+            # Velocity and acceleration of such targets are zero.
+            positions_m[:, column] += self.targets[indices[column]].displacements_m(times_s)
+        return positions_m - self.ego.displacements_m(times_s)[:, None]
 
-    def _line(self) -> str:
-        few = self.names if len(self.names) <= 4 else (*self.names[:3], "...")
-        named = f": {', '.join(few)}" if few else ""
-        moving = ", a radar that moves" if any(self.ego.velocity_m_per_s) else ""
-        return f"{several(len(self.targets), 'target')}{named}{moving}"
+    def _summary(self) -> str:
+        shown_names = self.names if len(self.names) <= 4 else (*self.names[:3], "...")
+        names_text = f": {', '.join(shown_names)}" if shown_names else ""
+        motion_text = ", a radar that moves" if any(self.ego.velocity_m_per_s) else ""
+        return f"{pluralise(len(self.targets), 'target')}{names_text}{motion_text}"
 
     def _tables(self) -> Iterable[Table]:
-        rows = ((name, *one._cells()) for name, one in zip(self.names, self.targets, strict=True))
-        head = ("name", "position", "velocity", "reflects")
-        yield cut("Targets", rows, len(self.targets), head)
+        rows = (
+            (name, *target._summary_cells())
+            for name, target in zip(self.names, self.targets, strict=True)
+        )
+        header = ("name", "position", "velocity", "reflects")
+        yield truncated_table("Targets", rows, len(self.targets), header)
         if self.ego != Ego():
-            yield settings(self.ego, "The radar's own motion")
+            yield settings_table(self.ego, "The radar's own motion")
 
-    def _body(self, target: int) -> Body:
+    def _target_body(self, target: int) -> Body:
         body = self.targets[target].body
         assert body is not None
         return body
 
-    def _offsets_m(self, target: int, times_s: np.ndarray) -> np.ndarray:
-        """From a target to the scatterers of its body, (n_times, n, 3), axes of the scene."""
-        offsets_m = self._body(target).offsets_m(times_s)
-        shape = (len(times_s), int(self._counts[target]), 3)
+    def _body_offsets_m(self, target: int, times_s: np.ndarray) -> np.ndarray:
+        """Return vectors from a target to its scatterers, (n_times, n, 3), axes of the scene."""
+        offsets_m = self._target_body(target).offsets_m(times_s)
+        shape = (len(times_s), int(self._scatterer_counts[target]), 3)
         if offsets_m.shape != shape or not np.isfinite(offsets_m).all():
             raise InvalidSetting(
                 f"scene.targets.{self.names[target]}.body",
-                got="a body with places that are not finite"
+                value="a body with positions that are not finite"
                 if offsets_m.shape == shape
-                else f"a body with places of the shape {offsets_m.shape}",
-                need=f"finite places of the shape {shape}",
-                fix="Correct what the body gives.",
+                else f"a body with positions of the shape {offsets_m.shape}",
+                expected=f"finite positions of the shape {shape}",
+                fix="correct offsets_m of the body",
             )
-        return out_of(about_z(self.targets[target].headings_at_rad(times_s)), offsets_m)
+        return from_local_axes(
+            rotation_about_z(self.targets[target].headings_at_rad(times_s)), offsets_m
+        )
 
     @cached_property
-    def _motions(self) -> _Motions:
+    def _motions(self) -> _TargetMotions:
         fields = ("position_m", "velocity_m_per_s", "acceleration_m_per_s2")
         start_m, *rates = (
             np.array([getattr(target, field) for target in self.targets]).reshape(-1, 3)
             for field in fields
         )
-        return _Motions(start_m - np.array(self.ego.position_m), *rates)
+        return _TargetMotions(start_m - np.array(self.ego.position_m), *rates)
 
     @cached_property
-    def _on_courses(self) -> np.ndarray:
-        """Places of the targets that go through waypoints."""
+    def _waypoint_targets(self) -> np.ndarray:
+        """Return the indices of the targets with waypoints."""
         return np.flatnonzero([bool(target.waypoints) for target in self.targets])
 
     @cached_property
-    def _is_straight(self) -> np.ndarray:
-        """Whether the radar sees all of a target go along parabolas, (n_targets,)."""
-        alone = np.array([target.is_straight for target in self.targets], dtype=bool)
-        return alone & (not self.ego.is_turning)
+    def _has_parabolic_path(self) -> np.ndarray:
+        """Return whether each target follows a parabola relative to the radar, (n_targets,)."""
+        is_parabolic = np.array([target.has_parabolic_path for target in self.targets], dtype=bool)
+        return is_parabolic & (not self.ego.is_turning)
 
     @cached_property
     def _has_body(self) -> np.ndarray:
         return np.array([target.body is not None for target in self.targets], dtype=bool)
 
     @cached_property
-    def _counts(self) -> np.ndarray:
-        """Number of scatterers of each target."""
+    def _scatterer_counts(self) -> np.ndarray:
+        """Return the number of scatterers of each target."""
         counts = np.ones(len(self.targets), dtype=int)
-        for place in np.flatnonzero(self._has_body).tolist():
-            counts[place] = self._body(place).n_scatterers()
-            if not counts[place]:
+        for target_index in np.flatnonzero(self._has_body).tolist():
+            counts[target_index] = self._target_body(target_index).n_scatterers()
+            if not counts[target_index]:
                 raise InvalidSetting(
-                    f"scene.targets.{self.names[place]}.body",
-                    got="a body without scatterers",
-                    need="one of at least one",
-                    fix="Leave the target out, or correct what the body gives.",
+                    f"scene.targets.{self.names[target_index]}.body",
+                    value="a body without scatterers",
+                    expected="at least one scatterer",
+                    fix="remove the target, or correct n_scatterers of the body",
                 )
         return counts
 
 
-def _kept(array: np.ndarray) -> np.ndarray:
-    """Make an array that belongs to a frozen value one that cannot be changed."""
+def _make_read_only(array: np.ndarray) -> np.ndarray:
+    """Return an array of a frozen object as read-only."""
     array.flags.writeable = False
     return array

@@ -1,1 +1,1 @@
-"""The web page: a radar that one can turn the knobs of."""
+"""Studio: an interactive web page of a radar and its processing."""

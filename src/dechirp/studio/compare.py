@@ -1,7 +1,7 @@
-"""Two settings tried again and again in turn, and counted against each other and against theory.
+"""Comparison of two settings by paired Monte Carlo trials, with theory.
 
-The scores, their intervals and their theory are those of studies: the same settings, seed and
-trial number give the same sums there.
+Scores, intervals and theory are those of studies: the same settings, seed and trial number give
+the same sums there.
 """
 
 from collections.abc import Iterator
@@ -11,25 +11,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dechirp.config.texts import as_text
+from dechirp.config.dumping import to_yaml_data
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import heard
-from dechirp.core.threads import alone
-from dechirp.evaluate.look import Case
-from dechirp.evaluate.score.azimuth_rmse import AzimuthRmse
-from dechirp.evaluate.score.base import Score
-from dechirp.evaluate.score.detection_probability import DetectionProbability
-from dechirp.evaluate.score.false_alarm_probability import FalseAlarmProbability
-from dechirp.evaluate.score.frame_false_alarm_probability import FrameFalseAlarmProbability
-from dechirp.evaluate.score.range_rmse import RangeRmse
-from dechirp.evaluate.score.velocity_rmse import VelocityRmse
-from dechirp.experiment.scenario import Scenario
-from dechirp.experiment.study.case import case_of
-from dechirp.experiment.study.results import estimate
-from dechirp.experiment.study.trial import Prepared
-from dechirp.experiment.tune.gain import Gain, paired_gain
+from dechirp.core.findings import collect_findings
+from dechirp.core.threads import single_threaded
+from dechirp.evaluation.score.base import Score
+from dechirp.evaluation.score.detection_probability import DetectionProbability
+from dechirp.evaluation.score.errors import AzimuthRmse, RangeRmse, VelocityRmse
+from dechirp.evaluation.score.false_alarm_probability import FalseAlarmProbability
+from dechirp.evaluation.score.frame_false_alarm_probability import FrameFalseAlarmProbability
+from dechirp.evaluation.trial import TrialContext
+from dechirp.experiments.scenario import Scenario
+from dechirp.experiments.study.results import estimate_score
+from dechirp.experiments.study.trial import TrialRunner
+from dechirp.experiments.study.trial_context import build_trial_context
+from dechirp.experiments.tune.gain import Gain, paired_gain
 
-SCORES: tuple[Score, ...] = (
+COMPARED_SCORES: tuple[Score, ...] = (
     DetectionProbability(),
     FrameFalseAlarmProbability(),
     FalseAlarmProbability(),
@@ -37,17 +35,18 @@ SCORES: tuple[Score, ...] = (
     VelocityRmse(),
     AzimuthRmse(),
 )
-"""What is counted, where the settings have it."""
-MOST_TRIALS = 20_000
-"""Then it stops: shares are known to 0.007 by then, and sums of ten targets take 13 MB."""
+"""Scores that are compared, where they apply to the settings."""
+MAX_TRIALS = 20_000
+"""Number of trials after which counting stops: proportions are known to 0.007, and the sums of
+ten targets take 13 MB."""
 
-# Trials are added in so many groups, each of which is left out in turn to see how a difference
-# scatters. More take longer, and a hundred would make Student's quantile smaller by 0.1 of 2.09.
-_GROUPS = 20
+# Groups of trials for the jackknife estimate of the spread of a difference. A hundred groups would
+# reduce Student's quantile of 2.09 by only 0.1.
+_N_GROUPS = 20
 
 
-class Told(NamedTuple):
-    """A score of one setting."""
+class ScoreEstimate(NamedTuple):
+    """Score of one variant with its interval and theory."""
 
     value: float
     low: float
@@ -56,23 +55,23 @@ class Told(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Row:
-    """A score of one target, or of the whole, under both settings."""
+class ComparisonRow:
+    """Score of one target, or of the whole scene, for both variants."""
 
     score: Score
     target: str | None
-    """None for the whole."""
-    a: Told | None
-    """None where there is nothing that could be scored so."""
-    b: Told | None
+    """None for the whole scene."""
+    a: ScoreEstimate | None
+    """None if the score does not apply."""
+    b: ScoreEstimate | None
     change: Gain | None
-    """From A to B, in the same trials; its certainty is that of its own sign. None before two
-    trials, and where one of them has no such score."""
+    """Difference B minus A in the same trials, with the certainty of its sign. None before two
+    trials, or if the score does not apply to both."""
 
 
 @dataclass(frozen=True)
-class Setting:
-    """One that differs."""
+class ChangedSetting:
+    """Setting that differs between the variants."""
 
     path: str
     a: str
@@ -80,175 +79,185 @@ class Setting:
 
 
 class Comparison:
-    """Trials of A and B by turns, with the same chance in both: that of A's seed and the trial.
+    """Alternating trials of variants A and B with the same random numbers.
 
-    What is tried is the first frame, without tracks. Work is done by `go_on` alone.
+    Each trial simulates the first frame, without tracks. Only `run_for` does work.
 
     Parameters
     ----------
     a, b : Scenario
-        The settings.
+        Variants to compare; the seed of A applies to both.
     confidence : float
-        Of all intervals, two-sided.
+        Confidence of all two-sided intervals.
 
     Raises
     ------
     InvalidSetting
-        If one is a recording: nobody knows its truth, and it has one trial only.
+        If one is a recording: its truth is unknown, and it has only one trial.
     """
 
     def __init__(self, a: Scenario, b: Scenario, *, confidence: float = 0.95) -> None:
         self._confidence = confidence
-        with alone(), heard():
-            self._a, self._b = _Side(a, a.seed), _Side(b, a.seed)
-        self._work = self._steps()
+        with single_threaded(), collect_findings():
+            self._a, self._b = _Variant(a, a.seed), _Variant(b, a.seed)
+        self._pending_steps = self._iter_steps()
         self.n_trials = 0
-        """That both have."""
+        """Trials finished for both variants."""
 
     @property
     def is_done(self) -> bool:
-        """Whether there is nothing left to do."""
-        return self.n_trials == MOST_TRIALS
+        """True if all trials are finished."""
+        return self.n_trials == MAX_TRIALS
 
-    def go_on(self, within_s: float) -> None:
-        """Work for so long, and to the end of the step that is then under way.
+    def run_for(self, duration_s: float) -> None:
+        """Work for a duration, and until the end of the current step.
 
-        A step is one trial of one setting, or one law, which is found once.
+        A step is one trial of one variant, or the theory of one score, computed once.
 
         Raises
         ------
         DechirpError
-            If a trial cannot be.
+            If a trial fails.
         """
-        until_s = perf_counter() + within_s
-        with alone(), heard():
-            for _ in self._work:
+        until_s = perf_counter() + duration_s
+        with single_threaded(), collect_findings():
+            for _ in self._pending_steps:
                 if perf_counter() >= until_s:
                     return
 
-    def rows(self) -> list[Row]:
-        """What was counted so far, score by score and target by target."""
+    def rows(self) -> list[ComparisonRow]:
+        """Return the results so far, by score and target."""
         keys = dict.fromkeys(
             (score, target)
-            for score in SCORES
+            for score in COMPARED_SCORES
             for side in (self._a, self._b)
-            for target in side.targets(score)
+            for target in side.score_targets(score)
         )
-        rows = (self._row(score, target) for score, target in keys)
+        rows = (self._build_row(score, target) for score, target in keys)
         return [row for row in rows if row.a or row.b]
 
-    def _steps(self) -> Iterator[None]:
+    def _iter_steps(self) -> Iterator[None]:
         sides = (self._a, self._b)
         for side in sides:
             for score in side.scores:
-                side.find_law(score)
+                side.compute_theory(score)
                 yield
-        for trial in range(MOST_TRIALS):
+        for trial in range(MAX_TRIALS):
             for side in sides:
-                side.run(trial)
+                side.run_trial(trial)
                 yield
             self.n_trials += 1
 
-    def _row(self, score: Score, target: str | None) -> Row:
-        a, b = (self._told(side, score, target) for side in (self._a, self._b))
-        return Row(score, target, a, b, self._change(score, target) if a and b else None)
+    def _build_row(self, score: Score, target: str | None) -> ComparisonRow:
+        a, b = (self._estimate_variant(side, score, target) for side in (self._a, self._b))
+        return ComparisonRow(
+            score, target, a, b, self._estimate_change(score, target) if a and b else None
+        )
 
-    def _told(self, side: "_Side", score: Score, target: str | None) -> Told | None:
-        if target not in side.targets(score):
+    def _estimate_variant(
+        self, side: "_Variant", score: Score, target: str | None
+    ) -> ScoreEstimate | None:
+        if target not in side.score_targets(score):
             return None
-        found = side.told(score, target, self.n_trials, self._confidence)
-        return None if np.isnan([found.value, found.theory]).all() else found
+        estimate = side.estimate_with_theory(score, target, self.n_trials, self._confidence)
+        return None if np.isnan([estimate.value, estimate.theory]).all() else estimate
 
-    def _change(self, score: Score, target: str | None) -> Gain | None:
+    def _estimate_change(self, score: Score, target: str | None) -> Gain | None:
         if self.n_trials < 2:
             return None
-        before, after = (side.sums(score, target, self.n_trials) for side in (self._a, self._b))
+        sums_a, sums_b = (
+            side.score_sums(score, target, self.n_trials) for side in (self._a, self._b)
+        )
         if not isinstance(score, DetectionProbability | FrameFalseAlarmProbability):
-            before, after = _in_groups(before), _in_groups(after)
+            sums_a, sums_b = _group_sums(sums_a), _group_sums(sums_b)
 
         def value_of(sums: np.ndarray) -> float:
             return score.estimate(
                 sums.sum(axis=0, keepdims=True), confidence=self._confidence
             ).value
 
-        change = paired_gain(before, after, value_of, confidence=self._confidence)
+        change = paired_gain(sums_a, sums_b, value_of, confidence=self._confidence)
         if change.value < 0:
-            back = paired_gain(after, before, value_of, confidence=self._confidence)
-            return change._replace(certainty=back.certainty)
+            reversed_change = paired_gain(sums_b, sums_a, value_of, confidence=self._confidence)
+            return change._replace(certainty=reversed_change.certainty)
         return change
 
 
-class _Side:
-    """One of the two settings, and the sums of its trials."""
+class _Variant:
+    """One of the two settings with the sums of its trials."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         first = replace(scenario, n_frames=1, tracker=None, ego_motion=None)
-        case = case_of(first)
-        self.scores = tuple(score for score in SCORES if _fits(score, case))
-        self._prepared = Prepared(first, self.scores, seed=seed)
-        self._layout = self._prepared.layout
-        self._laws = {
+        case = build_trial_context(first)
+        self.scores = tuple(score for score in COMPARED_SCORES if _is_applicable(score, case))
+        self._runner = TrialRunner(first, self.scores, seed=seed)
+        self._layout = self._runner.layout
+        self._theory = {
             score: np.full(max(len(names), 1), np.nan)
             for score, names in zip(self.scores, self._layout.subjects, strict=True)
         }
-        # Memory that no trial has written yet is not taken.
-        self._sums = np.empty((MOST_TRIALS, self._layout.n_columns))
+        # The system allocates pages only when trials write to them.
+        self._sums = np.empty((MAX_TRIALS, self._layout.n_columns))
 
-    def targets(self, score: Score) -> tuple[str | None, ...]:
-        """Whom it has a value of; None is the whole."""
-        return score.subjects(self._prepared.case) or (None,) if score in self.scores else ()
+    def score_targets(self, score: Score) -> tuple[str | None, ...]:
+        """Return the targets that a score has values for; None is the whole scene."""
+        return score.subjects(self._runner.case) or (None,) if score in self.scores else ()
 
-    def find_law(self, score: Score) -> None:
-        """What theory gives."""
-        self._laws[score] = score.theory(self._prepared.case)
+    def compute_theory(self, score: Score) -> None:
+        """Compute the theory of a score."""
+        self._theory[score] = score.theory(self._runner.case)
 
-    def run(self, trial: int) -> None:
-        """One trial."""
-        self._sums[trial] = self._prepared.sums(trial)
+    def run_trial(self, trial: int) -> None:
+        """Run one trial."""
+        self._sums[trial] = self._runner.run_and_score(trial)
 
-    def sums(self, score: Score, target: str | None, n_trials: int) -> np.ndarray:
-        """Of one score, (n_trials, n_sums)."""
-        return self._layout.sums_of(self._sums[:n_trials], score.label(), target)
+    def score_sums(self, score: Score, target: str | None, n_trials: int) -> np.ndarray:
+        """Return the sums of one score, (n_trials, n_sums)."""
+        return self._layout.score_sums(self._sums[:n_trials], score.label(), target)
 
-    def told(self, score: Score, target: str | None, n_trials: int, confidence: float) -> Told:
-        """What was counted, beside theory."""
+    def estimate_with_theory(
+        self, score: Score, target: str | None, n_trials: int, confidence: float
+    ) -> ScoreEstimate:
+        """Estimate a score from the trials so far, with its theory."""
         layout, label = self._layout, score.label()
-        found = estimate(layout, label, target, self._sums[:n_trials], confidence=confidence)
-        laws = np.concatenate(list(self._laws.values()))
-        return Told(*found, layout.theory_of(laws, label, target))
+        found = estimate_score(layout, label, target, self._sums[:n_trials], confidence=confidence)
+        laws = np.concatenate(list(self._theory.values()))
+        return ScoreEstimate(*found, layout.score_theory(laws, label, target))
 
 
-def _fits(score: Score, case: Case) -> bool:
-    """Whether there is anything that could be scored so."""
+def _is_applicable(score: Score, case: TrialContext) -> bool:
+    """Return True if a score applies to a trial."""
     try:
-        score.check(case)
+        score.check_context(case)
     except InvalidSetting:
         return False
     return True
 
 
-def _in_groups(sums: np.ndarray) -> np.ndarray:
-    """Sums of trials, added in groups that are as equal as can be, (n_groups, n_sums)."""
-    n_groups = min(len(sums), _GROUPS)
+def _group_sums(sums: np.ndarray) -> np.ndarray:
+    """Sum trials in groups of nearly equal size, (n_groups, n_sums)."""
+    n_groups = min(len(sums), _N_GROUPS)
     starts = np.arange(n_groups) * len(sums) // n_groups
     return np.asarray(np.add.reduceat(sums, starts))
 
 
-def differences(a: Scenario, b: Scenario) -> list[Setting]:
-    """Settings in which two scenarios differ, as settings files write them."""
-    texts = [dict(_leaves("", as_text(one, None))) for one in (a, b)]
+def changed_settings(a: Scenario, b: Scenario) -> list[ChangedSetting]:
+    """Return the settings in which two scenarios differ, as settings files write them."""
+    texts = [dict(_iter_setting_texts("", to_yaml_data(setting, None))) for setting in (a, b)]
     paths = dict.fromkeys([*texts[0], *texts[1]])
-    both = (Setting(path, *(of.get(path, "none") for of in texts)) for path in paths)
-    return [one for one in both if one.a != one.b]
+    settings = (
+        ChangedSetting(path, *(values.get(path, "none") for values in texts)) for path in paths
+    )
+    return [setting for setting in settings if setting.a != setting.b]
 
 
-def _leaves(path: str, written: Any) -> Iterator[tuple[str, str]]:
-    if isinstance(written, dict):
-        for name, member in written.items():
-            yield from _leaves(f"{path}.{name}" if path else name, member)
-    elif isinstance(written, list) and any(isinstance(member, dict) for member in written):
-        for at, member in enumerate(written):
-            name = member.get("name") or member.get("kind") or at
-            yield from _leaves(f"{path}.{name}", member)
+def _iter_setting_texts(path: str, tree: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(tree, dict):
+        for name, member in tree.items():
+            yield from _iter_setting_texts(f"{path}.{name}" if path else name, member)
+    elif isinstance(tree, list) and any(isinstance(member, dict) for member in tree):
+        for index, member in enumerate(tree):
+            name = member.get("name") or member.get("kind") or index
+            yield from _iter_setting_texts(f"{path}.{name}", member)
     else:
-        yield path, ", ".join(map(str, written)) if isinstance(written, list) else str(written)
+        yield path, ", ".join(map(str, tree)) if isinstance(tree, list) else str(tree)

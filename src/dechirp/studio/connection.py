@@ -1,4 +1,4 @@
-"""The connection to a browser, over which what changed together goes as one message."""
+"""Connection to a browser that sends simultaneous changes as one message."""
 
 from collections.abc import Awaitable
 from typing import Any
@@ -14,64 +14,64 @@ from bokeh.server.connection import ServerConnection
 from bokeh.server.views.ws import WSHandler
 
 
-class Connection(ServerConnection):
-    """As Bokeh's, but that gives each change a message: some forty a frame, each with its parts.
+class BatchingConnection(ServerConnection):
+    """Bokeh connection that batches changes: Bokeh itself sends some forty messages per frame.
 
-    Changes are awaited once what makes them has returned, so the first that is awaited can take
-    all of them along. The page then draws a moment as a whole.
+    Changes are awaited after the code that makes them has returned, so the first awaited change
+    can send all of them. The page then draws a frame as a whole.
     """
 
-    def __init__(self, protocol: Any, socket: WSHandler, *of: Any) -> None:
-        super().__init__(protocol, socket, *of)
+    def __init__(self, protocol: Any, socket: WSHandler, *arguments: Any) -> None:
+        super().__init__(protocol, socket, *arguments)
         self._browser = socket
         self._changes: list[DocumentPatchedEvent] = []
 
     def send_patch_document(self, event: DocumentPatchedEvent) -> Awaitable[None]:
-        """Send a change with all others that are made before this is awaited."""
+        """Send a change with all others that are made before it is awaited."""
         self._changes.append(event)
-        return self._send()
+        return self._send_batch()
 
-    async def _send(self) -> None:
+    async def _send_batch(self) -> None:
         changes, self._changes = self._changes, []
-        changes = [change for change in changes if _is_there(change)]
+        changes = [change for change in changes if _is_in_document(change)]
         if changes:
-            await self._browser.send_message(_message(changes))
+            await self._browser.send_message(_patch_message(changes))
 
 
-def _is_there(change: DocumentPatchedEvent) -> bool:
-    """Whether the page still has what was changed; else it would go there again, as if new."""
+def _is_in_document(change: DocumentPatchedEvent) -> bool:
+    """Return True if the changed model is still in the page; else it would be sent again as new."""
     model = getattr(change, "model", None)
     return model is None or model.document is not None
 
 
-def _message(changes: list[DocumentPatchedEvent]) -> Message[Any]:
-    """As `patch_doc.create` makes it, but with arrays in its text.
+def _patch_message(changes: list[DocumentPatchedEvent]) -> Message[Any]:
+    """Build the message of `patch_doc.create`, with arrays in its text.
 
-    Each array by itself takes two messages more, a hundred a frame: a tenth of all the time that
-    server and browser have.
+    A separate array takes two more messages, a hundred per frame: 10 % of the time of server and
+    browser.
     """
     models = changes[0].document.models
-    serializer = _LooksUp(models)
+    serializer = _LazySerializer(models)
     content = PatchJson(events=serializer.encode(changes))
     models.flush_synced(lambda model: not serializer.has_ref(model))
     return patch_doc(patch_doc.create_header(), {}, content)
 
 
-class _LooksUp(Serializer):
-    """As Bokeh's, but looks a model up when it meets it, not all 1,100 for each message: 3 ms."""
+class _LazySerializer(Serializer):
+    """Bokeh serializer with lazy model lookup: looking up all 1,100 models takes 3 ms a message."""
 
     def __init__(self, models: DocumentModelManager) -> None:
         super().__init__(deferred=False)
         self._models = models
         self._unsent: set[Model] = set()
-        models.flush_synced(self._still_unsent)  # it tells of them in no other way
+        models.flush_synced(self._remember_unsent)  # Bokeh offers no other access to them
 
     def get_ref(self, obj: object) -> Ref | None:
-        """What the browser knows an object by, if it does."""
+        """Return the reference of an object that the browser has, else None."""
         if isinstance(obj, Model) and obj.id in self._models and obj not in self._unsent:
             return obj.ref
         return super().get_ref(obj)
 
-    def _still_unsent(self, model: Model) -> bool:
+    def _remember_unsent(self, model: Model) -> bool:
         self._unsent.add(model)
         return True

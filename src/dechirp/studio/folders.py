@@ -1,21 +1,21 @@
-"""What lies in the folders of the studio: a path counts as where it ends, all links followed."""
+"""Checks that paths are inside the folders of the studio, with links resolved."""
 
 import os
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 
-DEEPEST = 4
-"""Folders below one, that are looked into."""
-MOST_NAMES = 10_000
-"""Of one folder, that are looked at."""
+MAX_DEPTH = 4
+"""Largest depth of scanned subfolders."""
+MAX_NAMES = 10_000
+"""Largest number of scanned names in one folder."""
 
 
 def is_inside(path: Path, folders: Iterable[Path]) -> bool:
-    """Whether a path ends, with all links followed, in one of the folders."""
+    """Return True if a path, with links resolved, is inside one of the folders."""
     try:
         end = path.resolve()
-        # Of links that lead round in a circle, one is left from Python 3.13 on.
+        # From Python 3.13 on, a loop of links resolves to one of them instead of failing.
         return not end.is_symlink() and any(
             end.is_relative_to(folder.resolve()) for folder in folders
         )
@@ -23,10 +23,10 @@ def is_inside(path: Path, folders: Iterable[Path]) -> bool:
         return False
 
 
-def is_plain(path: Path, folders: Iterable[Path]) -> bool:
-    """Whether a path is a file or folder in the folders, and all below it is.
+def is_allowed(path: Path, folders: Iterable[Path]) -> bool:
+    """Return True if a path and all entries below it are files or folders inside the folders.
 
-    Nothing is opened: a pipe would wait for ever, and a link may lead anywhere.
+    Nothing is opened: opening a pipe could block for ever, and a link may point anywhere.
     """
     folders = tuple(folders)
     if not is_inside(path, folders):
@@ -34,22 +34,24 @@ def is_plain(path: Path, folders: Iterable[Path]) -> bool:
     try:
         if not path.is_dir():
             return path.is_file()
-        below = list(islice(_below(path, DEEPEST), MOST_NAMES))
-        return len(below) < MOST_NAMES and all(stays(entry, folders) for entry in below)
+        entries = list(islice(_walk_folder(path, MAX_DEPTH), MAX_NAMES))
+        return len(entries) < MAX_NAMES and all(
+            is_allowed_entry(entry, folders) for entry in entries
+        )
     except OSError:
         return False
 
 
-def stays(entry: os.DirEntry[str], folders: Iterable[Path]) -> bool:
-    """Whether what lies in one of the folders is a file or folder there, links followed."""
+def is_allowed_entry(entry: os.DirEntry[str], folders: Iterable[Path]) -> bool:
+    """Return True if an entry, links resolved, is a file or folder inside the folders."""
     if entry.is_symlink() and not is_inside(Path(entry.path), folders):
         return False
     return entry.is_file() or entry.is_dir()
 
 
-def _below(folder: Path, deeper: int) -> Iterator[os.DirEntry[str]]:
+def _walk_folder(folder: Path, depth: int) -> Iterator[os.DirEntry[str]]:
     with os.scandir(folder) as entries:
         for entry in entries:
             yield entry
-            if deeper and entry.is_dir(follow_symlinks=False):
-                yield from _below(Path(entry.path), deeper - 1)
+            if depth and entry.is_dir(follow_symlinks=False):
+                yield from _walk_folder(Path(entry.path), depth - 1)

@@ -1,6 +1,6 @@
-"""What lies in the folders of the studio: recordings, settings of radars, and scenarios.
+"""Scan of the studio folders for recordings, radar settings and scenarios.
 
-Names start at the folder that was given; a browser is told no path above it.
+Names are relative to the given folder; the browser receives no path above it.
 """
 
 import os
@@ -11,72 +11,72 @@ from pathlib import Path
 from time import perf_counter
 from typing import Literal
 
-from dechirp.config.files import text_in
-from dechirp.config.texts import dump
-from dechirp.config.tree import distinct
+from dechirp.config.dumping import dump
+from dechirp.config.loading import read_text
+from dechirp.config.yaml_tree import unique_labels
 from dechirp.core.errors import DechirpError, InvalidSetting
 from dechirp.core.findings import Finding
-from dechirp.experiment.inspection import inspect
-from dechirp.experiment.scenario import Scenario, Source, check_following
-from dechirp.formats.recognise import recognised
-from dechirp.formats.recording import open as open_recording
-from dechirp.formats.settings.read import holds_settings
-from dechirp.studio.advice import advised, for_page
-from dechirp.studio.folders import DEEPEST, MOST_NAMES, is_plain, stays
-from dechirp.studio.settings import Limits, must_be_small, parsed
+from dechirp.experiments.inspection import inspect
+from dechirp.experiments.scenario import RecordingSource, Scenario, check_object_stage
+from dechirp.recordings.recognise import recognise_formats
+from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.settings.read import holds_settings
+from dechirp.studio.folders import MAX_DEPTH, MAX_NAMES, is_allowed, is_allowed_entry
+from dechirp.studio.option_hints import adapt_errors_to_page, adapt_fix_to_page
+from dechirp.studio.scenario_edits import PageLimits, check_sizes, parse_scenario
 
-MOST_LOOKED = 500
-"""Files and folders that are looked at; to recognise one takes 5 ms."""
-MOST_INSPECTED = 8
-"""Frames of a recording that are looked over."""
+MAX_SCANNED = 500
+"""Largest number of scanned files and folders; recognising one takes 5 ms."""
+MAX_INSPECTED_FRAMES = 8
+"""Number of inspected frames of a recording."""
 
 _SUFFIXES = (".yaml", ".yml")
 
-Kind = Literal["recording", "settings", "scenario"]
+ItemKind = Literal["recording", "settings", "scenario"]
 
 
 @dataclass(frozen=True)
-class Item:
-    """Something that can be opened, or opens something."""
+class LibraryItem:
+    """File or folder that can be opened, or that contains settings."""
 
-    kind: Kind
+    kind: ItemKind
     name: str
-    """From the folder on."""
+    """Path relative to the given folder."""
     path: Path
     formats: tuple[str, ...] = ()
-    """That a recording may have: one, or several of bare samples."""
+    """Possible formats of a recording: one, or several for raw samples."""
     n_bytes: int = 0
-    """Of a file; of a folder 0."""
+    """Size of a file; 0 for a folder."""
 
 
 @dataclass(frozen=True)
-class LookedOver:
-    """What is known of a recording before it is played."""
+class InspectedRecording:
+    """Result of the inspection of a recording."""
 
     n_frames: int | None
-    """None where it cannot be played as it is; the findings say why."""
+    """None if it cannot be played; the findings state why."""
     n_inspected: int
     findings: tuple[Finding, ...]
 
 
-class Library:
-    """What there is to open in the folders, looked through a few files at a time.
+class FolderScan:
+    """Incremental scan of the folders.
 
-    Hidden names, links that lead out of the folders, and all that is neither file nor folder are
-    left out. Of more than `MOST_LOOKED` the first are looked at, folder by folder by name.
+    Hidden names, links that leave the folders, and entries that are neither file nor folder are
+    skipped. Only the first `MAX_SCANNED` entries are scanned, folder by folder in order of names.
     """
 
-    def __init__(self, limits: Limits) -> None:
-        self.items: list[Item] = []
-        self.n_looked = 0
+    def __init__(self, limits: PageLimits) -> None:
+        self.items: list[LibraryItem] = []
+        self.n_scanned = 0
         self.is_done = False
-        self._work = islice(_walk(limits), MOST_LOOKED)
+        self._work = islice(_scan_folders(limits), MAX_SCANNED)
 
-    def look(self, within_s: float) -> None:
-        """Look on for so long, and to the end of the file that is then under way."""
-        until_s = perf_counter() + within_s
+    def scan_for(self, duration_s: float) -> None:
+        """Scan for a duration, and until the end of the current file."""
+        until_s = perf_counter() + duration_s
         for item in self._work:
-            self.n_looked += 1
+            self.n_scanned += 1
             if item is not None:
                 self.items.append(item)
             if perf_counter() >= until_s:
@@ -84,119 +84,129 @@ class Library:
         self.is_done = True
 
 
-def looked_over(item: Item, settings: Item | None, limits: Limits) -> LookedOver:
-    """What `inspect` says of the first frames of a recording; all that is wrong is a finding."""
+def inspect_item(
+    item: LibraryItem, settings: LibraryItem | None, limits: PageLimits
+) -> InspectedRecording:
+    """Inspect the first frames of a recording; errors are returned as findings."""
     try:
-        radar = None if settings is None else _reached(settings, limits)
-        path = _reached(item, limits)
+        radar = None if settings is None else _checked_path(settings, limits)
+        path = _checked_path(item, limits)
         recording = open_recording(path, radar=radar)
-        recording.must_hold_samples()
-        must_be_small({"radar": recording.radar}, limits)
-        n_inspected = min(recording.n_frames, MOST_INSPECTED)
-        found = inspect(path, radar=radar, frames=(0, n_inspected)).findings
+        recording.check_has_samples()
+        check_sizes({"radar": recording.radar}, limits)
+        n_inspected = min(recording.n_frames, MAX_INSPECTED_FRAMES)
+        findings = inspect(path, radar=radar, frames=(0, n_inspected)).findings
         n_frames = recording.n_frames
     except DechirpError as error:
         n_frames, n_inspected = None, 0
-        found = tuple(Finding.of(one, level="error") for one in error.mistakes)
-    return LookedOver(n_frames, n_inspected, tuple(_on_page(one, limits) for one in found))
+        findings = tuple(Finding.from_mistake(entry, level="error") for entry in error.mistakes)
+    return InspectedRecording(
+        n_frames, n_inspected, tuple(_adapt_finding_to_page(entry, limits) for entry in findings)
+    )
 
 
-def opened(scenario: Scenario, item: Item, settings: Item | None, limits: Limits) -> Scenario:
-    """Scenario of an item: a recording with the chain of the present one, or what a file says.
+def open_item(
+    scenario: Scenario, item: LibraryItem, settings: LibraryItem | None, limits: PageLimits
+) -> Scenario:
+    """Open an item: a scenario file, or a recording with the chain of the current scenario.
 
-    Tracks are told where they can be.
+    The tracker is removed if the recording does not support it.
 
     Raises
     ------
     DechirpError
-        If it cannot be read, or is more than the limits, or no longer lies in the folders.
+        If it cannot be read, exceeds the limits or is no longer in the folders.
     """
-    path = _reached(item, limits)
+    path = _checked_path(item, limits)
     if item.kind == "scenario":
-        beside = replace(limits, folders=(path.parent, *limits.folders))
-        return parsed(text_in(path), beside)
-    told = None if settings is None else str(_reached(settings, limits))
-    source = Source(path=str(path), settings_path=told)
-    made = replace(scenario, name=path.stem, scene=None, radar=None, recording=source)
-    with advised():
-        recording = open_recording(path, radar=told)
+        file_limits = replace(limits, folders=(path.parent, *limits.folders))
+        return parse_scenario(read_text(path), file_limits)
+    settings_path = None if settings is None else str(_checked_path(settings, limits))
+    source = RecordingSource(path=str(path), settings_path=settings_path)
+    opened_scenario = replace(scenario, name=path.stem, scene=None, radar=None, recording=source)
+    with adapt_errors_to_page():
+        recording = open_recording(path, radar=settings_path)
     try:
-        check_following(made, recording.radar, recording.n_frames)
-    except InvalidSetting:  # its array tells no azimuth, or it is too short
-        made = replace(made, tracker=None, ego_motion=None)
-    return parsed(dump(made), limits)
+        check_object_stage(opened_scenario, recording.radar, recording.n_frames)
+    except InvalidSetting:  # no azimuth resolution, or too short
+        opened_scenario = replace(opened_scenario, tracker=None, ego_motion=None)
+    return parse_scenario(dump(opened_scenario), limits)
 
 
-def _walk(limits: Limits) -> Iterator[Item | None]:
-    seen = {folder.resolve() for folder in limits.folders}
-    labels = distinct(folder.name for folder in limits.folders)
+def _scan_folders(limits: PageLimits) -> Iterator[LibraryItem | None]:
+    visited = {folder.resolve() for folder in limits.folders}
+    labels = unique_labels(folder.name for folder in limits.folders)
     for folder, label in zip(limits.folders, labels, strict=True):
-        start = f"{label}/" if len(labels) > 1 else ""
-        yield from _inside(folder.resolve(), start, DEEPEST, seen, limits)
+        prefix = f"{label}/" if len(labels) > 1 else ""
+        yield from _scan_folder(folder.resolve(), prefix, MAX_DEPTH, visited, limits)
 
 
-def _inside(
-    folder: Path, start: str, deeper: int, seen: set[Path], limits: Limits
-) -> Iterator[Item | None]:
+def _scan_folder(
+    folder: Path, prefix: str, depth: int, visited: set[Path], limits: PageLimits
+) -> Iterator[LibraryItem | None]:
     try:
         with os.scandir(folder) as entries:
-            named = {entry.name: entry for entry in islice(entries, MOST_NAMES)}
-    except OSError:  # nobody may read it
+            entry_by_name = {entry.name: entry for entry in islice(entries, MAX_NAMES)}
+    except OSError:  # not readable
         return
-    for name in sorted(named):
+    for name in sorted(entry_by_name):
         if name.startswith("."):
             continue
-        path = (folder / name).resolve() if stays(named[name], limits.folders) else None
-        if path is None or path in seen:
+        path = (
+            (folder / name).resolve()
+            if is_allowed_entry(entry_by_name[name], limits.folders)
+            else None
+        )
+        if path is None or path in visited:
             yield None
             continue
-        seen.add(path)
-        item = _item(path, f"{start}{name}", limits)
+        visited.add(path)
+        item = _classify_file(path, f"{prefix}{name}", limits)
         yield item
-        if item is None and deeper and path.is_dir():
-            yield from _inside(path, f"{start}{name}/", deeper - 1, seen, limits)
+        if item is None and depth and path.is_dir():
+            yield from _scan_folder(path, f"{prefix}{name}/", depth - 1, visited, limits)
 
 
-def _item(path: Path, name: str, limits: Limits) -> Item | None:
-    if not is_plain(path, limits.folders):
+def _classify_file(path: Path, name: str, limits: PageLimits) -> LibraryItem | None:
+    if not is_allowed(path, limits.folders):
         return None
     n_bytes = path.stat().st_size if path.is_file() else 0
     if path.is_file() and _holds_scenario(path, limits):
-        return Item("scenario", name, path, n_bytes=n_bytes)
+        return LibraryItem("scenario", name, path, n_bytes=n_bytes)
     if path.is_file() and holds_settings(path):
-        return Item("settings", name, path, n_bytes=n_bytes)
+        return LibraryItem("settings", name, path, n_bytes=n_bytes)
     try:
-        return Item("recording", name, path, recognised(path), n_bytes)
+        return LibraryItem("recording", name, path, recognise_formats(path), n_bytes)
     except DechirpError:
         return None
 
 
-def _holds_scenario(path: Path, limits: Limits) -> bool:
-    if path.suffix.lower() not in _SUFFIXES or path.stat().st_size > limits.most_text:
+def _holds_scenario(path: Path, limits: PageLimits) -> bool:
+    if path.suffix.lower() not in _SUFFIXES or path.stat().st_size > limits.max_text_length:
         return False
     try:
-        text = text_in(path)
+        text = read_text(path)
     except DechirpError:
         return False
     return any(line.startswith(("scene:", "recording:")) for line in text.splitlines())
 
 
-def _reached(item: Item, limits: Limits) -> Path:
-    """Path of an item, if it is still what it was when the folders were looked through."""
-    if not is_plain(item.path, limits.folders):
+def _checked_path(item: LibraryItem, limits: PageLimits) -> Path:
+    """Return the path of an item, if it is still allowed as at the scan."""
+    if not is_allowed(item.path, limits.folders):
         raise InvalidSetting(
             "recording.path",
-            got=f"{item.name}, which is not there, or leads out of the folders",
-            need="a file or folder in the folders of the studio",
-            fix="Look through the folders again.",
+            value=f"{item.name}, which does not exist or is outside the folders",
+            expected="a file or folder in the folders of the studio",
+            fix="scan the folders again",
         )
     return item.path
 
 
-def _on_page(finding: Finding, limits: Limits) -> Finding:
-    """The same without the paths of the folders, and with what the page has to mend it."""
-    finding = replace(finding, fix=for_page(finding.fix))
-    said = {name: getattr(finding, name) for name in ("got", "need", "fix")}
+def _adapt_finding_to_page(finding: Finding, limits: PageLimits) -> Finding:
+    """Return a finding without folder paths, with a fix that the page offers."""
+    finding = replace(finding, fix=adapt_fix_to_page(finding.fix))
+    parts = {name: getattr(finding, name) for name in ("value", "expected", "fix")}
     for folder in limits.folders:
-        said = {name: words.replace(f"{folder}/", "") for name, words in said.items()}
-    return replace(finding, **said)
+        parts = {name: text.replace(f"{folder}/", "") for name, text in parts.items()}
+    return replace(finding, **parts)

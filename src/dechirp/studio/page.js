@@ -52,18 +52,18 @@ function begin(browser) {
 
   // Drawing waits for the next frame of the screen; the one after it shows what was drawn.
   const tell = () => {
-    const shown = browser.shown;
+    const shown = browser.n_frames_sent;
     requestAnimationFrame(() => requestAnimationFrame(() => {
       window.dechirp.frames += 1;
-      if (shown % 2 === 0) browser.drawn = shown;  // an answer takes the server 1 ms
+      if (shown % 2 === 0) browser.n_frames_drawn = shown;  // an answer takes the server 1 ms
     }));
   };
-  browser.properties.shown.change.connect(tell);
-  if (browser.shown) tell();  // the first came with the page
+  browser.properties.n_frames_sent.change.connect(tell);
+  if (browser.n_frames_sent) tell();  // the first came with the page
 
   const place = document.getElementById("place");
-  const tellPlace = () => { if (place) place.textContent = browser.place; };  // no lesson has one
-  browser.properties.place.change.connect(tellPlace);
+  const tellPlace = () => { if (place) place.textContent = browser.frame_status; };  // no lesson has one
+  browser.properties.frame_status.change.connect(tellPlace);
   tellPlace();
 
   const rate = document.getElementById("rate");

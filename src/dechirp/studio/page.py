@@ -1,4 +1,4 @@
-"""The live page: every view and panel, in their places, in one document."""
+"""Live page: all views and panels in one document."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -7,11 +7,12 @@ from time import perf_counter
 
 from bokeh.document import Document
 
-from dechirp.experiment.scenario import Scenario
-from dechirp.studio.browser import Browser, script, text_of
-from dechirp.studio.moment import Moment
+from dechirp.experiments.scenario import Scenario
+from dechirp.studio.browser_events import BrowserState, browser_script, read_studio_file
+from dechirp.studio.frame_state import FrameState
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.compare import Compare
+from dechirp.studio.panels.errors import Errors
 from dechirp.studio.panels.findings import Findings
 from dechirp.studio.panels.hardware import Hardware
 from dechirp.studio.panels.processing import Processing
@@ -21,35 +22,34 @@ from dechirp.studio.panels.requirements import Requirements
 from dechirp.studio.panels.settings_file import SettingsFile
 from dechirp.studio.panels.targets import Targets
 from dechirp.studio.panels.transport import Transport
-from dechirp.studio.panels.trouble import Trouble
+from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
-from dechirp.studio.settings import Limits
-from dechirp.studio.theme import DARK, LIGHT, of_pages, of_widgets
+from dechirp.studio.theme import DARK, LIGHT, page_style, widget_theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.beat import Beat
-from dechirp.studio.views.cut import Cut
-from dechirp.studio.views.detections import Detections
-from dechirp.studio.views.micro_doppler import MicroDoppler
-from dechirp.studio.views.range_azimuth import RangeAzimuth
-from dechirp.studio.views.range_doppler import RangeDoppler
-from dechirp.studio.views.scene import Scene
-from dechirp.studio.views.tracks import Tracks
+from dechirp.studio.views.beat import BeatView
+from dechirp.studio.views.detections import DetectionsView
+from dechirp.studio.views.micro_doppler import MicroDopplerView
+from dechirp.studio.views.range_azimuth import RangeAzimuthView
+from dechirp.studio.views.range_doppler import RangeDopplerView
+from dechirp.studio.views.scene import SceneView
+from dechirp.studio.views.threshold_cuts import ThresholdCutView
+from dechirp.studio.views.tracks import TracksView
 
-_WORDS_S = 0.2
-"""Shortest time between two changes of words while it plays."""
+_CAPTION_INTERVAL_S = 0.2
+"""Shortest time between two changes of captions during playback."""
 _VIEWS: tuple[type[View], ...] = (
-    Scene,
-    RangeDoppler,
-    RangeAzimuth,
-    Beat,
-    Cut,
-    MicroDoppler,
-    Detections,
-    Tracks,
+    SceneView,
+    RangeDopplerView,
+    RangeAzimuthView,
+    BeatView,
+    ThresholdCutView,
+    MicroDopplerView,
+    DetectionsView,
+    TracksView,
 )
 _PANELS: tuple[type[Panel], ...] = (
     Transport,
-    Trouble,
+    Errors,
     Radar,
     Targets,
     Hardware,
@@ -62,67 +62,71 @@ _PANELS: tuple[type[Panel], ...] = (
 )
 
 
-def page(document: Document, *, worker: Executor, scenario: Scenario, limits: Limits) -> None:
-    """Fill the document of a browser that just came."""
+def build_page(
+    document: Document, *, worker: Executor, scenario: Scenario, limits: PageLimits
+) -> None:
+    """Fill the document of a new browser session."""
     session = Session(document, worker, scenario, limits)
-    browser = Browser(name="browser")
-    place = partial(_tell_place, browser, session)
+    browser = BrowserState(name="browser")
+    update_status = partial(_update_frame_status, browser, session)
     views = [kind(session) for kind in _VIEWS]
     panels = [kind(session) for kind in _PANELS]
     parts: list[View | Panel] = [*views, *panels]
     for view in views:
-        session.on_moment.append(_seldom(session, view.show, view.least_s))
-        session.on_moment.append(_seldom(session, view.tell, _WORDS_S))
-    session.on_moment.append(_seldom(session, lambda _: place(), _WORDS_S))
-    session.on_wait.append(partial(place, waits=True))
-    # Of what cannot be computed no moment comes.
-    session.on_trouble.append(lambda mistakes: place() if mistakes else None)
-    # After all others: what was sent before is drawn by then.
-    session.on_moment.append(lambda _: browser.update(shown=browser.shown + 1))
+        session.on_frame.append(_rate_limited(session, view.show_frame, view.min_interval_s))
+        session.on_frame.append(_rate_limited(session, view.update_caption, _CAPTION_INTERVAL_S))
+    session.on_frame.append(_rate_limited(session, lambda _: update_status(), _CAPTION_INTERVAL_S))
+    session.on_wait.append(partial(update_status, waits=True))
+    # A frame that fails sends no frame state.
+    session.on_mistakes.append(lambda mistakes: update_status() if mistakes else None)
+    # After all other callbacks: everything sent before is then drawn.
+    session.on_frame.append(lambda _: browser.update(n_frames_sent=browser.n_frames_sent + 1))
 
-    def wear(_attr: str, _old: bool, dark: bool) -> None:
+    def apply_shade(_attr: str, _old: bool, dark: bool) -> None:
         for part in parts:
-            part.wear(DARK if dark else LIGHT)
+            part.apply_theme(DARK if dark else LIGHT)
 
-    browser.on_change("drawn", lambda attr, old, new: session.drawn(new))
-    browser.on_change("play_keys", lambda attr, old, new: session.play(not session.playing))
-    browser.on_change("step_keys", lambda attr, old, new: session.go(session.step + 1))
-    browser.on_change("free_keys", lambda attr, old, new: session.point(None))
-    browser.on_change("dark", wear)
-    wear("dark", False, False)
+    browser.on_change("n_frames_drawn", lambda attr, old, new: session.confirm_drawn(new))
+    browser.on_change("play_keys", lambda attr, old, new: session.set_playing(not session.playing))
+    browser.on_change("step_keys", lambda attr, old, new: session.go_to_step(session.step + 1))
+    browser.on_change("free_keys", lambda attr, old, new: session.move_cursor(None))
+    browser.on_change("dark", apply_shade)
+    apply_shade("dark", False, False)
 
     roots = [part.root for part in parts]
-    roots[0].tags = [browser]  # no root itself: there is nothing of it to see
-    document.theme = of_widgets()
-    with document.models.freeze():  # or it looks through all models for each root
+    roots[0].tags = [browser]  # not a root: it has no visual part
+    document.theme = widget_theme()
+    with document.models.freeze():  # else Bokeh scans all models for each root
         for root in roots:
             document.add_root(root)
     document.title = "dechirp studio"
-    document.template = text_of("page.html")
-    document.template_variables.update(style=of_pages(), script=script())
+    document.template = read_studio_file("page.html")
+    document.template_variables.update(style=page_style(), script=browser_script())
     document.on_session_destroyed(lambda _: session.close())
     session.start()
 
 
-def _tell_place(browser: Browser, session: Session, *, waits: bool = False) -> None:
-    """Say which frame is shown, and whether another one is waited for."""
-    at = session.moment
-    words = [] if at is None else [f"frame {at.number}, {at.time_s:.3f} s"]
-    browser.place = "; ".join([*words, "computing ..."] if waits else words)
+def _update_frame_status(
+    browser: BrowserState, session: Session, *, is_waiting: bool = False
+) -> None:
+    """Show the number of the frame, and whether another one is being computed."""
+    frame = session.frame_state
+    parts = [] if frame is None else [f"frame {frame.number}, {frame.time_s:.3f} s"]
+    browser.frame_status = "; ".join([*parts, "computing ..."] if is_waiting else parts)
 
 
-def _seldom(
-    session: Session, show: Callable[[Moment], None], least_s: float
-) -> Callable[[Moment], None]:
-    """Show moments; while it plays, on average none sooner than that after the last one."""
+def _rate_limited(
+    session: Session, show: Callable[[FrameState], None], min_interval_s: float
+) -> Callable[[FrameState], None]:
+    """Wrap a callback so that it runs at most once per interval, on average, during playback."""
     due_s = 0.0
 
-    def shown(moment: Moment) -> None:
+    def show_if_due(moment: FrameState) -> None:
         nonlocal due_s
         now_s = perf_counter()
         if not session.playing or now_s >= due_s:
-            # From when it was due: else each would wait for the first frame after its time.
-            due_s = min(max(due_s, now_s - least_s), now_s) + least_s
+            # Count from the due time; else each call would wait for the next frame after it.
+            due_s = min(max(due_s, now_s - min_interval_s), now_s) + min_interval_s
             show(moment)
 
-    return shown
+    return show_if_due

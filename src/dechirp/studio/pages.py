@@ -1,4 +1,4 @@
-"""All pages of the studio, by their addresses."""
+"""Pages of the studio by address."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -6,15 +6,15 @@ from functools import partial
 
 from bokeh.document import Document
 
-from dechirp.experiment.scenario import Scenario
-from dechirp.studio.page import page
-from dechirp.studio.settings import Limits
-from dechirp.studio.teach import applications
+from dechirp.experiments.scenario import Scenario
+from dechirp.studio.page import build_page
+from dechirp.studio.scenario_edits import PageLimits
+from dechirp.studio.teach import lesson_builders
 
 
-def pages(
-    worker: Executor, *, scenario: Scenario, limits: Limits
+def page_builders(
+    worker: Executor, *, scenario: Scenario, limits: PageLimits
 ) -> dict[str, Callable[[Document], None]]:
-    """What fills the document of each: the live page, and the lessons."""
-    live = partial(page, worker=worker, scenario=scenario, limits=limits)
-    return {"/": live, **applications(worker, limits)}
+    """Return the builders of the live page and the lessons by address."""
+    live_page = partial(build_page, worker=worker, scenario=scenario, limits=limits)
+    return {"/": live_page, **lesson_builders(worker, limits)}

@@ -1,9 +1,9 @@
-"""What one page does: it holds settings and a place in time, and asks for the next moment.
+"""Session of one page: settings, position in time and the requests for frames.
 
-Widgets live on the loop of the server; settings are read and moments made by one worker for all
-pages, so that the loop is never held. A browser has three moments at most that it has not told to
-have drawn: it tells of every second one, draws one, and one is on its way. So a slow one gets fewer
-frames, never a queue of old ones, and a fast one need not wait for the next.
+Widgets run on the event loop of the server; one worker for all pages parses settings and computes
+frames, so the loop is never blocked. At most three frames are in flight per browser: it confirms
+every second one, draws one, and one is on its way. So a slow browser skips frames instead of
+lagging, and a fast one does not wait.
 """
 
 import asyncio
@@ -17,20 +17,20 @@ from typing import NamedTuple, TypeVar
 from bokeh.document import Document
 
 from dechirp.core.errors import DechirpError, Mistake
-from dechirp.experiment.scenario import Scenario
-from dechirp.studio.moment import Moment
-from dechirp.studio.player import Player
-from dechirp.studio.pointing import Cursor
-from dechirp.studio.settings import Limits, changed, parsed
+from dechirp.experiments.scenario import Scenario
+from dechirp.studio.cursor import Cursor
+from dechirp.studio.frame_player import FramePlayer
+from dechirp.studio.frame_state import FrameState
+from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
 
 T = TypeVar("T")
 Edit = Callable[[Scenario], Scenario]
 
-DRAWN_WITHIN_S = 2.0
-"""A browser that has not said by then that it drew a frame is sent the next one all the same."""
-_MOST_UNDRAWN = 3
-_LONG_S = 0.3
-"""Who waits so long for an answer wonders whether there will be one."""
+DRAW_TIMEOUT_S = 2.0
+"""Time after which the next frame is sent without a confirmation."""
+_MAX_UNDRAWN_FRAMES = 3
+_WAIT_NOTICE_S = 0.3
+"""Waiting time after which the page shows a notice."""
 
 _log = logging.getLogger(__name__)
 
@@ -41,217 +41,221 @@ class Session:
     Parameters
     ----------
     document : Document
-        Of the page; changed under its lock alone.
+        Document of the page; changed only under its lock.
     worker : Executor
-        Of one thread: reads settings and makes moments, of all pages.
+        Single thread that parses settings and computes frames for all pages.
     scenario : Scenario
-        What it starts with.
+        Initial scenario.
     limits : Limits
-        What settings may ask for.
+        Limits of the settings.
     """
 
     def __init__(
-        self, document: Document, worker: Executor, scenario: Scenario, limits: Limits
+        self, document: Document, worker: Executor, scenario: Scenario, limits: PageLimits
     ) -> None:
         self.document, self.limits, self.scenario = document, limits, scenario
         self.cursor: Cursor | None = None
-        """None: at the strongest detection."""
+        """None: the strongest detection."""
         self.playing = False
         self.step = 0
-        self.moment: Moment | None = None
-        """The last one that was shown."""
-        self.on_moment: list[Callable[[Moment], None]] = []
+        self.frame_state: FrameState | None = None
+        """Last frame that was shown."""
+        self.on_frame: list[Callable[[FrameState], None]] = []
         self.on_settings: list[Callable[[Scenario], None]] = []
-        """Called when settings were changed, by whomever."""
-        self.on_trouble: list[Callable[[tuple[Mistake, ...]], None]] = []
-        """Called with what is wrong with an edit or a frame, and with nothing once that is over."""
+        """Called when settings have changed."""
+        self.on_mistakes: list[Callable[[tuple[Mistake, ...]], None]] = []
+        """Called with the mistakes of an edit or a frame, and with none after a success."""
         self.on_wait: list[Callable[[], None]] = []
-        """Called while settings are read or a moment is made, if that takes long."""
-        self._worker, self._player = worker, Player(scenario, limits)
+        """Called while settings are parsed or a frame is computed, if that takes long."""
+        self._worker, self._player = worker, FramePlayer(scenario, limits)
         self._edits: dict[str, Edit] = {}
-        self._asked, self._drawn = asyncio.Event(), asyncio.Event()
+        self._has_work, self._draw_confirmed = asyncio.Event(), asyncio.Event()
         self._n_shown = self._n_drawn = 0
-        self._running: asyncio.Task[None] | None = None
-        self._ahead: _Begun | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._next_frame: _PendingFrame | None = None
 
-    # What panels and views call, on the loop.
+    # Interface of panels and views, called on the event loop.
 
-    def change(self, path: str, text: str) -> None:
-        """Put what was typed into a setting, as `--set PATH=VALUE` does."""
-        self.edit(path, partial(changed, options=(f"{path}={text}",), limits=self.limits))
+    def change_setting(self, path: str, text: str) -> None:
+        """Change a setting to a typed text, as `--set PATH=VALUE` does."""
+        self.queue_edit(
+            path, partial(apply_options, options=(f"{path}={text}",), limits=self.limits)
+        )
 
-    def replace(self, text: str) -> None:
-        """Take all settings from the text of a scenario file."""
-        self.edit("", lambda _: parsed(text, self.limits))
+    def replace_settings(self, text: str) -> None:
+        """Replace all settings by the text of a scenario file."""
+        self.queue_edit("", lambda _: parse_scenario(text, self.limits))
 
-    def edit(self, key: str, made: Edit) -> None:
-        """Change settings by a function, on the worker; of several with one key the last counts."""
+    def queue_edit(self, key: str, edit: Edit) -> None:
+        """Queue an edit for the worker; only the last edit of each key is applied."""
         self._edits.pop(key, None)
-        self._edits[key] = made
-        self._asked.set()
+        self._edits[key] = edit
+        self._has_work.set()
 
-    def play(self, playing: bool) -> None:
-        """Go on from step to step, or stay."""
+    def set_playing(self, playing: bool) -> None:
+        """Start or stop playback."""
         self.playing = playing
-        self._asked.set()
+        self._has_work.set()
 
-    def go(self, step: int) -> None:
-        """Show another step; 0 rewinds: the same noise again."""
+    def go_to_step(self, step: int) -> None:
+        """Show another step; 0 rewinds to the same noise."""
         self.step = max(0, step)
-        self._asked.set()
+        self._has_work.set()
 
-    def point(self, cursor: Cursor | None) -> None:
-        """Let all views look at another place."""
+    def move_cursor(self, cursor: Cursor | None) -> None:
+        """Move the cursor of all views; None selects the strongest detection."""
         self.cursor = cursor
-        self._asked.set()
+        self._has_work.set()
 
-    def drawn(self, n_moments: int) -> None:
-        """Hear from the browser how many of the moments that it got it has drawn."""
+    def confirm_drawn(self, n_moments: int) -> None:
+        """Record the number of frames that the browser has drawn."""
         self._n_drawn = n_moments
-        self._drawn.set()
+        self._draw_confirmed.set()
 
-    # Its life.
+    # Life cycle.
 
     def start(self) -> None:
-        """Begin, once everything that listens is there."""
-        self._asked.set()
-        self._running = asyncio.get_running_loop().create_task(self._run())
+        """Start the session after all callbacks are registered."""
+        self._has_work.set()
+        self._task = asyncio.get_running_loop().create_task(self._run_loop())
 
     def close(self) -> None:
-        """End; what is under way on the worker is let go."""
-        if self._running is not None:
-            self._running.cancel()
+        """Stop the session; running work is abandoned."""
+        if self._task is not None:
+            self._task.cancel()
 
-    async def _run(self) -> None:
+    async def _run_loop(self) -> None:
         while True:
-            await self._asked.wait()
-            self._asked.clear()
-            started, shown = perf_counter(), self.step
+            await self._has_work.wait()
+            self._has_work.clear()
+            started, shown_step = perf_counter(), self.step
             try:
-                await self._next()
+                await self._process_next()
             except DechirpError as error:
                 self.playing = False
-                await self.in_document(partial(self._tell, error.mistakes))
+                await self.run_in_document(partial(self._report_mistakes, error.mistakes))
             except Exception:
-                # The page says so and lives on; so do all others.
+                # The page shows an error and continues, as do all others.
                 _log.exception("a page of the studio failed")
                 self.playing = False
-                await self.in_document(partial(self._tell, (_OWN_FAULT,)))
+                await self.run_in_document(partial(self._report_mistakes, (_INTERNAL_ERROR,)))
             if self.playing:
-                await asyncio.sleep(self.limits.frame_s - (perf_counter() - started))
-                if self.playing:  # nobody paused meanwhile
-                    self.step += self.step == shown  # or went elsewhere
-                    self._asked.set()
+                await asyncio.sleep(self.limits.min_frame_interval_s - (perf_counter() - started))
+                if self.playing:  # not paused meanwhile
+                    self.step += self.step == shown_step  # or went elsewhere
+                    self._has_work.set()
 
-    async def _next(self) -> None:
+    async def _process_next(self) -> None:
         edits, self._edits = list(self._edits.values()), {}
         wrong: tuple[Mistake, ...] = ()
         if edits:
-            scenario, wrong = await self._awaited(self.work(partial(_edited, self.scenario, edits)))
+            scenario, wrong = await self._await_with_notice(
+                self.run_on_worker(partial(_apply_edits, self.scenario, edits))
+            )
             if scenario is not self.scenario:
-                self.scenario, self._player = scenario, Player(scenario, self.limits)
-                await self.in_document(lambda: [tell(scenario) for tell in self.on_settings])
+                self.scenario, self._player = scenario, FramePlayer(scenario, self.limits)
+                await self.run_in_document(lambda: [tell(scenario) for tell in self.on_settings])
             self.playing = self.playing and not wrong
-        moment = await self._made(self.step)
+        moment = await self._frame_of_step(self.step)
         if self.playing:  # the next one is made while the browser draws this one
-            self._ahead = self._look(self.step + 1)
-        await self._room()
-        await self.in_document(partial(self._show, moment, wrong))
+            self._next_frame = self._start_frame(self.step + 1)
+        await self._wait_for_browser()
+        await self.run_in_document(partial(self._show_frame, moment, wrong))
         self._n_shown += 1
 
-    async def _room(self) -> None:
-        """Wait until the browser takes another moment."""
-        while self._n_shown - self._n_drawn >= _MOST_UNDRAWN:
-            self._drawn.clear()
+    async def _wait_for_browser(self) -> None:
+        """Wait until the browser can take another frame."""
+        while self._n_shown - self._n_drawn >= _MAX_UNDRAWN_FRAMES:
+            self._draw_confirmed.clear()
             try:
-                await asyncio.wait_for(self._drawn.wait(), DRAWN_WITHIN_S)
+                await asyncio.wait_for(self._draw_confirmed.wait(), DRAW_TIMEOUT_S)
             except TimeoutError:
                 self._n_drawn = self._n_shown
 
-    async def _made(self, step: int) -> Moment:
-        """The moment of a step, which may have been begun already."""
-        ahead, self._ahead = self._ahead, None
-        if ahead is not None and ahead.asked != (self._player, step, self.cursor):
-            ahead.moment.cancel()
-            ahead.moment.add_done_callback(_let_go)
-            ahead = None
-        return await self._awaited((ahead or self._look(step)).moment)
+    async def _frame_of_step(self, step: int) -> FrameState:
+        """Return the frame of a step, which may already be in progress."""
+        pending, self._next_frame = self._next_frame, None
+        if pending is not None and pending.request != (self._player, step, self.cursor):
+            pending.future.cancel()
+            pending.future.add_done_callback(_retrieve_exception)
+            pending = None
+        return await self._await_with_notice((pending or self._start_frame(step)).future)
 
-    async def _awaited(self, made: asyncio.Future[T]) -> T:
-        """What the worker makes; if that takes long, who listens is told."""
+    async def _await_with_notice(self, future: asyncio.Future[T]) -> T:
+        """Await a result of the worker; notify `on_wait` if it takes long."""
 
-        def tell() -> None:
+        def notify_waiting() -> None:
             self.document.add_next_tick_callback(lambda: [wait() for wait in self.on_wait])
 
-        late = asyncio.get_running_loop().call_later(_LONG_S, tell)
+        notice_timer = asyncio.get_running_loop().call_later(_WAIT_NOTICE_S, notify_waiting)
         try:
-            return await made
+            return await future
         finally:
-            late.cancel()
+            notice_timer.cancel()
 
-    def _look(self, step: int) -> "_Begun":
-        moment = self.work(partial(self._player.look, step, self.cursor))
-        return _Begun((self._player, step, self.cursor), moment)
+    def _start_frame(self, step: int) -> "_PendingFrame":
+        moment = self.run_on_worker(partial(self._player.frame_at, step, self.cursor))
+        return _PendingFrame((self._player, step, self.cursor), moment)
 
-    def _show(self, moment: Moment, wrong: tuple[Mistake, ...]) -> None:
-        self.moment = moment
-        self._tell(wrong)
-        for show in self.on_moment:
+    def _show_frame(self, moment: FrameState, wrong: tuple[Mistake, ...]) -> None:
+        self.frame_state = moment
+        self._report_mistakes(wrong)
+        for show in self.on_frame:
             show(moment)
 
-    def _tell(self, mistakes: tuple[Mistake, ...]) -> None:
-        for tell in self.on_trouble:
+    def _report_mistakes(self, mistakes: tuple[Mistake, ...]) -> None:
+        for tell in self.on_mistakes:
             tell(mistakes)
 
-    def work(self, job: Callable[[], T]) -> asyncio.Future[T]:
-        """Do something on the worker; of what takes long a few milliseconds at a time."""
+    def run_on_worker(self, job: Callable[[], T]) -> asyncio.Future[T]:
+        """Run a job on the worker; long jobs must be split into parts of a few milliseconds."""
         return asyncio.get_running_loop().run_in_executor(self._worker, job)
 
-    async def in_document(self, job: Callable[[], object]) -> None:
-        """Do something with the lock of the document, and wait until it is done."""
-        done = asyncio.get_running_loop().create_future()
+    async def run_in_document(self, job: Callable[[], object]) -> None:
+        """Run a job with the lock of the document and wait for it."""
+        finished = asyncio.get_running_loop().create_future()
 
-        def locked() -> None:
-            if done.done():  # the page was closed meanwhile
+        def run_job() -> None:
+            if finished.done():  # the page was closed meanwhile
                 return
             try:
                 job()
             except Exception as error:
-                done.set_exception(error)
+                finished.set_exception(error)
             else:
-                done.set_result(None)
+                finished.set_result(None)
 
-        self.document.add_next_tick_callback(locked)
-        await done
-
-
-class _Begun(NamedTuple):
-    """A moment that is being made, and what was asked for."""
-
-    asked: tuple[Player, int, Cursor | None]
-    moment: asyncio.Future[Moment]
+        self.document.add_next_tick_callback(run_job)
+        await finished
 
 
-def _let_go(moment: asyncio.Future[Moment]) -> None:
-    """Hear what went wrong with a moment that nobody waits for, or the log would tell it."""
-    if not moment.cancelled():
-        moment.exception()
+class _PendingFrame(NamedTuple):
+    """Frame in progress and its request."""
+
+    request: tuple[FramePlayer, int, Cursor | None]
+    future: asyncio.Future[FrameState]
 
 
-def _edited(scenario: Scenario, edits: list[Edit]) -> tuple[Scenario, tuple[Mistake, ...]]:
-    """Settings after all edits that can be, and what is wrong with the others."""
-    wrong: list[Mistake] = []
+def _retrieve_exception(future: asyncio.Future[FrameState]) -> None:
+    """Retrieve the exception of an abandoned frame; asyncio would log it otherwise."""
+    if not future.cancelled():
+        future.exception()
+
+
+def _apply_edits(scenario: Scenario, edits: list[Edit]) -> tuple[Scenario, tuple[Mistake, ...]]:
+    """Apply all valid edits; return the scenario and the mistakes of the others."""
+    mistakes: list[Mistake] = []
     for edit in edits:
         try:
             scenario = edit(scenario)
         except DechirpError as error:
-            wrong += error.mistakes
-    return scenario, tuple(wrong)
+            mistakes += error.mistakes
+    return scenario, tuple(mistakes)
 
 
-_OWN_FAULT = Mistake(
+_INTERNAL_ERROR = Mistake(
     setting="this page",
-    got="an error of its own, which the log of the server tells",
-    need="none",
-    fix="Change a setting or rewind; and please report it.",
+    value="an internal error; see the log of the server",
+    expected="no error",
+    fix="change a setting or rewind, and report the error",
 )

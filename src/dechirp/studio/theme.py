@@ -1,4 +1,4 @@
-"""Colours of the page by what they mean, light and dark."""
+"""Colours of the page by role, light and dark."""
 
 from dataclasses import dataclass, fields
 from importlib import resources
@@ -12,27 +12,27 @@ Shade = Literal["light", "dark"]
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours by what they mean."""
+    """Colours by role."""
 
     shade: Shade
     ground: str
-    """Behind tiles."""
+    """Background behind tiles."""
     tile: str
     ink: str
     muted: str
     rule: str
     """Lines of axes and grids."""
     echo: str
-    """What was measured."""
+    """Measured values."""
     truth: str
     threshold: str
     track: str
     cursor: str
     map: tuple[str, ...]
-    """Of powers, weak to strong, even steps of lightness."""
+    """Colour map of powers, weak to strong, perceptually uniform."""
 
 
-# Okabe and Ito's colours, told apart by colour-blind readers, darkened on white.
+# Colours of Okabe and Ito, distinguishable by colour-blind readers, darkened on white.
 LIGHT = Theme(
     shade="light",
     ground="#eef1f4",
@@ -63,22 +63,24 @@ DARK = Theme(
 )
 
 
-def of_pages() -> str:
-    """Style that all pages share; widgets inherit its colours, which are properties: `--ink` ..."""
-    light, dark = (f"{_properties(theme)} color-scheme: {theme.shade};" for theme in (LIGHT, DARK))
+def page_style() -> str:
+    """Return the style sheet of all pages; widgets inherit its colour properties: `--ink` ..."""
+    light, dark = (
+        f"{_css_properties(theme)} color-scheme: {theme.shade};" for theme in (LIGHT, DARK)
+    )
     css = resources.files("dechirp.studio").joinpath("page.css").read_text("utf-8")
     return f':root {{ {light} }}\n:root[data-shade="dark"] {{ {dark} }}\n{css}'
 
 
-def _properties(theme: Theme) -> str:
+def _css_properties(theme: Theme) -> str:
     colours = (field.name for field in fields(theme) if field.name not in ("shade", "map"))
     return " ".join(f"--{name}: {getattr(theme, name)};" for name in colours)
 
 
-def of_widgets() -> Defaults:
-    """Style of all widgets of a page; its colours are variables, so that it needs no change.
+def widget_theme() -> Defaults:
+    """Return the Bokeh theme of all widgets; its colours are variables that follow the page.
 
-    As text: a document that is given models by its theme looks through all it has for each.
+    The style is text: models in a theme would make Bokeh scan all models for each of them.
     """
     css = resources.files("dechirp.studio").joinpath("widgets.css").read_text("utf-8")
     return Defaults(json={"attrs": {"Widget": {"stylesheets": [css]}}})

@@ -1,1 +1,5 @@
-"""What is known without a radar: detection, CFAR, bounds on estimates, intervals, windows."""
+"""Closed-form radar theory: detection, CFAR, bounds, intervals, attenuation and windows."""
+
+from dechirp.core.namespaces import lazy_namespace
+
+__getattr__, __dir__ = lazy_namespace(__name__)

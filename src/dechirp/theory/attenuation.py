@@ -1,15 +1,24 @@
-"""Specific attenuation by gases, rain and fog: what one way through them takes, in dB/km."""
+"""Specific attenuation by gases, rain and fog: one-way loss in dB/km."""
 
 import math
 
 import numpy as np
 
-from dechirp.core.checks import number
+from dechirp.core.checks import check_number
 from dechirp.theory.gas_lines import OXYGEN, WATER_VAPOUR
-from dechirp.theory.water import permittivity
+from dechirp.theory.water_permittivity import water_relative_permittivity
 
-MOST_RAIN_M_PER_S = 5.56e-5
-"""200 mm/h: beyond, a cloudburst of minutes."""
+__all__ = [
+    "fog_db_per_km",
+    "gas_db_per_km",
+    "oxygen_db_per_km",
+    "rain_db_per_km",
+    "rain_power_law",
+    "vapour_db_per_km",
+]
+
+MAX_RAIN_RATE_M_PER_S = 5.56e-5
+"""200 mm/h; more occurs only in cloudbursts of minutes."""
 
 # Coefficients of P.838-3, tables 1 to 4: bells (a, b, c) over lg f, then slope and offset.
 _K_H = (
@@ -41,7 +50,7 @@ def oxygen_db_per_km(
     temperature_k: float = 288.15,
     vapour_kg_per_m3: float = 7.5e-3,
 ) -> float:
-    r"""Attenuation by oxygen, and by nitrogen under pressure, line by line.
+    r"""Return the attenuation by oxygen, and by nitrogen under pressure, line by line.
 
     .. math::
         \gamma = 0.1820 f \left( \sum_i S_i F_i + N_D \right),
@@ -77,8 +86,8 @@ def oxygen_db_per_km(
     ----------
     Recommendation ITU-R P.676-12, 2019, Annex 1.
     """
-    f = _gigahertz(frequency_hz, 1e9, 1e12)
-    p, e, theta = _air(pressure_pa, temperature_k, vapour_kg_per_m3)
+    f = _frequency_ghz(frequency_hz, 1e9, 1e12)
+    p, e, theta = _air_state(pressure_pa, temperature_k, vapour_kg_per_m3)
     f0, a1, a2, a3, a5, a6 = OXYGEN.T
     strength = a1 * 1e-7 * p * theta**3 * np.exp(a2 * (1 - theta))
     width = a3 * 1e-4 * (p * theta**0.8 + 1.1 * e * theta)
@@ -87,7 +96,7 @@ def oxygen_db_per_km(
     continuum_width = 5.6e-4 * (p + e) * theta**0.8
     continuum = 6.14e-5 / (continuum_width * (1 + (f / continuum_width) ** 2))
     continuum += 1.4e-12 * p * theta**1.5 / (1 + 1.9e-5 * f**1.5)
-    lines = (strength * _shapes(f, f0, width, interference)).sum()
+    lines = (strength * _line_shapes(f, f0, width, interference)).sum()
     return float(0.1820 * f * (lines + f * p * theta**2 * continuum))
 
 
@@ -98,15 +107,15 @@ def vapour_db_per_km(
     temperature_k: float = 288.15,
     vapour_kg_per_m3: float = 7.5e-3,
 ) -> float:
-    """Attenuation by water vapour, line by line: as `oxygen_db_per_km`, over 35 lines."""
-    f = _gigahertz(frequency_hz, 1e9, 1e12)
-    p, e, theta = _air(pressure_pa, temperature_k, vapour_kg_per_m3)
+    """Return the attenuation by water vapour, like `oxygen_db_per_km`, from 35 lines."""
+    f = _frequency_ghz(frequency_hz, 1e9, 1e12)
+    p, e, theta = _air_state(pressure_pa, temperature_k, vapour_kg_per_m3)
     f0, b1, b2, b3, b4, b5, b6 = WATER_VAPOUR.T
     strength = b1 * 1e-1 * e * theta**3.5 * np.exp(b2 * (1 - theta))
     width = b3 * 1e-4 * (p * theta**b4 + b5 * e * theta**b6)
     # Broadened by the Doppler shift of the molecules.
     width = 0.535 * width + np.sqrt(0.217 * width**2 + 2.1316e-12 * f0**2 / theta)
-    return float(0.1820 * f * (strength * _shapes(f, f0, width, np.zeros_like(f0))).sum())
+    return float(0.1820 * f * (strength * _line_shapes(f, f0, width, np.zeros_like(f0))).sum())
 
 
 def gas_db_per_km(
@@ -116,21 +125,21 @@ def gas_db_per_km(
     temperature_k: float = 288.15,
     vapour_kg_per_m3: float = 7.5e-3,
 ) -> float:
-    """Attenuation by clear air: of `oxygen_db_per_km` and `vapour_db_per_km` together."""
+    """Return the attenuation by clear air: `oxygen_db_per_km` plus `vapour_db_per_km`."""
     oxygen, vapour = (
-        of(
+        attenuation(
             frequency_hz,
             pressure_pa=pressure_pa,
             temperature_k=temperature_k,
             vapour_kg_per_m3=vapour_kg_per_m3,
         )
-        for of in (oxygen_db_per_km, vapour_db_per_km)
+        for attenuation in (oxygen_db_per_km, vapour_db_per_km)
     )
     return oxygen + vapour
 
 
 def rain_db_per_km(frequency_hz: float, rate_m_per_s: float, *, tilt_rad: float = 0.0) -> float:
-    r"""Attenuation by rain along a level path, a power law of the rain rate.
+    r"""Return the attenuation by rain along a horizontal path, a power law of the rain rate.
 
     .. math::
         \gamma = k R^\alpha, \quad
@@ -138,8 +147,8 @@ def rain_db_per_km(frequency_hz: float, rate_m_per_s: float, *, tilt_rad: float 
         \alpha = \frac{k_H \alpha_H + k_V \alpha_V
         + (k_H \alpha_H - k_V \alpha_V) \cos 2\tau}{2 k}
 
-    with R in mm/h; k and alpha by `rain_power_law`. Flattened drops take more of what is
-    polarised in the horizon.
+    with R in mm/h; k and alpha by `rain_power_law`. Flattened drops attenuate
+    horizontal polarisation more.
 
     Parameters
     ----------
@@ -164,19 +173,19 @@ def rain_db_per_km(frequency_hz: float, rate_m_per_s: float, *, tilt_rad: float 
     ----------
     Recommendation ITU-R P.838-3, 2005.
     """
-    rate_mm_per_h = 3.6e6 * number(
-        "rate_m_per_s", rate_m_per_s, at_least=0, at_most=MOST_RAIN_M_PER_S
+    rate_mm_per_h = 3.6e6 * check_number(
+        "rate_m_per_s", rate_m_per_s, at_least=0, at_most=MAX_RAIN_RATE_M_PER_S
     )
-    turn = math.cos(2 * number("tilt_rad", tilt_rad, at_least=-math.pi, at_most=math.pi))
+    cos_2tau = math.cos(2 * check_number("tilt_rad", tilt_rad, at_least=-math.pi, at_most=math.pi))
     (k_h, alpha_h), (k_v, alpha_v) = rain_power_law(frequency_hz)
-    k = (k_h + k_v + (k_h - k_v) * turn) / 2
-    alpha = (k_h * alpha_h + k_v * alpha_v + (k_h * alpha_h - k_v * alpha_v) * turn) / (2 * k)
+    k = (k_h + k_v + (k_h - k_v) * cos_2tau) / 2
+    alpha = (k_h * alpha_h + k_v * alpha_v + (k_h * alpha_h - k_v * alpha_v) * cos_2tau) / (2 * k)
     return float(k * rate_mm_per_h**alpha)
 
 
 def rain_power_law(frequency_hz: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Pairs of k and alpha, of horizontal then of vertical polarisation, by the fit of P.838-3."""
-    log_f = math.log10(_gigahertz(frequency_hz, 1e9, 1e12))
+    """Return (k, alpha) for horizontal and for vertical polarisation, by the fit of P.838-3."""
+    log_f = math.log10(_frequency_ghz(frequency_hz, 1e9, 1e12))
     k_h, alpha_h, k_v, alpha_v = (
         sum(a * math.exp(-(((log_f - b) / c) ** 2)) for a, b, c in bells) + m * log_f + offset
         for bells, m, offset in (_K_H, _ALPHA_H, _K_V, _ALPHA_V)
@@ -187,7 +196,7 @@ def rain_power_law(frequency_hz: float) -> tuple[tuple[float, float], tuple[floa
 def fog_db_per_km(
     frequency_hz: float, water_kg_per_m3: float, *, temperature_k: float = 283.15
 ) -> float:
-    r"""Attenuation by fog or a cloud, droplets far smaller than the wave (Rayleigh).
+    r"""Return the attenuation by fog or cloud, whose droplets are far smaller than the wavelength.
 
     .. math:: \gamma = \frac{0.819 f}{\epsilon'' (1 + \eta^2)} M,
               \quad \eta = \frac{2 + \epsilon'}{\epsilon''}
@@ -197,8 +206,8 @@ def fog_db_per_km(
     frequency_hz : float
         From 1 GHz to 200 GHz: droplets are below 0.1 mm.
     water_kg_per_m3 : float
-        Liquid water in the air, M, up to 10 g/m^3: 5e-5 kg/m^3 where one sees 300 m, 5e-4 where
-        one sees 50 m (P.840).
+        Liquid water in the air, M, up to 10 g/m^3: 5e-5 kg/m^3 for a visibility of 300 m,
+        5e-4 for 50 m (P.840).
     temperature_k : float
         Of the droplets, from 243 K to 323 K.
 
@@ -216,29 +225,31 @@ def fog_db_per_km(
     ----------
     Recommendation ITU-R P.840-8, 2019, Annex 1.
     """
-    f = _gigahertz(frequency_hz, 1e9, 200e9)
-    water = 1e3 * number("water_kg_per_m3", water_kg_per_m3, at_least=0, at_most=1e-2)
-    epsilon = permittivity(frequency_hz, temperature_k)
+    f = _frequency_ghz(frequency_hz, 1e9, 200e9)
+    water = 1e3 * check_number("water_kg_per_m3", water_kg_per_m3, at_least=0, at_most=1e-2)
+    epsilon = water_relative_permittivity(frequency_hz, temperature_k)
     eta = (2 + epsilon.real) / epsilon.imag
     return 0.819 * f / (epsilon.imag * (1 + eta**2)) * water
 
 
-def _gigahertz(frequency_hz: float, at_least: float, at_most: float) -> float:
-    return number("frequency_hz", frequency_hz, at_least=at_least, at_most=at_most) / 1e9
+def _frequency_ghz(frequency_hz: float, at_least: float, at_most: float) -> float:
+    return check_number("frequency_hz", frequency_hz, at_least=at_least, at_most=at_most) / 1e9
 
 
-def _air(
+def _air_state(
     pressure_pa: float, temperature_k: float, vapour_kg_per_m3: float
 ) -> tuple[float, float, float]:
-    """Dry pressure and that of the vapour in hPa, and 300 K over the temperature."""
-    kelvin = number("temperature_k", temperature_k, at_least=200, at_most=330)
-    vapour = number("vapour_kg_per_m3", vapour_kg_per_m3, at_least=0, at_most=0.1)
-    pressure = number("pressure_pa", pressure_pa, above=0, at_most=110e3)
-    return pressure / 100, 1e3 * vapour * kelvin / 216.7, 300 / kelvin
+    """Return the pressures of dry air and vapour in hPa, and 300 K over the temperature."""
+    kelvins = check_number("temperature_k", temperature_k, at_least=200, at_most=330)
+    vapour = check_number("vapour_kg_per_m3", vapour_kg_per_m3, at_least=0, at_most=0.1)
+    pressure = check_number("pressure_pa", pressure_pa, above=0, at_most=110e3)
+    return pressure / 100, 1e3 * vapour * kelvins / 216.7, 300 / kelvins
 
 
-def _shapes(f: float, f0: np.ndarray, width: np.ndarray, interference: np.ndarray) -> np.ndarray:
-    """Shape of each line, per GHz."""
+def _line_shapes(
+    f: float, f0: np.ndarray, width: np.ndarray, interference: np.ndarray
+) -> np.ndarray:
+    """Return the shape of each line, per GHz."""
     below, above = f0 - f, f0 + f
     shapes = (width - interference * below) / (below**2 + width**2)
     shapes += (width - interference * above) / (above**2 + width**2)

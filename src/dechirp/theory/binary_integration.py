@@ -1,34 +1,36 @@
-"""Binary integration: a target is declared when M of N looks detect it."""
+"""Binary integration: detection in at least M of N looks."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betainc
 
-from dechirp.core.checks import numbers, whole
+from dechirp.core.checks import check_array, check_integer
 from dechirp.core.errors import InvalidSetting
 
+__all__ = ["binary_integration_probability"]
 
-def m_of_n(probability: ArrayLike, *, m: int, n: int) -> np.ndarray:
-    r"""Probability that at least M of N independent looks exceed their threshold.
+
+def binary_integration_probability(probability: ArrayLike, *, m: int, n: int) -> np.ndarray:
+    r"""Return the probability that at least M of N independent looks exceed their threshold.
 
     .. math:: P = \sum_{k=M}^{N} \binom{N}{k} p^k (1 - p)^{N-k}
 
-    The same for detection and for false alarms: put in what one look has of either.
+    Holds for detections and for false alarms, given the probability of a single look.
 
     Parameters
     ----------
     probability : array
-        That one look exceeds its threshold, from 0 to 1; any shape.
+        Probability that one look exceeds its threshold, from 0 to 1; any shape.
     m : int
-        Looks that must, from 1 to N.
+        Required looks, from 1 to N.
     n : int
-        Looks in all.
+        Total number of looks.
 
     Returns
     -------
     array
-        The shape of `probability`. The sum is an incomplete beta function, so it keeps its
-        digits however small it is.
+        The shape of `probability`. The sum is computed as an incomplete beta function, which is
+        accurate for small results, too.
 
     Raises
     ------
@@ -39,12 +41,12 @@ def m_of_n(probability: ArrayLike, *, m: int, n: int) -> np.ndarray:
     ----------
     M. A. Richards, Fundamentals of Radar Signal Processing, 2nd ed., 2014.
     """
-    whole("n", n, at_least=1)
-    whole("m", m, at_least=1, at_most=n)
-    p = numbers("probability", probability)
+    check_integer("n", n, at_least=1)
+    check_integer("m", m, at_least=1, at_most=n)
+    p = check_array("probability", probability)
     wrong = ~((p >= 0) & (p <= 1))
     if np.any(wrong):
         raise InvalidSetting(
-            "probability", got=p[wrong].flat[0], need="from 0 to 1", fix="Give probabilities."
+            "probability", value=p[wrong].flat[0], expected="from 0 to 1", fix="give probabilities"
         )
     return np.asarray(betainc(m, n - m + 1, p))

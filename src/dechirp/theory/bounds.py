@@ -7,25 +7,35 @@ A^2 in complex samples, and A^2 / 2 in real ones, whose frequency must not be wi
 bins of 0 or of half the sample rate. Amplitude, phase and both frequencies are unknown. For
 an angle it is the ratio in one element of the array.
 
-Below an `snr` of about 15 dB estimates jump to noise peaks now and then and are far worse
-than the bound (Rife and Boorstyn 1974).
+Below an `snr` of about 15 dB estimates occasionally pick noise peaks and are far worse than the
+bound (Rife and Boorstyn 1974).
 
 Ratios are above 0, linear, of any shape; results have the shape to which arrays broadcast,
 and are infinite where a ratio is too small for floats. Each function raises `InvalidSetting`
 if a number is not finite, a count below 2, or a ratio, a length, a time, a rate or a slope
-not above 0: a ratio of 0 is no target, of which there is nothing to estimate.
+not above 0.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import numbers, positive_ratios, whole
+from dechirp.core.checks import check_array, check_integer, check_positive_ratios
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 
+__all__ = [
+    "angle_std_rad",
+    "decoupled_range_std_m",
+    "frequency_variance",
+    "monopulse_std_rad",
+    "noncoherent_effective_snr",
+    "range_std_m",
+    "velocity_std_m_per_s",
+]
+
 
 def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
-    r"""Bound on the variance of a tone's frequency, (rad per sample)^2.
+    r"""Return the bound on the variance of a tone's frequency, (rad per sample)^2.
 
     .. math:: \mathrm{var}(\omega) \ge \frac{6}{\chi (N^2 - 1)}
 
@@ -37,14 +47,14 @@ def frequency_variance(*, snr: ArrayLike, n_points: int) -> np.ndarray:
     observations, IEEE Trans. IT 20(5), 1974. S. M. Kay, Fundamentals of Statistical Signal
     Processing I: Estimation Theory, 1993, 3.11.
     """
-    chi = positive_ratios("snr", snr)
-    _must_be_points("n_points", n_points)
+    chi = check_positive_ratios("snr", snr)
+    _check_point_count("n_points", n_points)
     with np.errstate(over="ignore"):  # infinite below a ratio of 1e-308
         return np.asarray(6.0 / (chi * (float(n_points) ** 2 - 1.0)))
 
 
-def summed_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
-    r"""Ratio at which the bound is the variance that a sum of periodograms reaches.
+def noncoherent_effective_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
+    r"""Return the SNR whose bound equals the variance from a sum of periodograms.
 
     .. math:: \chi' = \frac{\chi^2}{\chi + K}
 
@@ -57,12 +67,12 @@ def summed_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
     from the middle: independent, of variances N and N (N^2 - 1) / 12 times that of a sample.
     Signal times noise gives the bound, 6 / (chi (N^2 - 1)); noise times noise adds K / chi of
     it, while the mean curvature stays that of the signal (its noise cancels). So the variance
-    is (1 + K / chi) times the bound: 1.12 for 12 channels at 20 dB. Within 15 % from 15 dB on,
-    at 12 channels too; what is left is of higher order. A map shows fewer targets then: those
-    that noise lifts over a threshold have ratios that are told too high.
+    is (1 + K / chi) times the bound: 1.12 for 12 channels at 20 dB. The error is within 15 %
+    from 15 dB on, at 12 channels too, and of higher order. At such SNR a map detects fewer
+    targets; those that noise lifts above the threshold have overestimated ratios.
     """
-    chi = positive_ratios("snr", snr)
-    whole("n_channels", n_channels, at_least=1)
+    chi = check_positive_ratios("snr", snr)
+    check_integer("n_channels", n_channels, at_least=1)
     with np.errstate(over="ignore"):  # 0 below a ratio of 1e-308
         return np.asarray(chi / (1.0 + n_channels / chi))
 
@@ -70,13 +80,13 @@ def summed_snr(*, snr: ArrayLike, n_channels: int) -> np.ndarray:
 def range_std_m(
     *, snr: ArrayLike, n_samples: int, sample_rate_hz: float, slope_hz_per_s: float
 ) -> np.ndarray:
-    """Bound on the standard deviation of range, c fs / (4 pi S) times that of frequency.
+    """Return the bound on the standard deviation of range, c fs / (4 pi S) times that of frequency.
 
-    Of a target whose velocity is known; see `uncoupled_range_std_m` for one whose is not.
+    For a target of known velocity; see `decoupled_range_std_m` for an unknown one.
     """
-    _must_be_points("n_samples", n_samples)
-    sample_rate = numbers("sample_rate_hz", sample_rate_hz, above=0)
-    slope = numbers("slope_hz_per_s", slope_hz_per_s, above=0)
+    _check_point_count("n_samples", n_samples)
+    sample_rate = check_array("sample_rate_hz", sample_rate_hz, above=0)
+    slope = check_array("slope_hz_per_s", slope_hz_per_s, above=0)
     variance = frequency_variance(snr=snr, n_points=n_samples)
     return np.asarray(SPEED_OF_LIGHT * sample_rate / (4 * np.pi * slope) * np.sqrt(variance))
 
@@ -84,41 +94,41 @@ def range_std_m(
 def velocity_std_m_per_s(
     *, snr: ArrayLike, n_chirps: int, interval_s: float, wavelength_m: ArrayLike
 ) -> np.ndarray:
-    """Bound on the standard deviation of velocity, lambda / (4 pi T) times that of frequency.
+    """Return the bound on the standard deviation of velocity, lambda / (4 pi T) times frequency's.
 
     `wavelength_m` is the one at the middle of the sampling window.
     """
-    _must_be_points("n_chirps", n_chirps)
-    interval = numbers("interval_s", interval_s, above=0)
-    wavelength = numbers("wavelength_m", wavelength_m, above=0)
+    _check_point_count("n_chirps", n_chirps)
+    interval = check_array("interval_s", interval_s, above=0)
+    wavelength = check_array("wavelength_m", wavelength_m, above=0)
     variance = frequency_variance(snr=snr, n_points=n_chirps)
     return np.asarray(wavelength / (4 * np.pi * interval) * np.sqrt(variance))
 
 
-def uncoupled_range_std_m(
+def decoupled_range_std_m(
     *,
     range_std_m: ArrayLike,
     velocity_std_m_per_s: ArrayLike,
     mid_window_frequency_hz: float,
     slope_hz_per_s: float,
 ) -> np.ndarray:
-    """Bound for a range freed of range-Doppler coupling with the estimated velocity.
+    """Return the bound for range corrected for range-Doppler coupling by the estimated velocity.
 
-    The correction v f / S brings (f / S)^2 times the variance of velocity with it: 0.1 mm
+    The correction v f / S adds (f / S)^2 times the variance of velocity: 0.1 mm
     at -24 dB per sample in the reference scenario, where range has 11.6 mm. Standard
     deviations are 0 or more, and may be infinite.
     """
-    range_std = _standard_deviations("range_std_m", range_std_m)
-    velocity_std = _standard_deviations("velocity_std_m_per_s", velocity_std_m_per_s)
-    frequency = numbers("mid_window_frequency_hz", mid_window_frequency_hz, above=0)
-    slope = numbers("slope_hz_per_s", slope_hz_per_s, above=0)
+    range_std = _check_standard_deviations("range_std_m", range_std_m)
+    velocity_std = _check_standard_deviations("velocity_std_m_per_s", velocity_std_m_per_s)
+    frequency = check_array("mid_window_frequency_hz", mid_window_frequency_hz, above=0)
+    slope = check_array("slope_hz_per_s", slope_hz_per_s, above=0)
     return np.asarray(np.hypot(range_std, frequency / slope * velocity_std))
 
 
 def angle_std_rad(
     *, snr: ArrayLike, positions_m: ArrayLike, wavelength_m: float, angle_rad: ArrayLike
 ) -> np.ndarray:
-    r"""Bound on the standard deviation of the angle of one target, for elements on a line.
+    r"""Return the bound on the standard deviation of the angle of one target, for a linear array.
 
     .. math::
 
@@ -131,7 +141,7 @@ def angle_std_rad(
     snr : array
         Chi, the ratio in one element after range-Doppler processing.
     positions_m : array (n,)
-        Along the line, in any order; of a virtual array, transmitter plus receiver.
+        Positions along the line in any order; in a virtual array, transmitter plus receiver.
     wavelength_m : float
         At the middle of the sampling window.
     angle_rad : array
@@ -140,23 +150,23 @@ def angle_std_rad(
     Returns
     -------
     array, rad
-        Infinite where the elements share one position, since they then tell no angle.
+        Infinite if all elements share one position.
 
     References
     ----------
     P. Stoica and A. Nehorai, MUSIC, maximum likelihood, and Cramer-Rao bound, IEEE Trans.
     ASSP 37(5), 1989, for one source. H. L. Van Trees, Optimum Array Processing, 2002.
     """
-    chi = positive_ratios("snr", snr)
-    wavelength = numbers("wavelength_m", wavelength_m, above=0)
-    angle = numbers("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2)
-    positions = numbers("positions_m", positions_m)
+    chi = check_positive_ratios("snr", snr)
+    wavelength = check_array("wavelength_m", wavelength_m, above=0)
+    angle = check_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2)
+    positions = check_array("positions_m", positions_m)
     if positions.ndim != 1 or positions.size == 0:
         raise InvalidSetting(
             "positions_m",
-            got=f"an array {positions.shape}",
-            need="one or more positions in a row",
-            fix="Give where each element is along the line.",
+            value=f"an array {positions.shape}",
+            expected="one or more positions in a row",
+            fix="give the position of each element along the line",
         )
     spread_m2 = np.sum((positions - positions.mean()) ** 2)
     aperture = 2 * np.pi / wavelength * np.cos(angle)
@@ -167,7 +177,7 @@ def angle_std_rad(
 def monopulse_std_rad(
     *, snr: ArrayLike, beamwidth_rad: ArrayLike, slope: float = 1.6
 ) -> np.ndarray:
-    """Standard deviation of a monopulse angle near the axis, theta / (k sqrt(2 snr)).
+    """Return the standard deviation of a monopulse angle near the axis, theta / (k sqrt(2 snr)).
 
     `snr` is the ratio in the sum beam, all elements included, `beamwidth_rad` its half-power
     width and `slope` that of the difference over the sum, times the width. With 1.6 a
@@ -177,20 +187,22 @@ def monopulse_std_rad(
     ----------
     D. K. Barton, Radar System Analysis and Modeling, 2005.
     """
-    chi = positive_ratios("snr", snr)
-    beamwidth = numbers("beamwidth_rad", beamwidth_rad, above=0)
-    return np.asarray(beamwidth / (numbers("slope", slope, above=0) * np.sqrt(2) * np.sqrt(chi)))
+    chi = check_positive_ratios("snr", snr)
+    beamwidth = check_array("beamwidth_rad", beamwidth_rad, above=0)
+    return np.asarray(
+        beamwidth / (check_array("slope", slope, above=0) * np.sqrt(2) * np.sqrt(chi))
+    )
 
 
-def _must_be_points(where: str, n: int) -> None:
-    whole(where, n, at_least=2)
+def _check_point_count(where: str, n: int) -> None:
+    check_integer(where, n, at_least=2)
 
 
-def _standard_deviations(where: str, array: ArrayLike) -> np.ndarray:
-    found = np.asarray(array, dtype=float)
-    wrong = found[~(found >= 0)]
+def _check_standard_deviations(where: str, array: ArrayLike) -> np.ndarray:
+    deviations = np.asarray(array, dtype=float)
+    wrong = deviations[~(deviations >= 0)]
     if wrong.size:
         raise InvalidSetting(
-            where, got=wrong.flat[0], need="0 or more", fix="Give a standard deviation."
+            where, value=wrong.flat[0], expected="0 or more", fix="give a standard deviation"
         )
-    return found
+    return deviations

@@ -1,13 +1,13 @@
-"""CFAR in noise: the factor for a false-alarm probability, and back.
+"""CFAR in noise: factors for false-alarm probabilities, and the inverse.
 
-A factor is the threshold over the statistic that names it: the mean of the training cells
-(cell averaging), the k-th smallest of them (ordered statistic), the larger or the smaller of
-the means of their two halves (greatest of, smallest of); for trimmed means see
-`theory.trimmed_mean`. Noise is independent from cell to
-cell and its power exponential: a square-law detector. For a window or zero padding, which tie
-cells together, see `theory.correlated` and `theory.calibrated`.
+A factor is the ratio of the threshold to the statistic of the detector: the mean of the training
+cells (cell averaging), the k-th smallest of them (ordered statistic), the larger or the smaller
+of the means of their two halves (greatest of, smallest of); for trimmed means see
+`theory.cfar_trimmed_mean`. Noise is independent from cell to
+cell and its power exponential (square-law detector). For a window or zero padding, which
+correlate cells, see `theory.cfar_correlated_cells` and `theory.cfar_calibration`.
 
-The parameters mean the same in all functions:
+Parameters of all functions:
 
 false_alarm_probability : float
     For the cell under test, from 1e-300 to 1 - 1e-9.
@@ -44,24 +44,41 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from dechirp.core.checks import false_alarms, positive_ratios
-from dechirp.theory.ordered_sums import OrderedSums
-from dechirp.theory.training import exceeds, falls_below, halves_of, n_powers, step_rates
+from dechirp.core.checks import check_false_alarm_probability, check_positive_ratios
+from dechirp.theory.cfar_ordered_statistic import OrderedStatisticLaw
+from dechirp.theory.training_cells import (
+    count_powers,
+    half_sizes,
+    order_step_rates,
+    sum_below_probability,
+    sum_exceeds_probability,
+)
 
-_LEAST = 5e-324  # the least float above 0: the root lies above 1e-300
+__all__ = [
+    "cell_averaging_factor",
+    "cell_averaging_false_alarm_probability",
+    "greatest_of_factor",
+    "greatest_of_false_alarm_probability",
+    "ordered_statistic_factor",
+    "ordered_statistic_false_alarm_probability",
+    "smallest_of_factor",
+    "smallest_of_false_alarm_probability",
+]
+
+_MIN_POSITIVE = 5e-324  # the least float above 0: the root lies above 1e-300
 
 
 def cell_averaging_factor(
     false_alarm_probability: float, *, n_training: int, n_summed: int = 1
 ) -> float:
-    """Threshold over the mean of the training cells.
+    """Return the ratio of threshold to the mean of the training cells.
 
     One power: N (Pfa^(-1/N) - 1). K summed powers: the root of
     Pfa = sum_{j<K} C(NK + j - 1, j) a^j / (1 + a)^(NK + j), a = factor / N, relative to the
     mean of the summed cells (K = 8, N = 32, 1e-6: 3.807).
     """
-    false_alarms("false_alarm_probability", false_alarm_probability)
-    shape = n_powers(n_training, n_summed)
+    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
+    shape = count_powers(n_training, n_summed)
     if n_summed == 1:
         return float(n_training * np.expm1(-np.log(false_alarm_probability) / n_training))
     growth = np.log1p((shape - 1) / np.arange(1, n_summed))
@@ -69,8 +86,8 @@ def cell_averaging_factor(
     def excess(log_a: float) -> float:
         # Logarithms of a / (1 + a) and 1 / (1 + a), for the smallest probabilities as well.
         go, stop = -np.logaddexp(0, -log_a), -np.logaddexp(0, log_a)
-        found = shape * stop + logsumexp(np.concatenate([[0], np.cumsum(growth + go)]))
-        return float(found - np.log(false_alarm_probability))
+        log_probability = shape * stop + logsumexp(np.concatenate([[0], np.cumsum(growth + go)]))
+        return float(log_probability - np.log(false_alarm_probability))
 
     return n_training * math.exp(brentq(excess, -60.0, 700.0, xtol=1e-14))
 
@@ -78,20 +95,20 @@ def cell_averaging_factor(
 def ordered_statistic_factor(
     false_alarm_probability: float, *, n_training: int, rank: int, n_summed: int = 1
 ) -> float:
-    """Threshold over the k-th smallest training cell (N = 24, k = 18, 1e-6: 16.293).
+    """Return the ratio of threshold to the k-th smallest cell (N = 24, k = 18, 1e-6: 16.293).
 
     One power: the root of Pfa = prod_{i<k} (N - i) / (N - i + factor). K summed powers: that
-    of `theory.ordered_sums`, relative to a summed cell.
+    of `theory.cfar_ordered_statistic`, relative to a summed cell.
     """
-    false_alarms("false_alarm_probability", false_alarm_probability)
-    rates = step_rates(n_training, rank)
+    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
+    rates = order_step_rates(n_training, rank)
     log_pfa = math.log(false_alarm_probability)
     if n_summed > 1:
-        law = OrderedSums(n_training=n_training, rank=rank, n_summed=n_summed)
-        return falling_root(lambda factor: law.log_probability(factor) - log_pfa, start=1.0)
-    # As if every step were as short as the first, or as long as the last.
+        law = OrderedStatisticLaw(n_training=n_training, rank=rank, n_summed=n_summed)
+        return find_decreasing_root(lambda factor: law.log_probability(factor) - log_pfa, start=1.0)
+    # Bounds: every step as short as the first, or as long as the last.
     step = math.expm1(-log_pfa / rank)
-    return _root(
+    return _find_root(
         lambda factor: float(np.sum(np.log1p(factor / rates))) + log_pfa,
         float(rates[-1]) * step,
         float(rates[0]) * step,
@@ -101,7 +118,7 @@ def ordered_statistic_factor(
 def greatest_of_factor(
     false_alarm_probability: float, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> float:
-    """Threshold over the larger mean of the two halves (N = 16, 1e-6: 19.356).
+    """Return the ratio of threshold to the larger mean of both halves (N = 16, 1e-6: 19.356).
 
     The root of Pfa = 2 (1 + T)^-n I_{1 / (2 + T)}(n, n), with n = N / 2, T = factor / n and
     I the regularised incomplete beta function: the usual alternating sum without its
@@ -111,129 +128,139 @@ def greatest_of_factor(
 
     with P(j) = I_{m / (m + n (1 + T))}(mK, nK + j), and T = factor / n again.
     """
-    log_pfa = _log_checked(false_alarm_probability)
+    log_pfa = _checked_log(false_alarm_probability)
 
     def excess(factor: float) -> float:
-        found = greatest_of_false_alarm_probability(
+        probability = greatest_of_false_alarm_probability(
             factor, n_training=n_training, n_summed=n_summed
         )
-        return math.log(max(float(found), _LEAST)) - log_pfa
+        return math.log(max(float(probability), _MIN_POSITIVE)) - log_pfa
 
-    return falling_root(excess, start=_of_all(false_alarm_probability, n_training, n_summed))
+    return find_decreasing_root(
+        excess, start=_factor_of_both_halves(false_alarm_probability, n_training, n_summed)
+    )
 
 
 def smallest_of_factor(
     false_alarm_probability: float, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> float:
-    """Threshold over the smaller mean of the two halves (N = 16, 1e-6: 41.057).
+    """Return the ratio of threshold to the smaller mean of both halves (N = 16, 1e-6: 41.057).
 
     The root of Pfa = 2 sum_{k<n} C(n + k - 1, k) (2 + T)^-(n + k), with n = N / 2 and
     T = factor / n; for other halves and K summed powers as `greatest_of_factor` has it, with
     1 - P(j) instead of P(j).
     """
-    log_pfa = _log_checked(false_alarm_probability)
+    log_pfa = _checked_log(false_alarm_probability)
 
     def excess(factor: float) -> float:
-        found = smallest_of_false_alarm_probability(
+        probability = smallest_of_false_alarm_probability(
             factor, n_training=n_training, n_summed=n_summed
         )
-        return math.log(max(float(found), _LEAST)) - log_pfa
+        return math.log(max(float(probability), _MIN_POSITIVE)) - log_pfa
 
-    return falling_root(excess, start=_of_all(false_alarm_probability, n_training, n_summed))
+    return find_decreasing_root(
+        excess, start=_factor_of_both_halves(false_alarm_probability, n_training, n_summed)
+    )
 
 
 def cell_averaging_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, n_summed: int = 1
 ) -> np.ndarray:
-    """Probability that noise exceeds factor times the mean of the training cells."""
-    shape = n_powers(n_training, n_summed)
-    a = positive_ratios("factor", factor) / n_training
+    """Return the probability that noise exceeds factor times the mean of the training cells."""
+    shape = count_powers(n_training, n_summed)
+    a = check_positive_ratios("factor", factor) / n_training
     if n_summed == 1:
         return np.exp(-n_training * np.log1p(a))
-    return exceeds(n_summed, a, shape)
+    return sum_exceeds_probability(n_summed, a, shape)
 
 
 def ordered_statistic_false_alarm_probability(
     factor: ArrayLike, *, n_training: int, rank: int, n_summed: int = 1
 ) -> np.ndarray:
-    """Probability that noise exceeds factor times the k-th smallest training cell."""
-    rates = step_rates(n_training, rank)
-    factors = positive_ratios("factor", factor)
+    """Return the probability that noise exceeds factor times the k-th smallest training cell."""
+    rates = order_step_rates(n_training, rank)
+    factors = check_positive_ratios("factor", factor)
     if n_summed > 1:
-        law = OrderedSums(n_training=n_training, rank=rank, n_summed=n_summed)
-        logs = [-law.log_probability(one) for one in factors.flat]
+        law = OrderedStatisticLaw(n_training=n_training, rank=rank, n_summed=n_summed)
+        logs = [-law.log_probability(value) for value in factors.flat]
     else:
-        logs = [np.sum(np.log1p(one / rates)) for one in factors.flat]
+        logs = [np.sum(np.log1p(value / rates)) for value in factors.flat]
     return np.exp(-np.reshape(logs, factors.shape))
 
 
 def greatest_of_false_alarm_probability(
     factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> np.ndarray:
-    """Probability that noise exceeds factor times the larger mean of the two halves."""
-    return _over_a_half(factor, n_training, n_summed, of_other=exceeds)
+    """Return the probability that noise exceeds factor times the larger mean of both halves."""
+    return _half_window_false_alarm_probability(
+        factor, n_training, n_summed, comparison=sum_exceeds_probability
+    )
 
 
 def smallest_of_false_alarm_probability(
     factor: ArrayLike, *, n_training: int | tuple[int, int], n_summed: int = 1
 ) -> np.ndarray:
-    """Probability that noise exceeds factor times the smaller mean of the two halves."""
-    return _over_a_half(factor, n_training, n_summed, of_other=falls_below)
+    """Return the probability that noise exceeds factor times the smaller mean of both halves."""
+    return _half_window_false_alarm_probability(
+        factor, n_training, n_summed, comparison=sum_below_probability
+    )
 
 
-def _over_a_half(
+def _half_window_false_alarm_probability(
     factor: ArrayLike,
     n_training: int | tuple[int, int],
     n_summed: int,
     *,
-    of_other: Callable[..., np.ndarray],
+    comparison: Callable[..., np.ndarray],
 ) -> np.ndarray:
-    """Alarms over the mean of one half, taken for how its sum compares with the other's."""
-    factors = positive_ratios("factor", factor)
-    n, m = halves_of(n_training)
-    found = np.zeros_like(factors)
-    for own, other in ((n, m), (m, n)):
-        shape, t = n_powers(own, n_summed), factors / own
+    """Return the alarm probability over the mean of the half that wins the comparison of sums."""
+    factors = check_positive_ratios("factor", factor)
+    n, m = half_sizes(n_training)
+    probability = np.zeros_like(factors)
+    for n_own, n_other in ((n, m), (m, n)):
+        shape, t = count_powers(n_own, n_summed), factors / n_own
         # The cell under test exceeds T x, x the sum of this half, if fewer than K events fall
-        # into T x. Weighted by the chance of j of them, x is a gamma variate again, of shape
-        # + j and 1 + T times smaller, and must still compare so with the other.
+        # into T x. Weighted by the probability of j events, x is again a gamma variate, of shape
+        # + j and 1 + T times smaller, and must still win the comparison with the other half.
         log_weight = -shape * np.log1p(t)
         for j in range(n_summed):
-            compares = of_other(shape + j, (1 + t) * own / other, n_powers(other, n_summed))
-            found += np.exp(log_weight) * compares
+            comparison_probability = comparison(
+                shape + j, (1 + t) * n_own / n_other, count_powers(n_other, n_summed)
+            )
+            probability += np.exp(log_weight) * comparison_probability
             log_weight += math.log((shape + j) / (j + 1)) - np.log1p(1 / t)
-    return found
+    return probability
 
 
-def _log_checked(false_alarm_probability: float) -> float:
-    false_alarms("false_alarm_probability", false_alarm_probability)
+def _checked_log(false_alarm_probability: float) -> float:
+    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     return math.log(false_alarm_probability)
 
 
-def _of_all(
+def _factor_of_both_halves(
     false_alarm_probability: float, n_training: int | tuple[int, int], n_summed: int
 ) -> float:
-    """Factor over the mean of both halves: where to look for that over one of them."""
-    n_cells = sum(halves_of(n_training))
+    """Return the factor over the mean of both halves, as a start for that over one half."""
+    n_cells = sum(half_sizes(n_training))
     return cell_averaging_factor(false_alarm_probability, n_training=n_cells, n_summed=n_summed)
 
 
-def falling_root(excess: Callable[[float], float], *, start: float) -> float:
-    """Positive root of what falls with its argument, however far from the start."""
+def find_decreasing_root(excess: Callable[[float], float], *, start: float) -> float:
+    """Find the positive root of a decreasing function, however far from the start."""
     low = high = start
     while excess(low) < 0:
         low /= 2
     while excess(high) > 0:
         high *= 2
-    return _root(excess, low, high)
+    return _find_root(excess, low, high)
 
 
-def _root(excess: Callable[[float], float], low: float, high: float) -> float:
-    """Positive root between bounds, which may be the root but for rounding."""
-    found = brentq(
+def _find_root(excess: Callable[[float], float], low: float, high: float) -> float:
+    """Find a positive root between bounds, which may equal the root up to rounding."""
+    log_root = brentq(
         lambda log: excess(math.exp(log)),
         math.log(low) - 1e-3,
         math.log(high) + 1e-3,
         xtol=1e-15,
     )
-    return math.exp(found)
+    return math.exp(log_root)

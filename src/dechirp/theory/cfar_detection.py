@@ -1,30 +1,30 @@
-"""CFAR with a target in the cell under test: detection probability, required snr, loss.
+"""CFAR with a target in the cell under test: detection probability, required SNR, loss.
 
-Everything follows from the events of `theory.fluctuation`: with M of them below the threshold,
-noise summed over K powers and a target that is worth J events exceed it with
+All results follow from the events of `theory.swerling`: with M of them below the threshold,
+noise summed over K powers and a target that contributes J events exceed it with
 
     Pd = P(M < K + J) = sum_m P(M = m) P(J > m - K).
 
-The threshold is chance too. It makes M negative binomial for cell averaging, and a sum of k
+The threshold is random, too. It makes M negative binomial for cell averaging, and a sum of k
 geometric counts for the k-th smallest cell, as the steps from one cell in order to the next
 are independent and exponential. No term is negative, so the sums lose no digits. Where the
 target is exponential itself, it is noise 1 + snr times as strong: Pd is the false-alarm
 probability of factor / (1 + snr).
 
-The parameters mean the same in all functions. `n_training`, `n_summed` and `rank` are those of
+Parameters of all functions: `n_training`, `n_summed` and `rank` are those of
 `theory.cfar`, `factor` is one of its factors, one number, and
 
 snr : array
     Mean power of the target over that of noise, in each of the powers that are summed; finite,
     0 or more; any shape, which the result has as well.
 swerling : int
-    0 for a steady target, 1 to 4 for Swerling's cases (`theory.fluctuation`).
+    0 for a steady target, 1 to 4 for Swerling's cases (`theory.swerling`).
 
 Each function raises `InvalidSetting` if one of them is out of bounds. For 2 to 10 000 training
 cells, false-alarm probabilities from 1e-12 to 0.1 and -30 to 40 dB, probabilities are good to
 1e-9 of their value. Sums have about K snr terms for a steady target, and at most 70 times as
 many for one that fluctuates; `InvalidSetting` is raised before more than 1e8 of them, or 1e6
-for an ordered statistic, where the time goes with their square.
+for an ordered statistic, whose time grows with their square.
 
 References
 ----------
@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import betaincinv, gammaincinv
 
-from dechirp.core.checks import detection_above_false_alarms, number, ratios
+from dechirp.core.checks import check_detection_probability, check_number, check_ratios
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.cfar import (
     cell_averaging_factor,
@@ -50,31 +50,46 @@ from dechirp.theory.cfar import (
     smallest_of_false_alarm_probability,
 )
 from dechirp.theory.detection import required_snr
-from dechirp.theory.fluctuation import RARE, at_least, shape_of, span
-from dechirp.theory.training import exceeds, falls_below, halves_of, n_powers, step_rates
+from dechirp.theory.swerling import NEGLIGIBLE, count_range, probability_at_least, swerling_shape
+from dechirp.theory.training_cells import (
+    count_powers,
+    half_sizes,
+    order_step_rates,
+    sum_below_probability,
+    sum_exceeds_probability,
+)
+
+__all__ = [
+    "cell_averaging_detection_probability",
+    "cell_averaging_loss",
+    "cell_averaging_required_snr",
+    "greatest_of_detection_probability",
+    "ordered_statistic_detection_probability",
+    "smallest_of_detection_probability",
+]
 
 
 def cell_averaging_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int, n_summed: int = 1, swerling: int = 0
 ) -> np.ndarray:
-    """Probability that a target exceeds factor times the mean of the training cells."""
-    chi, of_target = ratios("snr", snr), shape_of(swerling, n_summed)
-    of_noise = n_powers(n_training, n_summed)
-    factor = number("factor", factor, above=0)
+    """Return the probability that a target exceeds factor times the mean of the cells."""
+    chi, target_shape = check_ratios("snr", snr), swerling_shape(swerling, n_summed)
+    noise_shape = count_powers(n_training, n_summed)
+    factor = check_number("factor", factor, above=0)
     a = factor / n_training
-    if of_target == n_summed:  # exponential in each power, as noise is
+    if target_shape == n_summed:  # exponential in each power, as noise is
         return cell_averaging_false_alarm_probability(
             factor / (1 + chi), n_training=n_training, n_summed=n_summed
         )
-    if (of_target, n_summed) == (2, 1):
+    if (target_shape, n_summed) == (2, 1):
         c = 1 + chi / 2
-        passed = cell_averaging_false_alarm_probability(factor / c, n_training=n_training)
-        return np.asarray(passed * (1 + (c - 1) / c * n_training * a / (c + a)))
-    return _detected(
+        exceedance = cell_averaging_false_alarm_probability(factor / c, n_training=n_training)
+        return np.asarray(exceedance * (1 + (c - 1) / c * n_training * a / (c + a)))
+    return _sum_over_counts(
         n_summed * chi,
-        of_target,
-        lambda n: _negative_binomial(n, of_noise, a),
-        span(of_noise * a, of_noise)[1],
+        target_shape,
+        lambda n: _negative_binomial_pmf(n, noise_shape, a),
+        count_range(noise_shape * a, noise_shape)[1],
         n_summed=n_summed,
     )
 
@@ -82,50 +97,64 @@ def cell_averaging_detection_probability(
 def ordered_statistic_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int, rank: int, swerling: int = 0
 ) -> np.ndarray:
-    """Probability that a target exceeds factor times the k-th smallest training cell.
+    """Return the probability that a target exceeds factor times the k-th smallest cell.
 
     A steady target of 40 dB takes some 50 ms in the worst case, where the rank is 1 or 2, and
     ten times that for every 5 dB more.
     """
-    chi, of_target = ratios("snr", snr), shape_of(swerling, 1)
-    factor = number("factor", factor, above=0)
-    rates = step_rates(n_training, rank)
-    if of_target == 1:
+    chi, target_shape = check_ratios("snr", snr), swerling_shape(swerling, 1)
+    factor = check_number("factor", factor, above=0)
+    rates = order_step_rates(n_training, rank)
+    if target_shape == 1:
         return ordered_statistic_false_alarm_probability(
             factor / (1 + chi), n_training=n_training, rank=rank
         )
-    if of_target == 2:
+    if target_shape == 2:
         c = 1 + chi / 2
-        passed = ordered_statistic_false_alarm_probability(
+        exceedance = ordered_statistic_false_alarm_probability(
             factor / c, n_training=n_training, rank=rank
         )
-        steps = [np.sum(factor / (one * rates + factor)) for one in c.flat]
-        return np.asarray(passed * (1 + (c - 1) / c * np.reshape(steps, c.shape)))
-    # The largest statistic to expect: -ln of a beta variate.
-    longest = -math.log(betaincinv(n_training - rank + 1, rank, RARE))
-    return _detected(
+        steps = [np.sum(factor / (scale * rates + factor)) for scale in c.flat]
+        return np.asarray(exceedance * (1 + (c - 1) / c * np.reshape(steps, c.shape)))
+    # The largest expected statistic: -ln of a beta variate.
+    longest = -math.log(betaincinv(n_training - rank + 1, rank, NEGLIGIBLE))
+    return _sum_over_counts(
         chi,
-        of_target,
-        lambda n: _sum_of_geometrics(n, factor / rates),
-        span(longest * factor, math.inf)[1],
-        at_most=10**6,
+        target_shape,
+        lambda n: _geometric_sum_pmf(n, factor / rates),
+        count_range(longest * factor, math.inf)[1],
+        max_terms=10**6,
     )
 
 
 def greatest_of_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int | tuple[int, int], swerling: int = 0
 ) -> np.ndarray:
-    """Probability that a target exceeds factor times the larger mean of the two halves."""
+    """Return the probability that a target exceeds factor times the larger half mean."""
     alarms = greatest_of_false_alarm_probability
-    return _over_a_half(snr, factor, n_training, swerling, alarms=alarms, of_other=exceeds)
+    return _half_window_detection_probability(
+        snr,
+        factor,
+        n_training,
+        swerling,
+        false_alarm_probability=alarms,
+        comparison=sum_exceeds_probability,
+    )
 
 
 def smallest_of_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int | tuple[int, int], swerling: int = 0
 ) -> np.ndarray:
-    """Probability that a target exceeds factor times the smaller mean of the two halves."""
+    """Return the probability that a target exceeds factor times the smaller half mean."""
     alarms = smallest_of_false_alarm_probability
-    return _over_a_half(snr, factor, n_training, swerling, alarms=alarms, of_other=falls_below)
+    return _half_window_detection_probability(
+        snr,
+        factor,
+        n_training,
+        swerling,
+        false_alarm_probability=alarms,
+        comparison=sum_below_probability,
+    )
 
 
 def cell_averaging_required_snr(
@@ -136,7 +165,7 @@ def cell_averaging_required_snr(
     n_summed: int = 1,
     swerling: int = 0,
 ) -> float:
-    """Mean snr, in each of the summed powers, at which a target is detected so often.
+    """Return the mean SNR in each summed power that reaches a detection probability.
 
     The inverse of `cell_averaging_detection_probability` with the factor of that
     false-alarm probability, to 1e-10 of its value up to a detection probability of 1 - 1e-6,
@@ -146,36 +175,36 @@ def cell_averaging_required_snr(
     Takes milliseconds; where a steady target needs 65 dB or more, as over two training cells
     at 1e-12, a second, and several for a detection probability near 1.
     """
-    detection_above_false_alarms(detection_probability, false_alarm_probability)
+    check_detection_probability(detection_probability, false_alarm_probability)
     if detection_probability > 1 - 1e-9:
         raise InvalidSetting(
             "detection_probability",
-            got=detection_probability,
-            need="at most 1 - 1e-9",
-            fix="Ask for less: no target always exceeds an estimated threshold.",
+            value=detection_probability,
+            expected="at most 1 - 1e-9",
+            fix="lower it: no target always exceeds an estimated threshold",
         )
     law = {"n_training": n_training, "n_summed": n_summed}
     factor = cell_averaging_factor(false_alarm_probability, **law)
 
     @cache
     def excess(log_snr: float) -> float:
-        found = cell_averaging_detection_probability(
+        probability = cell_averaging_detection_probability(
             math.exp(log_snr), factor, swerling=swerling, **law
         )
-        return float(found) - detection_probability
+        return float(probability) - detection_probability
 
-    # A first guess, since high ratios take long: that in known noise, or that of a steady
-    # target without noise of its own (good to 1e-6 for two training cells at 1e-12).
-    known = required_snr(
+    # Start, since high ratios take long: the SNR in known noise, or that of a steady target
+    # without noise (good to 1e-6 for two training cells at 1e-12).
+    snr_in_known_noise = required_snr(
         detection_probability, false_alarm_probability, n_summed=n_summed, swerling=swerling
     )
     limit = factor / n_training * gammaincinv(n_training * n_summed, detection_probability)
-    low = high = math.log(max(known, limit / n_summed))
+    low = high = math.log(max(snr_in_known_noise, limit / n_summed))
     step = 0.01
     while excess(high) < 0:
         low, high, step = high, high + step, 2 * step
     while excess(low) >= 0:
-        if low < -60:  # probabilities that differ in the last digit only
+        if low < -60:  # both probabilities agree up to the last digit
             return math.exp(low)
         low, high, step = low - step, low, 2 * step
     return math.exp(brentq(excess, low, high, xtol=1e-12))
@@ -189,7 +218,7 @@ def cell_averaging_loss(
     n_summed: int = 1,
     swerling: int = 0,
 ) -> float:
-    """The snr that cell averaging needs over that in known noise, a ratio of at least 1.
+    """Return the CFAR loss: SNR for cell averaging over that in known noise, at least 1.
 
     For 0.9 at 1e-6 and a steady target: 2.05 dB for 16 training cells, 0.98 for 32, 0.047
     for 644. Bounds and time are those of `cell_averaging_required_snr`.
@@ -201,76 +230,78 @@ def cell_averaging_loss(
         n_summed=n_summed,
         swerling=swerling,
     )
-    known = required_snr(
+    snr_in_known_noise = required_snr(
         detection_probability, false_alarm_probability, n_summed=n_summed, swerling=swerling
     )
-    return adaptive / known
+    return adaptive / snr_in_known_noise
 
 
-def _over_a_half(
+def _half_window_detection_probability(
     snr: ArrayLike,
     factor: float,
     n_training: int | tuple[int, int],
     swerling: int,
     *,
-    alarms: Callable[..., np.ndarray],
-    of_other: Callable[..., np.ndarray],
+    false_alarm_probability: Callable[..., np.ndarray],
+    comparison: Callable[..., np.ndarray],
 ) -> np.ndarray:
-    """Detection over the mean of one half, taken for how its sum compares with the other's.
+    """Return the detection probability over the mean of the half that wins the comparison of sums.
 
-    `of_other` is the probability that sums compare so, `alarms` the false-alarm probability.
+    `comparison` is the probability of that outcome, `false_alarm_probability` that of an alarm.
     """
-    chi, of_target = ratios("snr", snr), shape_of(swerling, 1)
-    sizes = halves_of(n_training)
-    factor = number("factor", factor, above=0)
-    if of_target == 1:
-        return alarms(factor / (1 + chi), n_training=n_training)
+    chi, target_shape = check_ratios("snr", snr), swerling_shape(swerling, 1)
+    sizes = half_sizes(n_training)
+    factor = check_number("factor", factor, above=0)
+    if target_shape == 1:
+        return false_alarm_probability(factor / (1 + chi), n_training=n_training)
 
     def counts(n: int) -> np.ndarray:
-        # Either half is taken. Its sum, weighted by m events, is a gamma variate of half + m
-        # again, 1 + T times smaller, and must still compare so with the other.
-        found = np.zeros(n)
-        for own, other in (sizes, sizes[::-1]):
-            t = factor / own
-            compares = of_other(own + np.arange(n), (1 + t) * own / other, other)
-            found += _negative_binomial(n, own, t) * compares
-        return found
+        # Sum over both halves. The sum of a half, weighted by m events, is again a gamma variate
+        # of half + m, 1 + T times smaller, and must still win the comparison with the other.
+        pmf = np.zeros(n)
+        for n_own, n_other in (sizes, sizes[::-1]):
+            t = factor / n_own
+            comparison_probability = comparison(
+                n_own + np.arange(n), (1 + t) * n_own / n_other, n_other
+            )
+            pmf += _negative_binomial_pmf(n, n_own, t) * comparison_probability
+        return pmf
 
-    longest = max(span(factor, own)[1] for own in sizes)
-    return _detected(chi, of_target, counts, longest)
+    longest = max(count_range(factor, n_own)[1] for n_own in sizes)
+    return _sum_over_counts(chi, target_shape, counts, longest)
 
 
-def _detected(
+def _sum_over_counts(
     mean: np.ndarray,
     shape: float,
-    counts: Callable[[int], np.ndarray],
-    longest: int,
+    count_pmf: Callable[[int], np.ndarray],
+    max_count: int,
     *,
     n_summed: int = 1,
-    at_most: int = 10**8,
+    max_terms: int = 10**8,
 ) -> np.ndarray:
-    """P(M < K + J) for every mean of J: `counts(n)` are P(M = m) for m < n, `longest` is rare."""
-    spans = [span(one, shape) for one in mean.flat]
-    n = n_summed + min(longest, max((last for _, last in spans), default=0))
-    if n > at_most:
+    """Return P(M < K + J) for each mean of J; `count_pmf(n)` holds P(M = m) for m < n."""
+    spans = [count_range(count_mean, shape) for count_mean in mean.flat]
+    n = n_summed + min(max_count, max((last for _, last in spans), default=0))
+    if n > max_terms:
         raise InvalidSetting(
             "snr",
-            got=f"{mean.max() / n_summed:.3g} over a threshold that needs {n:.3g} terms",
-            need=f"so low that the sum has at most {at_most:.0e} terms",
-            fix="Lower it, or train over more cells, or allow more false alarms.",
+            value=f"{mean.max() / n_summed:.3g} over a threshold that needs {n:.3g} terms",
+            expected=f"an SNR whose sum has at most {max_terms:.0e} terms",
+            fix="lower it, train over more cells, or allow more false alarms",
         )
-    pmf = counts(n)
-    found = []
-    for one, (first, last) in zip(mean.flat, spans, strict=True):
-        # J is more than m - K surely, perhaps, or hardly ever.
-        surely, perhaps = np.split(pmf[: n_summed + last], [n_summed + first])
-        j = first + 1.0 + np.arange(perhaps.size)
-        found.append(surely.sum() + perhaps @ at_least(j, one, shape))
-    return np.minimum(np.reshape(found, mean.shape), 1.0)
+    pmf = count_pmf(n)
+    probabilities = []
+    for count_mean, (first, last) in zip(mean.flat, spans, strict=True):
+        # J exceeds m - K certainly, possibly, or practically never.
+        certain, uncertain = np.split(pmf[: n_summed + last], [n_summed + first])
+        j = first + 1.0 + np.arange(uncertain.size)
+        probabilities.append(certain.sum() + uncertain @ probability_at_least(j, count_mean, shape))
+    return np.minimum(np.reshape(probabilities, mean.shape), 1.0)
 
 
-def _negative_binomial(n: int, shape: int, a: float) -> np.ndarray:
-    """P(M = m) for m < n, where M is Poisson of mean a times a gamma variate of `shape`."""
+def _negative_binomial_pmf(n: int, shape: int, a: float) -> np.ndarray:
+    """Return P(M = m) for m < n; M is Poisson with mean a times a gamma variate of `shape`."""
     m = np.arange(1, n)
     # ln of a / (1 + a): a rounding error of the quotient would count once in every term.
     go = -float(np.logaddexp(0, -math.log(a)))
@@ -278,11 +309,11 @@ def _negative_binomial(n: int, shape: int, a: float) -> np.ndarray:
     return np.exp(np.concatenate([[0], np.cumsum(growth)]) - shape * math.log1p(a))
 
 
-def _sum_of_geometrics(n: int, means: np.ndarray) -> np.ndarray:
-    """P(M = m) for m < n, where M is the sum of independent geometric counts.
+def _geometric_sum_pmf(n: int, means: np.ndarray) -> np.ndarray:
+    """Return P(M = m) for m < n; M is a sum of independent geometric counts.
 
     m p_m = sum_i s_i p_(m - i), with s_i the sum of the i-th powers of the probabilities
-    that a count goes on: nothing is subtracted.
+    that a count continues; all terms are positive.
     """
     goes_on = means / (1 + means)
     powers, sums = np.ones_like(means), np.empty(n)
@@ -292,7 +323,7 @@ def _sum_of_geometrics(n: int, means: np.ndarray) -> np.ndarray:
     pmf = np.zeros(n)
     pmf[0], log_scale = 1.0, -np.sum(np.log1p(means))
     for m in range(1, n):
-        # Not `@`, whose threads cost more than they save.
+        # einsum, since the threads of `@` cost more than they save.
         pmf[m] = np.einsum("i,i", sums[n - 1 - m : n - 1], pmf[:m]) / m
         if pmf[m] > 1e200:  # a factor so large that p_0 is no float
             pmf *= 1e-200

@@ -1,18 +1,18 @@
-"""Detection in known noise, by a square-law detector: one look, or powers summed over several.
+"""Detection in known noise by a square-law detector, in one look or noncoherently integrated.
 
 `snr` is A^2 / E|w|^2 in the cell under test, after integration: the power of the target
 over the mean power of complex noise, a ratio and never dB. Each of the K powers, `n_summed`,
 of pulses or of receivers, that are summed noncoherently has this ratio; a target that
 fluctuates has it on average. `swerling` is 0 for a steady target, 1 to 4 for Swerling's cases; see
-`theory.fluctuation`.
+`theory.swerling`.
 
 The sum of K powers, over the mean noise power of one, exceeds T with the probability
 
     Pd = sum_j w(j) Q(K + j, T),   Q the upper incomplete gamma function, regularised,
 
-where w(j) is the probability that the target is worth j events: Poisson of mean K snr for a
-steady target, negative binomial for one that fluctuates. The detectors of this file know the
-noise; what its estimate costs is in `theory.cfar_detection`.
+where w(j) is the probability that the target contributes j events: Poisson of mean K snr for a
+steady target, negative binomial for one that fluctuates. The noise is known here; for
+estimated noise see `theory.cfar_detection`.
 
 References
 ----------
@@ -29,26 +29,41 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import erfc, erfcinv, gammainc, gammaincc, gammainccinv
 
-from dechirp.core.checks import detection_above_false_alarms, false_alarms, number, ratios, whole
-from dechirp.theory.fluctuation import at_least, fewer_than, shape_of
+from dechirp.core.checks import (
+    check_detection_probability,
+    check_false_alarm_probability,
+    check_integer,
+    check_number,
+    check_ratios,
+)
+from dechirp.theory.swerling import probability_at_least, probability_below, swerling_shape
+
+__all__ = [
+    "coherent_detection_probability",
+    "coherent_required_snr",
+    "detection_probability",
+    "detection_threshold",
+    "exceedance_probability",
+    "required_snr",
+]
 
 
-def threshold(false_alarm_probability: float, *, n_summed: int = 1) -> float:
-    """Threshold of the sum of powers, over the mean noise power of one.
+def detection_threshold(false_alarm_probability: float, *, n_summed: int = 1) -> float:
+    """Return the threshold of the sum of powers, relative to the mean noise power of one.
 
     -ln Pfa for one power: that of noise is exponential. The sum of K, `n_summed`, is a gamma
     variate of shape K. Raises `InvalidSetting` unless the false-alarm probability is from
     1e-300 to 1 - 1e-9 and K a whole number from 1.
     """
-    false_alarms("false_alarm_probability", false_alarm_probability)
-    whole("n_summed", n_summed, at_least=1)
+    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
+    check_integer("n_summed", n_summed, at_least=1)
     return float(gammainccinv(n_summed, false_alarm_probability))
 
 
 def exceedance_probability(
     snr: ArrayLike, threshold: float, *, n_summed: int = 1, swerling: int = 0
 ) -> np.ndarray:
-    r"""Probability that the sum of powers of target and noise exceeds a threshold.
+    r"""Return the probability that the sum of powers of target and noise exceeds a threshold.
 
     .. math:: P = \sum_j w(j)\, Q(K + j, T)
 
@@ -82,22 +97,22 @@ def exceedance_probability(
         If a ratio is negative or not finite, the threshold not one finite number
         above zero, K not a whole number from 1, or there is no such case of Swerling's.
     """
-    chi = ratios("snr", snr)
-    law = _Mixture(threshold, n_summed, swerling)
-    found = [law.exceeded(ratio) for ratio in chi.ravel()]
-    return np.array(found, dtype=float).reshape(chi.shape)
+    chi = check_ratios("snr", snr)
+    law = _GammaMixture(threshold, n_summed, swerling)
+    probabilities = [law.exceedance_probability(ratio) for ratio in chi.ravel()]
+    return np.array(probabilities, dtype=float).reshape(chi.shape)
 
 
 def detection_probability(
     snr: ArrayLike, false_alarm_probability: float, *, n_summed: int = 1, swerling: int = 0
 ) -> np.ndarray:
-    """Probability that a target exceeds the threshold of a false-alarm probability.
+    """Return the probability that a target exceeds the threshold of a false-alarm probability.
 
     `exceedance_probability` at that threshold, in the shape of `snr`. For one power, 0.9 at
     1e-6 takes 13.18 dB of a steady target, 21.14 dB of Swerling's 1 and 2, and 17.30 dB of
-    3 and 4. Raises `InvalidSetting` as that does, and as `threshold` does.
+    3 and 4. Raises `InvalidSetting` as that does, and as `detection_threshold` does.
     """
-    limit = threshold(false_alarm_probability, n_summed=n_summed)
+    limit = detection_threshold(false_alarm_probability, n_summed=n_summed)
     return exceedance_probability(snr, limit, n_summed=n_summed, swerling=swerling)
 
 
@@ -108,15 +123,15 @@ def required_snr(
     n_summed: int = 1,
     swerling: int = 0,
 ) -> float:
-    """Mean snr, in each of the summed powers, at which a target is detected so often.
+    """Return the mean SNR in each summed power that reaches a detection probability.
 
     The inverse of `detection_probability`, to a relative error of 1e-10. Raises
     `InvalidSetting` unless 1e-300 <= false-alarm probability < detection probability < 1, K
     is a whole number from 1 and `swerling` one of 0 to 4.
     """
-    detection_above_false_alarms(detection_probability, false_alarm_probability)
-    limit = threshold(false_alarm_probability, n_summed=n_summed)
-    law = _Mixture(limit, n_summed, swerling)
+    check_detection_probability(detection_probability, false_alarm_probability)
+    limit = detection_threshold(false_alarm_probability, n_summed=n_summed)
+    law = _GammaMixture(limit, n_summed, swerling)
 
     gain, miss = detection_probability - false_alarm_probability, 1 - detection_probability
 
@@ -124,34 +139,34 @@ def required_snr(
     def excess(log_snr: float) -> float:
         ratio = math.exp(log_snr)
         if gain < miss:
-            return math.log(law.gained(ratio) + _TINY) - math.log(gain)
-        return math.log(miss) - math.log(law.missed(ratio) + _TINY)
+            return math.log(law.probability_gain(ratio) + _TINY) - math.log(gain)
+        return math.log(miss) - math.log(law.miss_probability(ratio) + _TINY)
 
-    # From 1e-26 to 1e26: both ends are beyond what neighbouring floats ask for.
+    # From 1e-26 to 1e26: beyond the SNR of any two distinct probabilities.
     return math.exp(brentq(excess, -60.0, 60.0, xtol=1e-12))
 
 
 def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: float) -> np.ndarray:
-    r"""Probability of detecting a target whose phase is known, by the amplitude in that phase.
+    r"""Return the detection probability of a coherent detector, which knows the target's phase.
 
     .. math:: P_d = \tfrac12 \operatorname{erfc}(\operatorname{erfc}^{-1}(2 P_{fa}) - \sqrt\chi)
 
-    What no detector of one power reaches: 0.6 dB less than the square law needs for 0.9 at
+    An upper bound for detectors of one power: 0.6 dB less than the square law needs for 0.9 at
     1e-6. `snr` has any shape, as has the result. Raises `InvalidSetting` if a ratio is
-    negative or not finite, or as `threshold` does.
+    negative or not finite, or as `detection_threshold` does.
     """
-    chi = ratios("snr", snr)
-    false_alarms("false_alarm_probability", false_alarm_probability)
+    chi = check_ratios("snr", snr)
+    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     return np.asarray(erfc(erfcinv(2 * false_alarm_probability) - np.sqrt(chi)) / 2)
 
 
 def coherent_required_snr(detection_probability: float, false_alarm_probability: float) -> float:
-    """The snr at which a target of known phase is detected so often: 12.60 dB for 0.9 at 1e-6.
+    """Return the SNR that a coherent detector needs: 12.60 dB for 0.9 at 1e-6.
 
     The inverse of `coherent_detection_probability`. Raises `InvalidSetting` unless
     1e-300 <= false-alarm probability < detection probability < 1.
     """
-    detection_above_false_alarms(detection_probability, false_alarm_probability)
+    check_detection_probability(detection_probability, false_alarm_probability)
     amplitude = erfcinv(2 * false_alarm_probability) - erfcinv(2 * detection_probability)
     return float(amplitude**2)
 
@@ -159,8 +174,8 @@ def coherent_required_snr(detection_probability: float, false_alarm_probability:
 _TINY = 5e-324  # keeps the logarithm of a probability that underflows
 
 
-class _Mixture:
-    """The mixture, summed by parts so that every term is positive and few are needed.
+class _GammaMixture:
+    """Mixture of gamma laws, summed by parts so that all terms are positive and few suffice.
 
     Q(K + j, T) grows with j by p(K + j), the Poisson probabilities of mean T. So
 
@@ -172,28 +187,28 @@ class _Mixture:
 
     def __init__(self, threshold: float, n_summed: int, swerling: int) -> None:
         self._n_summed = n_summed
-        self._shape = shape_of(swerling, n_summed)
-        threshold = number("threshold", threshold, above=0)
+        self._shape = swerling_shape(swerling, n_summed)
+        threshold = check_number("threshold", threshold, above=0)
         # Below 40 deviations p is 0 in floating point; above 12 it is 1e-31 of what is kept.
         deviation = math.sqrt(max(threshold, n_summed))
         first = max(threshold - n_summed - 40 * deviation, 0)
         last = max(threshold - n_summed, 0) + 12 * deviation + 30
         self._i = np.arange(math.floor(first), math.ceil(last))
-        # By ratios, since p itself underflows; what the sum must be is known.
+        # From ratios, since p itself underflows; the sum is known.
         log_p = np.cumsum(np.log(threshold / (n_summed + self._i)))
         p = np.exp(log_p - log_p.max())
         self._p = p * (gammainc(n_summed, threshold) / p.sum())
         self._noise = float(gammaincc(n_summed, threshold))
 
-    def exceeded(self, snr: float) -> float:
-        """Probability that the sum exceeds the threshold."""
-        found = self._noise + self.gained(snr)
-        return found if found < 0.5 else 1 - self.missed(snr)
+    def exceedance_probability(self, snr: float) -> float:
+        """Return the probability that the sum exceeds the threshold."""
+        probability = self._noise + self.probability_gain(snr)
+        return probability if probability < 0.5 else 1 - self.miss_probability(snr)
 
-    def gained(self, snr: float) -> float:
-        """The same above that of noise alone."""
-        return float(self._p @ at_least(self._i + 1, self._n_summed * snr, self._shape))
+    def probability_gain(self, snr: float) -> float:
+        """Return the excess of that probability over the one of noise alone."""
+        return float(self._p @ probability_at_least(self._i + 1, self._n_summed * snr, self._shape))
 
-    def missed(self, snr: float) -> float:
-        """Probability that the sum stays below the threshold."""
-        return float(self._p @ fewer_than(self._i + 1, self._n_summed * snr, self._shape))
+    def miss_probability(self, snr: float) -> float:
+        """Return the probability that the sum stays below the threshold."""
+        return float(self._p @ probability_below(self._i + 1, self._n_summed * snr, self._shape))

@@ -1,20 +1,22 @@
-"""What one sphere of any size sends back: the series of Mie."""
+"""Radar cross section of a sphere of any size, by the Mie series."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import spherical_jn, spherical_yn
 
-from dechirp.core.checks import number, positive_ratios
+from dechirp.core.checks import check_number, check_positive_ratios
 from dechirp.core.errors import InvalidSetting
 
-# Terms grow with the sphere; the functions of the series stay finite to here.
-_LARGEST = 500.0
+__all__ = ["sphere_rcs_m2"]
+
+# The number of terms grows with the sphere; the functions of the series stay finite up to here.
+_MAX_SIZE_PARAMETER = 500.0
 
 
 def sphere_rcs_m2(
     radius_m: ArrayLike, wavelength_m: float, *, permittivity: complex | None = None
 ) -> np.ndarray:
-    r"""Radar cross section of spheres, monostatic, at any polarisation.
+    r"""Return the monostatic radar cross section of spheres, at any polarisation.
 
     .. math::
         \sigma = \frac{\lambda^2}{4\pi}
@@ -30,7 +32,7 @@ def sphere_rcs_m2(
         Of any shape; the circumference is 500 wavelengths at most.
     wavelength_m : float
     permittivity : complex, optional
-        Relative, the imaginary part not negative; none: of perfect metal.
+        Relative, with a non-negative imaginary part; None for a perfect conductor.
 
     Returns
     -------
@@ -47,22 +49,22 @@ def sphere_rcs_m2(
     C. F. Bohren, D. R. Huffman, Absorption and Scattering of Light by Small Particles, 1983,
     4.8.
     """
-    radii_m = positive_ratios("radius_m", radius_m)
-    wavelength_m = number("wavelength_m", wavelength_m, above=0)
+    radii_m = check_positive_ratios("radius_m", radius_m)
+    wavelength_m = check_number("wavelength_m", wavelength_m, above=0)
     x = (2 * np.pi * radii_m / wavelength_m).ravel()
-    if x.size and x.max() > _LARGEST:
+    if x.size and x.max() > _MAX_SIZE_PARAMETER:
         raise InvalidSetting(
             "radius_m",
-            got=f"{radii_m.max():g} m, {x.max():.4g} wavelengths around",
-            need=f"at most {_LARGEST:g} wavelengths around",
-            fix="Take pi r^2, which holds for a large metal sphere.",
+            value=f"{radii_m.max():g} m, {x.max():.4g} wavelengths around",
+            expected=f"at most {_MAX_SIZE_PARAMETER:g} wavelengths around",
+            fix="use pi r^2, which holds for a large metal sphere",
         )
     if permittivity is not None and not (np.isfinite(permittivity) and permittivity.imag >= 0):
         raise InvalidSetting(
             "permittivity",
-            got=permittivity,
-            need="a finite number, its imaginary part 0 or more",
-            fix="Turn the sign of the imaginary part: losses are positive here.",
+            value=permittivity,
+            expected="a finite number, its imaginary part 0 or more",
+            fix="change the sign of the imaginary part: losses are positive",
         )
     needed = x + 4 * np.cbrt(x) + 8
     n_terms = int(needed.max(initial=1))
@@ -73,7 +75,7 @@ def sphere_rcs_m2(
     def coefficient(slope: np.ndarray) -> np.ndarray:
         return (slope * psi[1:] - psi[:-1]) / (slope * xi[1:] - xi[:-1])
 
-    # Terms that small spheres do not need are infinite over infinite.
+    # Terms beyond those of small spheres are infinite over infinite.
     with np.errstate(invalid="ignore", over="ignore"):
         xi = psi + 1j * x * spherical_yn(orders, x)
         if permittivity is None:
@@ -88,14 +90,14 @@ def sphere_rcs_m2(
 
 
 def _log_derivatives(z: np.ndarray, n_terms: int) -> np.ndarray:
-    """psi_n'(z) / psi_n(z), n = 1 to n_terms, (n_terms, n_spheres): downwards, which is stable."""
-    found = np.zeros((n_terms + 1, *z.shape), dtype=complex)
-    last = np.zeros_like(z)
-    most = abs(z).max(initial=0.0)
-    # Beyond |z| errors of the start, which is zero, shrink with each step.
-    first = int(max(n_terms, most) + 8 * np.cbrt(most)) + 20
+    """Return psi_n'(z) / psi_n(z) for n = 1 to n_terms, (n_terms, n_spheres), from above."""
+    derivatives = np.zeros((n_terms + 1, *z.shape), dtype=complex)
+    derivative = np.zeros_like(z)
+    max_size = abs(z).max(initial=0.0)
+    # Beyond |z|, errors of the initial value, zero, shrink with each step.
+    first = int(max(n_terms, max_size) + 8 * np.cbrt(max_size)) + 20
     for n in range(first, 0, -1):
-        last = n / z - 1 / (last + n / z)
+        derivative = n / z - 1 / (derivative + n / z)
         if n - 1 <= n_terms:
-            found[n - 1] = last
-    return found[1:]
+            derivatives[n - 1] = derivative
+    return derivatives[1:]

@@ -1,13 +1,13 @@
-"""Windows: what they cost, and how they tie neighbouring bins together.
+"""Windows: weights, gain, bandwidth, scalloping loss and correlation of bins.
 
-Sums of cosines are periodic (DFT-even): the point that would close the period is left out,
-so that their nulls fall on bins. Chebyshev, Taylor and Kaiser windows are symmetric, first
-weight equal to last: their sidelobes are as designed only then (a periodic Chebyshev window
-of 256 points has -56 dB where -60 dB were asked for). Formulas are 1 in the middle, which
-may lie between two points; a Chebyshev window is 1 at its largest weight. A lone weight is 1.
+Sums of cosines are periodic (DFT-even): the last point of the period is omitted, so that their
+nulls fall on bins. Chebyshev, Taylor and Kaiser windows are symmetric, with equal first and last
+weights: only then their sidelobes are as designed (a periodic Chebyshev window of 256 points has
+-56 dB instead of -60 dB). Formulas are 1 in the middle, which may lie between two points; a
+Chebyshev window is 1 at its largest weight. A single weight is 1.
 
-`taper`, `chebyshev`, `taylor` and `kaiser` make `n` weights, a whole number of at least 1, and
-raise `InvalidSetting` where that or another parameter is out of its bounds.
+`window_weights`, `chebyshev_weights`, `taylor_weights` and `kaiser_weights` return `n` weights, an
+integer of at least 1, and raise `InvalidSetting` if a parameter is out of bounds.
 """
 
 from functools import lru_cache
@@ -15,8 +15,20 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from dechirp.core.checks import number, whole
+from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting
+
+__all__ = [
+    "bin_correlation",
+    "chebyshev_weights",
+    "coherent_gain",
+    "kaiser_weights",
+    "main_lobe_bins",
+    "noise_bandwidth_bins",
+    "scalloping_loss",
+    "taylor_weights",
+    "window_weights",
+]
 
 Window = Literal[
     "rectangular",
@@ -46,35 +58,35 @@ _TAYLOR_N_BAR_DB: dict[Window, tuple[int, float]] = {
 _KAISER_BETA: dict[Window, float] = {"kaiser-6": 6.0}
 
 
-def taper(window: Window, n: int) -> np.ndarray:
-    """Weights of the window, (n,), read-only; also raises `InvalidSetting` for another name."""
-    _must_be_window(window)
-    _must_be_points(n)
-    return _taper(window, n)
+def window_weights(window: Window, n: int) -> np.ndarray:
+    """Return the weights of a window, (n,), read-only; refuse unknown names."""
+    _check_window(window)
+    _check_point_count(n)
+    return _window_weights(window, n)
 
 
 @lru_cache(maxsize=64)
-def _taper(window: Window, n: int) -> np.ndarray:
+def _window_weights(window: Window, n: int) -> np.ndarray:
     if window in _COSINES:
         weights = _cosine_sum(n, _COSINES[window])
     elif window in _CHEBYSHEV_DB:
-        weights = chebyshev(n, _CHEBYSHEV_DB[window])
+        weights = chebyshev_weights(n, _CHEBYSHEV_DB[window])
     elif window in _TAYLOR_N_BAR_DB:
-        weights = taylor(n, *_TAYLOR_N_BAR_DB[window])
+        weights = taylor_weights(n, *_TAYLOR_N_BAR_DB[window])
     else:
-        weights = kaiser(n, _KAISER_BETA[window])
+        weights = kaiser_weights(n, _KAISER_BETA[window])
     weights.flags.writeable = False
     return weights
 
 
 def _cosine_sum(n: int, coefficients: tuple[float, ...]) -> np.ndarray:
-    """Sum over k of (-1)^k a_k cos(2 pi k i / n), (n,), periodic.
+    """Sum (-1)^k a_k cos(2 pi k i / n) over k, (n,), periodic.
 
     F. J. Harris, On the use of windows for harmonic analysis with the discrete Fourier
     transform, Proc. IEEE 66(1), 1978.
     """
     if n == 1:
-        return np.ones(1)  # the formula begins with its null: Hann would have no gain
+        return np.ones(1)  # the formula starts with its null: Hann would have no gain
     phase = 2 * np.pi * np.arange(n) / n
     weights = np.zeros(n)
     for k, coefficient in enumerate(coefficients):
@@ -82,40 +94,40 @@ def _cosine_sum(n: int, coefficients: tuple[float, ...]) -> np.ndarray:
     return weights
 
 
-def chebyshev(n: int, sidelobe_db: float) -> np.ndarray:
-    r"""Weights with the narrowest main lobe for a level of sidelobes, (n,), symmetric.
+def chebyshev_weights(n: int, sidelobe_db: float) -> np.ndarray:
+    r"""Return the Dolph-Chebyshev weights: narrowest main lobe for a sidelobe level, (n,).
 
     .. math:: W(k) = T_{n-1}(x_0 \cos(\pi k / n)), \quad T_{n-1}(x_0) = 10^{L/20}
 
     with T the Chebyshev polynomial and W the transform at bin k about the middle. All
-    sidelobes are L dB down, however far out; so the first and the last weight stand out
-    where points are many (60 dB: 0.5 at 2,200 points, and beyond 4,200 larger than the
+    sidelobes are L dB down, even the farthest, so the first and the last weight rise for many
+    points (60 dB: 0.5 at 2,200 points, and beyond 4,200 larger than the
     middle). The largest weight is 1.
 
     Parameters
     ----------
     sidelobe_db : float
-        How far the sidelobes are below the main lobe, above 0 and at most 300.
+        Level of the sidelobes below the main lobe, above 0 and at most 300.
 
     References
     ----------
     C. L. Dolph, A current distribution for broadside arrays which optimizes the
     relationship between beam width and side-lobe level, Proc. IRE 34(6), 1946.
     """
-    _must_be_points(n)
-    _must_be_level(sidelobe_db)
+    _check_point_count(n)
+    _check_sidelobe_level(sidelobe_db)
     if n == 1:
         return np.ones(1)
     order, k = n - 1, np.arange(n)
-    x = np.cosh(np.pi * _arc(sidelobe_db) / order) * np.cos(np.pi * k / n)
+    x = np.cosh(np.pi * _sidelobe_parameter(sidelobe_db) / order) * np.cos(np.pi * k / n)
     # Beyond 1 the arc cosine is imaginary, and its cosine a hyperbolic one.
     polynomial = np.cos(order * np.arccos(x.astype(complex)))
     weights = np.fft.ifft(polynomial * np.exp(-1j * np.pi * k * order / n)).real
     return np.asarray(weights / weights.max())
 
 
-def taylor(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
-    r"""Weights with near sidelobes of about one level and falling ones beyond, (n,), symmetric.
+def taylor_weights(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
+    r"""Return the Taylor weights: near sidelobes of about one level, falling beyond, (n,).
 
     .. math::
 
@@ -134,19 +146,21 @@ def taylor(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
     n_bar : int
         Nulls from this one on are those of a rectangular window, 1 to 100.
     sidelobe_db : float
-        How far the near sidelobes are below the main lobe, above 0 and at most 300.
+        Level of the near sidelobes below the main lobe, above 0 and at most 300.
 
     References
     ----------
     T. T. Taylor, Design of line-source antennas for narrow beamwidth and low side lobes,
     IRE Trans. Antennas and Propagation 3(1), 1955.
     """
-    _must_be_points(n)
-    whole("n_bar", n_bar, at_least=1, at_most=100)
-    _must_be_level(sidelobe_db)
+    _check_point_count(n)
+    check_integer("n_bar", n_bar, at_least=1, at_most=100)
+    _check_sidelobe_level(sidelobe_db)
     m = np.arange(1, n_bar)[:, None]
     j = np.arange(1, n_bar)
-    nulls = _dilation(n_bar, sidelobe_db) ** 2 * (_arc(sidelobe_db) ** 2 + (j - 0.5) ** 2)
+    nulls = _taylor_dilation(n_bar, sidelobe_db) ** 2 * (
+        _sidelobe_parameter(sidelobe_db) ** 2 + (j - 0.5) ** 2
+    )
     others = np.where(j == m, 1.0, 1 - m**2 / j**2)
     f = (-1.0) ** (j + 1) * np.prod(1 - m**2 / nulls, axis=1) / (2 * np.prod(others, axis=1))
     turns = (np.arange(n) - (n - 1) / 2) / n
@@ -154,8 +168,8 @@ def taylor(n: int, n_bar: int, sidelobe_db: float) -> np.ndarray:
     return np.asarray(weights / (1 + 2 * np.sum(f)))
 
 
-def kaiser(n: int, beta: float) -> np.ndarray:
-    r"""Weights with close to the most energy in the main lobe, (n,), symmetric.
+def kaiser_weights(n: int, beta: float) -> np.ndarray:
+    r"""Return the Kaiser weights: nearly maximal energy in the main lobe, (n,).
 
     .. math:: w_i = I_0(\beta \sqrt{1 - (2 i / (n - 1) - 1)^2}) / I_0(\beta)
 
@@ -171,76 +185,78 @@ def kaiser(n: int, beta: float) -> np.ndarray:
     J. F. Kaiser, Nonrecursive digital filter design using the I0-sinh window function,
     Proc. IEEE Int. Symp. Circuits and Systems, 1974.
     """
-    _must_be_points(n)
-    return np.kaiser(n, number("beta", beta, at_least=0, at_most=700))
+    _check_point_count(n)
+    return np.kaiser(n, check_number("beta", beta, at_least=0, at_most=700))
 
 
 def main_lobe_bins(window: Window) -> float:
-    """Half the width of the main lobe, in unpadded bins: from its peak to its first null.
+    """Return half the width of the main lobe in unpadded bins, from its peak to its first null.
 
-    Exact for sums of cosines; the limit of many points for the others, which are up to 4 %
-    wider at 32 points. Raises `InvalidSetting` for another name.
+    Exact for sums of cosines; for the others the limit for many points, exceeded by up to 4 %
+    at 32 points. Raises `InvalidSetting` for another name.
     """
-    _must_be_window(window)
+    _check_window(window)
     if window in _COSINES:
         return float(len(_COSINES[window]))
     if window in _CHEBYSHEV_DB:
-        return float(np.hypot(_arc(_CHEBYSHEV_DB[window]), 0.5))
+        return float(np.hypot(_sidelobe_parameter(_CHEBYSHEV_DB[window]), 0.5))
     if window in _TAYLOR_N_BAR_DB:
         n_bar, sidelobe_db = _TAYLOR_N_BAR_DB[window]
-        return float(_dilation(n_bar, sidelobe_db) * np.hypot(_arc(sidelobe_db), 0.5))
+        return float(
+            _taylor_dilation(n_bar, sidelobe_db) * np.hypot(_sidelobe_parameter(sidelobe_db), 0.5)
+        )
     return float(np.hypot(_KAISER_BETA[window] / np.pi, 1.0))
 
 
-def _arc(sidelobe_db: float) -> float:
-    """A of Dolph and Taylor: cosh(pi A) is the amplitude of main lobe over sidelobe."""
+def _sidelobe_parameter(sidelobe_db: float) -> float:
+    """Return A of Dolph and Taylor: cosh(pi A) is the amplitude ratio of main lobe to sidelobe."""
     return float(np.arccosh(10.0 ** (sidelobe_db / 20)) / np.pi)
 
 
-def _dilation(n_bar: int, sidelobe_db: float) -> float:
-    """Taylor's sigma: how much the nulls before n_bar move out to meet the others."""
-    return float(n_bar / np.hypot(_arc(sidelobe_db), n_bar - 0.5))
+def _taylor_dilation(n_bar: int, sidelobe_db: float) -> float:
+    """Return Taylor's dilation sigma of the nulls before n_bar."""
+    return float(n_bar / np.hypot(_sidelobe_parameter(sidelobe_db), n_bar - 0.5))
 
 
-def _must_be_window(window: Window) -> None:
+def _check_window(window: Window) -> None:
     # An array of names compares as an array, and a list has no hash.
     if not isinstance(window, str) or window not in get_args(Window):
         raise InvalidSetting(
-            "window", got=window, need=" or ".join(get_args(Window)), fix="Choose one of them."
+            "window", value=window, expected=" or ".join(get_args(Window)), fix="choose one of them"
         )
 
 
-def _must_be_points(n: int) -> None:
-    whole("n", n, at_least=1)
+def _check_point_count(n: int) -> None:
+    check_integer("n", n, at_least=1)
 
 
-def _must_be_level(sidelobe_db: float) -> None:
-    number("sidelobe_db", sidelobe_db, above=0, at_most=300)
+def _check_sidelobe_level(sidelobe_db: float) -> None:
+    check_number("sidelobe_db", sidelobe_db, above=0, at_most=300)
 
 
 def coherent_gain(weights: np.ndarray) -> float:
-    """What is left of a tone's amplitude: sum(w) / N."""
+    """Return the coherent gain, the amplitude of a tone after windowing: sum(w) / N."""
     return float(weights.mean())
 
 
 def noise_bandwidth_bins(weights: np.ndarray) -> float:
-    """Equivalent noise bandwidth, N sum(w^2) / sum(w)^2: the loss of SNR as a ratio."""
+    """Return the equivalent noise bandwidth N sum(w^2) / sum(w)^2, the SNR loss as a ratio."""
     return float(weights.size * np.sum(weights**2) / np.sum(weights) ** 2)
 
 
 def scalloping_loss(weights: np.ndarray) -> float:
-    """Power of a tone on a bin over that of one half a bin off: a ratio of at least 1."""
-    off = np.exp(1j * np.pi * np.arange(weights.size) / weights.size)
-    return float(np.sum(weights) ** 2 / abs(np.sum(weights * off)) ** 2)
+    """Return the power of a tone on a bin over that of one half a bin off, at least 1."""
+    half_bin_shift = np.exp(1j * np.pi * np.arange(weights.size) / weights.size)
+    return float(np.sum(weights) ** 2 / abs(np.sum(weights * half_bin_shift)) ** 2)
 
 
 def bin_correlation(weights: np.ndarray, n_bins: int, lags: np.ndarray) -> np.ndarray:
-    """Correlation of white noise between bins of its windowed, zero-padded transform.
+    """Return the correlation of white noise between bins of a windowed, zero-padded transform.
 
     rho(k) = sum_n w[n]^2 exp(-2 pi i k n / n_bins) / sum_n w[n]^2 for each lag k (bins, any
     shape); periodic in n_bins, as the bins are.
     """
-    share = weights**2 / np.sum(weights**2)
-    # One transform holds every lag: 0.3 ms for 2,200 points, not 0.4 s of exponentials.
-    folded = np.bincount(np.arange(weights.size) % n_bins, share, n_bins)
-    return np.asarray(np.fft.fft(folded)[np.asarray(lags) % n_bins])
+    weight_fractions = weights**2 / np.sum(weights**2)
+    # One transform gives all lags: 0.3 ms for 2,200 points, instead of 0.4 s of exponentials.
+    wrapped = np.bincount(np.arange(weights.size) % n_bins, weight_fractions, n_bins)
+    return np.asarray(np.fft.fft(wrapped)[np.asarray(lags) % n_bins])

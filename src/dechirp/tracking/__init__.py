@@ -1,1 +1,1 @@
-"""What moves, and how: the radar itself from one frame, objects from frame to frame."""
+"""Motion of the radar from one frame, and tracks of objects from frame to frame."""

@@ -1,4 +1,4 @@
-"""The radar's own motion, from the detections of one frame: most of what there is stands still."""
+"""Ego motion of the radar from the static detections of one frame."""
 
 import math
 
@@ -6,61 +6,81 @@ import numpy as np
 import xarray as xr
 from scipy.special import chdtri
 
-from dechirp.core.checks import count, number, positive, probability, whole
-from dechirp.core.values import value
-from dechirp.process.columns import columns, is_frame_number, must_be, must_hold
-from dechirp.process.sources import from_origin, is_sure, middle_m
-from dechirp.radar.folds import n_told, span_m_per_s
+from dechirp.core.checks import (
+    check_count,
+    check_integer,
+    check_number,
+    check_positive,
+    check_probability,
+)
+from dechirp.core.detection_columns import check_columns, check_type, is_frame_number, to_columns
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.direction_finding import (
+    has_known_direction,
+    move_to_origin,
+    phase_centres_m,
+)
 from dechirp.radar.radar import Radar
-from dechirp.tracking.doppler_fit import Fit, Sighted, fit, residuals
-from dechirp.tracking.motion import UNITS, motions
+from dechirp.radar.velocity_ambiguity import n_unambiguous_spans, unambiguous_span_m_per_s
+from dechirp.tracking.doppler_fit import Sightings, VelocityEstimate, fit_velocity, static_residuals
 
-_NEEDED = ("frame", "range", "velocity", "azimuth", "velocity_std", "azimuth_std")
-_OTHERS = ("time", "elevation", "elevation_std", "fold")
+EGO_UNITS = {
+    "vx": "m/s",
+    "vy": "m/s",
+    "vx_std": "m/s",
+    "vy_std": "m/s",
+    "vx_vy_covariance": "m2/s2",
+}
+"""Columns of the table of the radar's own motion, and their units."""
 
-# Another velocity might as well be it unless it is e^10 times less likely: 20 in chi-squares.
-_RIVAL = 20.0
-_MOST_HYPOTHESES = 200_000
-_FASTEST_M_PER_S = 1e5
-_AT_ONCE = 2**20  # residuals: 8 MiB
+_REQUIRED = ("frame", "range", "velocity", "azimuth", "velocity_std", "azimuth_std")
+_OPTIONAL = ("time", "elevation", "elevation_std", "ambiguity_number")
+
+# A rival velocity must be e^10 times less likely: 20 in chi-squares.
+_RIVAL_COST = 20.0
+_MAX_HYPOTHESES = 200_000
+_MAX_VELOCITY_M_PER_S = 1e5
+_RESIDUALS_PER_BLOCK = 2**20  # 8 MiB
 
 
-@value
+@frozen_dataclass
 class EgoMotion:
-    """How the velocity of the radar is found among detections that stand still and that move."""
+    """Settings of the ego motion estimate from static and moving detections."""
 
     gate_probability: float = 0.997
-    """How much of what stands still is taken for it: three standard errors."""
+    """Probability that a static detection passes the gate: three standard errors."""
     tolerance_m_per_s: float = 0.1
-    """What static detections may be off, as a standard deviation, besides their own: heights
-    that the array does not tell, two posts in one cell."""
+    """Standard deviation of static velocities beyond their own errors: unknown heights, two posts
+    in one cell."""
     min_static: int = 5
-    """Fewer tell nothing."""
+    """Least number of static detections."""
     min_share: float = 0.5
-    """Of all detections that must agree. Below a half a convoy may be taken for the road."""
+    """Least share of static detections. Below a half, a convoy may be taken for the road."""
     min_spread_rad: float = math.radians(2)
-    """Standard deviation of azimuths. Less is one direction, and velocity across it untold."""
+    """Least standard deviation of azimuths: detections in one direction do not determine the
+    velocity across it."""
     max_speed_m_per_s: float = 80.0
-    """Of the radar; where folds are not known, one of those within it."""
+    """Largest speed of the radar; limits the hypotheses of ambiguous velocities."""
     n_draws: int = 200
-    """Pairs of detections that are tried. With a share of 0.5 none of 200 pairs is static once
-    in 1e25 frames."""
+    """Pairs of detections that are drawn. With a static share of 0.5, no pair of 200 is static in
+    one of 1e25 frames."""
     seed: int = 0
-    """Of the draws; those of a frame depend on its number and not on other frames."""
+    """Seed of the draws, which depend on the number of the frame and not on other frames."""
 
     def __post_init__(self) -> None:
-        probability("EgoMotion.gate_probability", self.gate_probability)
-        positive(self, "tolerance_m_per_s", "max_speed_m_per_s", at_most=1e4)
-        count(self, "min_static", at_least=3)
-        share = number("EgoMotion.min_share", self.min_share, above=0.0, at_most=1.0)
+        check_probability("EgoMotion.gate_probability", self.gate_probability)
+        check_positive(self, "tolerance_m_per_s", "max_speed_m_per_s", at_most=1e4)
+        check_count(self, "min_static", at_least=3)
+        share = check_number("EgoMotion.min_share", self.min_share, above=0.0, at_most=1.0)
         object.__setattr__(self, "min_share", share)
-        positive(self, "min_spread_rad", at_most=math.pi / 2)
-        count(self, "n_draws", at_most=100_000)
-        whole("EgoMotion.seed", self.seed, at_least=0, at_most=2**63 - 1)
+        check_positive(self, "min_spread_rad", at_most=math.pi / 2)
+        check_count(self, "n_draws", at_most=100_000)
+        check_integer("EgoMotion.seed", self.seed, at_least=0, at_most=2**63 - 1)
 
     @property
-    def gate(self) -> float:
-        """Squares of residuals over their variances that pass."""
+    def gate_squares(self) -> float:
+        """Largest squared residual over its variance that passes."""
         return float(chdtri(1, 1 - self.gate_probability))
 
 
@@ -68,9 +88,9 @@ _DEFAULT = EgoMotion()
 
 
 def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFAULT) -> xr.Dataset:
-    r"""Velocity of the radar in each frame, by what most of its detections agree on.
+    r"""Estimate the velocity of the radar in each frame from its static detections.
 
-    What stands still has the radial velocity
+    A static target has the radial velocity
 
     .. math:: v_i = -(v_x \cos\phi_i + v_y \sin\phi_i) \cos\theta_i
 
@@ -86,25 +106,26 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
     Parameters
     ----------
     detections : Dataset over `detection`
-        As `detect` gives them, with azimuths and standard errors. Those whose direction is not
-        sure, since the fold of the velocity is not and transmitters share the frame, do not
-        count. Without elevations the angle of a row counts, as if all were on its level.
+        Detections from `detect`, with azimuths and standard errors. Those with unknown direction,
+        because their ambiguity number is unknown under multiplexing, are ignored. Without
+        elevations, all detections are assumed level with the radar.
     radar : Radar
-        For the folds: where they are not known, residuals are taken modulo what is.
+        For the velocity ambiguity: residuals are taken modulo the unambiguous span.
     settings : EgoMotion, optional
 
     Returns
     -------
     Dataset over `frame`
         Frames that have detections. `vx vy` (m/s), `vx_std vy_std` (m/s),
-        `vx_vy_covariance` (m^2/s^2) and `n_static`, how many agree; `time` (s) of each.
-        NaN, and n_static 0, where it cannot tell: too few agree, they are no majority, they lie
-        in one direction, or another velocity is as likely, as where folds are not known.
+        `vx_vy_covariance` (m^2/s^2) and `n_static`, the number of static detections; `time` (s).
+        NaN, and n_static 0, if the velocity is undetermined: too few static detections, no
+        majority, all in one direction, or another velocity as likely, as with unknown ambiguity
+        numbers.
 
     Raises
     ------
     InvalidSetting
-        If a column is missing or holds what it cannot.
+        If a column is missing or has invalid values.
 
     References
     ----------
@@ -113,25 +134,29 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
     sample consensus, Communications of the ACM 24(6), 1981; votes are weighed as by P. Torr and
     A. Zisserman, MLESAC, Computer Vision and Image Understanding 78(1), 2000.
     """
-    told = _checked(detections, radar, settings)
-    numbers = np.unique(told["frame"]).astype(np.int64)
-    found = np.full((5, numbers.size), np.nan)
+    columns = _check_inputs(detections, radar, settings)
+    numbers = np.unique(columns["frame"]).astype(np.int64)
+    motion = np.full((5, numbers.size), np.nan)
     n_static, time_s = np.zeros(numbers.size, np.int64), np.full(numbers.size, np.nan)
-    for place, frame in enumerate(numbers.tolist()):
-        own = {name: column[told["frame"] == frame] for name, column in told.items()}
-        time_s[place] = own["time"][0]
-        sighted = _sighted(own, radar, frame)
+    for index, frame in enumerate(numbers.tolist()):
+        frame_columns = {
+            name: column[columns["frame"] == frame] for name, column in columns.items()
+        }
+        time_s[index] = frame_columns["time"][0]
+        sightings = _to_sightings(frame_columns, radar, frame)
         rng = np.random.default_rng([settings.seed, frame])
-        agreed = _agreed(sighted.of(_counts(own, radar)), settings, rng)
-        if agreed is not None:
-            (vx, vy), ((var_x, cov), (_, var_y)) = agreed.velocity, agreed.covariance
-            found[:, place] = vx, vy, math.sqrt(var_x), math.sqrt(var_y), cov
-            n_static[place] = agreed.n
+        estimate = _estimate_velocity(
+            sightings.select(_has_vote(frame_columns, radar)), settings, rng
+        )
+        if estimate is not None:
+            (vx, vy), ((var_x, cov), (_, var_y)) = estimate.velocity, estimate.covariance
+            motion[:, index] = vx, vy, math.sqrt(var_x), math.sqrt(var_y), cov
+            n_static[index] = estimate.n_detections
     return xr.Dataset(
         {
             **{
                 name: ("frame", column, {"units": unit})
-                for (name, unit), column in zip(UNITS.items(), found, strict=True)
+                for (name, unit), column in zip(EGO_UNITS.items(), motion, strict=True)
             },
             "n_static": ("frame", n_static, {"units": "1"}),
         },
@@ -139,172 +164,221 @@ def ego_motion(detections: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFA
     )
 
 
-def labelled(
+def label_motion(
     detections: xr.Dataset, ego: xr.Dataset, radar: Radar, settings: EgoMotion = _DEFAULT
 ) -> xr.Dataset:
-    """Detections with `motion`: "static", "moving", or "" where that is not known.
+    """Label detections with `motion`: "static", "moving", or "" if unknown.
 
-    Static is what agrees with the motion of the radar: its residual within the gate, with the
-    variances of velocity, azimuth, elevation, tolerance, and of the motion itself. So what moves
-    across the line of sight is static too. Not known: without an azimuth, in frames whose motion
-    is not, and where the direction is not sure and disagrees.
+    A static detection agrees with the motion of the radar: its residual is within the gate, given
+    the variances of velocity, azimuth, elevation, tolerance, and of the motion itself. A target
+    that moves across the line of sight has no radial velocity, so it is classified as static.
+    Unknown without an azimuth, in frames without ego motion, and where the direction is ambiguous
+    and disagrees.
 
     Parameters
     ----------
     detections, radar, settings
         As for `ego_motion`.
     ego : Dataset over `frame`
-        From `ego_motion`; of frames that it lacks nothing is known.
+        From `ego_motion`; motion is unknown in missing frames.
 
     Raises
     ------
     InvalidSetting
-        If a column of either is missing or holds what it cannot.
+        If a column of either is missing or has invalid values.
     """
-    told = _checked(detections, radar, settings)
+    columns = _check_inputs(detections, radar, settings)
     motion = np.full(detections.sizes["detection"], "", dtype="<U6")
-    known = motions(ego).T
-    of_frame = dict(zip(ego["frame"].values.tolist(), known, strict=True))
-    for frame in np.unique(told["frame"]).astype(int).tolist():
-        vx, vy, vx_std, vy_std, cov = of_frame.get(frame, np.full(len(UNITS), np.nan))
-        rows = told["frame"] == frame
-        own = {name: column[rows] for name, column in told.items()}
-        sighted = _sighted(own, radar, frame)
-        towards = sighted.towards(sighted.azimuth_rad)
-        off, variance = residuals(sighted, np.array([vx, vy]))
+    motion_rows = ego_columns(ego).T
+    of_frame = dict(zip(ego["frame"].values.tolist(), motion_rows, strict=True))
+    for frame in np.unique(columns["frame"]).astype(int).tolist():
+        vx, vy, vx_std, vy_std, cov = of_frame.get(frame, np.full(len(EGO_UNITS), np.nan))
+        rows = columns["frame"] == frame
+        frame_columns = {name: column[rows] for name, column in columns.items()}
+        sightings = _to_sightings(frame_columns, radar, frame)
+        towards = sightings.level_directions(sightings.azimuth_rad)
+        residual, variance = static_residuals(sightings, np.array([vx, vy]))
         of_motion = np.array([[vx_std**2, cov], [cov, vy_std**2]])
         variance = variance + np.einsum("ni,ij,nj->n", towards, of_motion, towards)
-        squares = off**2 / (variance + settings.tolerance_m_per_s**2)
-        moves = (squares > settings.gate) & is_sure(own["fold"], radar.frame)  # NaN is neither
-        motion[rows] = np.where(squares <= settings.gate, "static", np.where(moves, "moving", ""))
+        squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
+        moves = (squares > settings.gate_squares) & has_known_direction(
+            frame_columns["ambiguity_number"], radar.frame
+        )  # NaN is neither
+        motion[rows] = np.where(
+            squares <= settings.gate_squares, "static", np.where(moves, "moving", "")
+        )
     return detections.assign(motion=("detection", motion))
 
 
-def _checked(detections: xr.Dataset, radar: Radar, settings: EgoMotion) -> dict[str, np.ndarray]:
-    """Columns of detections, or `InvalidSetting`."""
-    must_be("radar", radar, Radar, fix="Give the radar that they were detected with.")
-    must_be("settings", settings, EgoMotion, fix="Give EgoMotion(), or leave it out.")
-    told = columns(detections, _NEEDED, _OTHERS)
-    must_hold(
-        told,
+def ego_columns(ego: xr.Dataset) -> np.ndarray:
+    """Return the columns of `EGO_UNITS`, (5, n_frames); NaN where the motion is unknown.
+
+    Raises `InvalidSetting` if a column is missing.
+    """
+    problem = None
+    if not isinstance(ego, xr.Dataset):
+        problem = f"a {type(ego).__name__}"
+    elif missing := [name for name in ("frame", *EGO_UNITS) if name not in ego]:
+        problem = f"a dataset without {', '.join(missing)}"
+    if problem is not None:
+        raise InvalidSetting(
+            "ego",
+            value=problem,
+            expected="the motion of each frame",
+            fix="pass what `ego_motion` returns",
+        )
+    return np.array([ego[name].values for name in EGO_UNITS], dtype=float)
+
+
+def _check_inputs(
+    detections: xr.Dataset, radar: Radar, settings: EgoMotion
+) -> dict[str, np.ndarray]:
+    """Return the columns of detections; raise `InvalidSetting` if one is invalid."""
+    check_type("radar", radar, Radar, fix="give the radar that they were detected with")
+    check_type("settings", settings, EgoMotion, fix="give EgoMotion(), or leave it out")
+    columns = to_columns(detections, _REQUIRED, _OPTIONAL)
+    check_columns(
+        columns,
         {
-            "frame": (is_frame_number(told["frame"]), "the number of a frame, 0 or more"),
-            "range": (np.isfinite(told["range"]), "a finite number"),
-            # Each fold up to it would be a hypothesis.
-            "velocity": (~(abs(told["velocity"]) > _FASTEST_M_PER_S), "at most 1e5 m/s, or NaN"),
-            "velocity_std": (~(told["velocity_std"] <= 0), "above 0, or NaN"),
-            "azimuth_std": (~(told["azimuth_std"] < 0), "0 or more, or NaN"),
+            "frame": (is_frame_number(columns["frame"]), "the number of a frame, 0 or more"),
+            "range": (np.isfinite(columns["range"]), "a finite number"),
+            # Each alias up to it is a hypothesis.
+            "velocity": (
+                ~(abs(columns["velocity"]) > _MAX_VELOCITY_M_PER_S),
+                "at most 1e5 m/s, or NaN",
+            ),
+            "velocity_std": (~(columns["velocity_std"] <= 0), "above 0, or NaN"),
+            "azimuth_std": (~(columns["azimuth_std"] < 0), "0 or more, or NaN"),
         },
     )
-    return told
+    return columns
 
 
-def _sighted(own: dict[str, np.ndarray], radar: Radar, frame: int) -> Sighted:
-    """What the fit needs of the detections of one frame."""
-    span = span_m_per_s(own["range"], radar.at(frame).frame)
-    # Velocities are towards the middle of the array: at 15 m, 3 mm beside the origin are 0.013 deg.
-    middle = middle_m(own["azimuth"], own["elevation"], own["fold"], radar)
-    place = own["range"], own["azimuth"], own["elevation"]
-    _, azimuth, elevation = from_origin(*place, -middle)
-    return Sighted(
-        velocity_m_per_s=own["velocity"],
+def _to_sightings(frame_columns: dict[str, np.ndarray], radar: Radar, frame: int) -> Sightings:
+    """Convert the columns of one frame to sightings for the fit."""
+    span = unambiguous_span_m_per_s(frame_columns["range"], radar.for_frame(frame).frame)
+    # Velocities refer to the middle of the array: at 15 m, an offset of 3 mm is 0.013 deg.
+    middle = phase_centres_m(
+        frame_columns["azimuth"],
+        frame_columns["elevation"],
+        frame_columns["ambiguity_number"],
+        radar,
+    )
+    place = frame_columns["range"], frame_columns["azimuth"], frame_columns["elevation"]
+    _, azimuth, elevation = move_to_origin(*place, -middle)
+    return Sightings(
+        velocity_m_per_s=frame_columns["velocity"],
         azimuth_rad=azimuth,
         elevation_rad=np.nan_to_num(elevation),
-        velocity_std=own["velocity_std"],
-        azimuth_std=own["azimuth_std"],
-        elevation_std=np.nan_to_num(own["elevation_std"]),
-        period_m_per_s=span * n_told(own["fold"], radar.frame, frame),
+        velocity_std=frame_columns["velocity_std"],
+        azimuth_std=frame_columns["azimuth_std"],
+        elevation_std=np.nan_to_num(frame_columns["elevation_std"]),
+        period_m_per_s=span
+        * n_unambiguous_spans(frame_columns["ambiguity_number"], radar.frame, frame),
     )
 
 
-def _counts(own: dict[str, np.ndarray], radar: Radar) -> np.ndarray:
-    """Which detections have a vote, (n,): those of a known direction and velocity."""
+def _has_vote(frame_columns: dict[str, np.ndarray], radar: Radar) -> np.ndarray:
+    """Return the mask of detections with known direction and velocity, (n,)."""
     names = ("velocity", "azimuth", "velocity_std", "azimuth_std")
-    known = np.isfinite([own[name] for name in names]).all(axis=0)
-    return np.asarray(known & is_sure(own["fold"], radar.frame))
+    is_known = np.isfinite([frame_columns[name] for name in names]).all(axis=0)
+    return np.asarray(
+        is_known & has_known_direction(frame_columns["ambiguity_number"], radar.frame)
+    )
 
 
-def _agreed(sighted: Sighted, settings: EgoMotion, rng: np.random.Generator) -> Fit | None:
-    """What most of the detections of a frame say; none where that is not clear."""
-    n = sighted.azimuth_rad.size
-    least = max(settings.min_static, math.ceil(settings.min_share * n))
+def _estimate_velocity(
+    sightings: Sightings, settings: EgoMotion, rng: np.random.Generator
+) -> VelocityEstimate | None:
+    """Estimate the velocity from most detections of a frame; None if undetermined."""
+    n = sightings.azimuth_rad.size
+    min_votes = max(settings.min_static, math.ceil(settings.min_share * n))
     if n < settings.min_static:
         return None
-    hypotheses = _hypotheses(sighted, settings, rng)
+    hypotheses = _velocity_hypotheses(sightings, settings, rng)
     if not len(hypotheses):
         return None
-    cost = _costs(sighted, hypotheses, settings)
+    cost = _robust_costs(sightings, hypotheses, settings)
     velocity = hypotheses[cost.argmin()]
     static = np.zeros(n, bool)
     for _ in range(10):
-        agree = _agree(sighted, velocity, settings)
-        if agree.sum() < least or sighted.azimuth_rad[agree].std() < settings.min_spread_rad:
+        is_static = _is_static(sightings, velocity, settings)
+        if (
+            is_static.sum() < min_votes
+            or sightings.azimuth_rad[is_static].std() < settings.min_spread_rad
+        ):
             return None
-        if (agree == static).all():
+        if (is_static == static).all():
             break
-        static = agree
-        found = fit(sighted.of(static), velocity)
-        velocity = found.velocity
-    is_sole = not _has_rival(sighted, sighted.of(static), velocity, hypotheses, cost, settings)
-    return found if is_sole else None
+        static = is_static
+        estimate = fit_velocity(sightings.select(static), velocity)
+        velocity = estimate.velocity
+    is_sole = not _has_rival(
+        sightings, sightings.select(static), velocity, hypotheses, cost, settings
+    )
+    return estimate if is_sole else None
 
 
-def _hypotheses(sighted: Sighted, settings: EgoMotion, rng: np.random.Generator) -> np.ndarray:
-    """Velocities that pairs of detections would have if they stood still, (n, 2), in any fold."""
-    n, most = sighted.azimuth_rad.size, settings.max_speed_m_per_s
-    velocity, period = sighted.velocity_m_per_s, sighted.period_m_per_s
-    n_folds = int(np.ceil((most + abs(velocity)) / period).max())
-    folds = np.arange(-n_folds, n_folds + 1)
-    n_draws = min(settings.n_draws, _MOST_HYPOTHESES // folds.size**2)
+def _velocity_hypotheses(
+    sightings: Sightings, settings: EgoMotion, rng: np.random.Generator
+) -> np.ndarray:
+    """Return velocities of the radar for which pairs of detections are static, (n, 2)."""
+    n, max_speed = sightings.azimuth_rad.size, settings.max_speed_m_per_s
+    velocity, period = sightings.velocity_m_per_s, sightings.period_m_per_s
+    n_aliases = int(np.ceil((max_speed + abs(velocity)) / period).max())
+    aliases = np.arange(-n_aliases, n_aliases + 1)
+    n_draws = min(settings.n_draws, _MAX_HYPOTHESES // aliases.size**2)
     first = rng.integers(n, size=n_draws)
     second = (first + rng.integers(1, n, size=n_draws)) % n
-    radial = [velocity[of, None] + period[of, None] * folds for of in (first, second)]
-    draw, one, other = np.nonzero(
-        (abs(radial[0]) <= most)[:, :, None] & (abs(radial[1]) <= most)[:, None, :]
+    radial = [velocity[rows, None] + period[rows, None] * aliases for rows in (first, second)]
+    draw, first_alias, second_alias = np.nonzero(
+        (abs(radial[0]) <= max_speed)[:, :, None] & (abs(radial[1]) <= max_speed)[:, None, :]
     )
-    a, b = radial[0][draw, one], radial[1][draw, other]
-    towards = sighted.towards(sighted.azimuth_rad)
+    a, b = radial[0][draw, first_alias], radial[1][draw, second_alias]
+    towards = sightings.level_directions(sightings.azimuth_rad)
     (ax, ay), (bx, by) = towards[first[draw]].T, towards[second[draw]].T
     across = ax * by - ay * bx
     with np.errstate(divide="ignore", invalid="ignore"):  # both in one direction
-        made = np.stack([ay * b - by * a, bx * a - ax * b], axis=-1) / across[:, None]
-        return made[np.hypot(*made.T) <= most]
+        velocities = np.stack([ay * b - by * a, bx * a - ax * b], axis=-1) / across[:, None]
+        return velocities[np.hypot(*velocities.T) <= max_speed]
 
 
-def _costs(sighted: Sighted, velocities: np.ndarray, settings: EgoMotion) -> np.ndarray:
-    """Squares of residuals over variances, each at most the gate, summed, (n_velocities,)."""
-    at_once = max(_AT_ONCE // sighted.azimuth_rad.size, 1)
+def _robust_costs(sightings: Sightings, velocities: np.ndarray, settings: EgoMotion) -> np.ndarray:
+    """Sum squared residuals over variances, each clipped at the gate, (n_velocities,)."""
+    at_once = max(_RESIDUALS_PER_BLOCK // sightings.azimuth_rad.size, 1)
     costs = np.empty(len(velocities))
     for begin in range(0, len(velocities), at_once):
-        some = slice(begin, begin + at_once)
-        off, variance = residuals(sighted, velocities[some, None])
-        squares = off**2 / (variance + settings.tolerance_m_per_s**2)
-        costs[some] = np.minimum(squares, settings.gate).sum(axis=-1)
+        block = slice(begin, begin + at_once)
+        residual, variance = static_residuals(sightings, velocities[block, None])
+        squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
+        costs[block] = np.minimum(squares, settings.gate_squares).sum(axis=-1)
     return costs
 
 
-def _agree(sighted: Sighted, velocity: np.ndarray, settings: EgoMotion) -> np.ndarray:
-    """Which detections would stand still, (n,)."""
-    off, variance = residuals(sighted, velocity)
-    return np.asarray(off**2 <= settings.gate * (variance + settings.tolerance_m_per_s**2))
+def _is_static(sightings: Sightings, velocity: np.ndarray, settings: EgoMotion) -> np.ndarray:
+    """Return the mask of detections that are static for a velocity of the radar, (n,)."""
+    residual, variance = static_residuals(sightings, velocity)
+    return np.asarray(
+        residual**2 <= settings.gate_squares * (variance + settings.tolerance_m_per_s**2)
+    )
 
 
 def _has_rival(
-    sighted: Sighted,
-    static: Sighted,
+    sightings: Sightings,
+    static: Sightings,
     velocity: np.ndarray,
     hypotheses: np.ndarray,
     cost: np.ndarray,
     settings: EgoMotion,
 ) -> bool:
-    """Whether a hypothesis far outside of the errors of a velocity is almost as likely.
+    """Return whether a hypothesis far outside the errors of a velocity is almost as likely.
 
-    Near it the cost grows by the square of the distance in standard errors.
+    Near the velocity the cost grows by the square of the distance in standard errors.
     """
-    _, variance = residuals(static, velocity)
-    towards = static.towards(static.azimuth_rad)
+    _, variance = static_residuals(static, velocity)
+    towards = static.level_directions(static.azimuth_rad)
     weight = 1 / (variance + settings.tolerance_m_per_s**2)
-    apart = hypotheses - velocity
-    squares = np.einsum("hi,ij,hj->h", apart, (towards.T * weight) @ towards, apart)
-    best = _costs(sighted, velocity[None], settings)[0]
-    return bool(((squares > 2 * _RIVAL) & (cost < best + _RIVAL)).any())
+    differences = hypotheses - velocity
+    squares = np.einsum("hi,ij,hj->h", differences, (towards.T * weight) @ towards, differences)
+    best = _robust_costs(sightings, velocity[None], settings)[0]
+    return bool(((squares > 2 * _RIVAL_COST) & (cost < best + _RIVAL_COST)).any())

@@ -1,4 +1,4 @@
-"""The angle at which a radar is mounted, from frames in which its car drives straight on."""
+"""Mounting angle of a radar, from frames in which its car drives straight on."""
 
 import math
 from typing import NamedTuple
@@ -7,68 +7,70 @@ import numpy as np
 import xarray as xr
 from scipy.special import chdtri
 
-from dechirp.core.checks import number
+from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
-from dechirp.tracking.motion import motions
+from dechirp.tracking.ego import ego_columns
 
-_BY_CHANCE = 0.95  # raising errors for less makes them 9 % too large where ten frames are right
-_STEPS = 20  # each takes off most of what is left; 4 are enough to 1e-12
+_SCATTER_PROBABILITY = (
+    0.95  # increasing errors for less would make them 9 % too large on average for ten frames
+)
+_N_STEPS = 20  # 4 converge to 1e-12
 
 
-class Mounting(NamedTuple):
-    """How a radar looks."""
+class MountingAngle(NamedTuple):
+    """Yaw angle of a radar on its car."""
 
     yaw_rad: float
-    """Of its x axis, to the left of where the car drives."""
+    """Of its x axis, positive to the left of the driving direction."""
     yaw_std_rad: float
     n_frames: int
-    """Frames that it rests on."""
+    """Number of frames used."""
 
 
-def mounting(ego: xr.Dataset, min_speed_m_per_s: float = 3.0) -> Mounting:
-    """Yaw of a radar whose car drives straight forward, without sideslip.
+def mounting_angle(ego: xr.Dataset, min_speed_m_per_s: float = 3.0) -> MountingAngle:
+    """Estimate the yaw of a radar whose car drives straight forward, without sideslip.
 
-    Then the radar moves where the car is heading: in its own axes at minus the yaw. In a bend it
-    does not, by the yaw rate times its way ahead of the rear axle: leave bends out.
+    Then the radar moves in the heading of the car: in its own axes at minus the yaw. In a bend the
+    direction differs by the yaw rate times the lever arm to the rear axle: exclude bends.
 
     Parameters
     ----------
     ego : Dataset over `frame`
-        From `ego_motion`. Frames without a velocity, or slower than `min_speed_m_per_s`, do not
-        count.
+        From `ego_motion`. Frames without a velocity, or slower than `min_speed_m_per_s`, are
+        ignored.
 
     Returns
     -------
     Mounting
-        The standard error is that of frames whose errors are independent, raised where they
-        scatter more than they say, beyond what chance does once in twenty times (Birge 1932).
-        What is wrong alike in all frames it does not tell: an array that is not calibrated is a
-        mounting angle.
+        The standard error assumes independent errors of frames; it is increased by the Birge
+        ratio (1932) if they scatter more than expected at a probability of 0.05. It does not
+        include errors common to all frames: an uncalibrated array appears as a mounting angle.
 
     Raises
     ------
     InvalidSetting
-        If columns are missing, or fewer than two frames count.
+        If columns are missing, or fewer than two frames are usable.
     """
-    number("min_speed_m_per_s", min_speed_m_per_s, above=0.0)
-    known = motions(ego)
-    fast = np.hypot(*known[:2]) >= min_speed_m_per_s  # NaN is not
-    if fast.sum() < 2:
+    check_number("min_speed_m_per_s", min_speed_m_per_s, above=0.0)
+    motion = ego_columns(ego)
+    is_fast = np.hypot(*motion[:2]) >= min_speed_m_per_s  # NaN is not
+    if is_fast.sum() < 2:
         raise InvalidSetting(
             "ego",
-            got=f"{fast.sum()} of {fast.size} frames at {min_speed_m_per_s:.4g} m/s or more",
-            need="two or more whose velocity is known",
-            fix="Take frames in which the car drives straight on, among things that stand still.",
+            value=f"{is_fast.sum()} of {is_fast.size} frames at {min_speed_m_per_s:.4g} m/s or"
+            " more",
+            expected="two or more frames with a known velocity",
+            fix="use frames in which the car drives straight on, among static targets",
         )
-    vx, vy, vx_std, vy_std, covariance = known[:, fast]
+    vx, vy, vx_std, vy_std, covariance = motion[:, is_fast]
     heading = math.atan2(vy.sum(), vx.sum())
-    for _ in range(_STEPS):
+    for _ in range(_N_STEPS):
         c, s = math.cos(heading), math.sin(heading)
-        across, along = vy * c - vx * s, vx * c + vy * s
+        sideways, forward = vy * c - vx * s, vx * c + vy * s
         variance = (vy_std * c) ** 2 + (vx_std * s) ** 2 - 2 * c * s * covariance
-        information = np.sum(along**2 / variance)
-        heading += np.sum(across * along / variance) / information
-    scatter, n_free = float(np.sum(across**2 / variance)), int(fast.sum()) - 1
-    birge = scatter / n_free if scatter > chdtri(n_free, 1 - _BY_CHANCE) else 1.0
+        information = np.sum(forward**2 / variance)
+        heading += np.sum(sideways * forward / variance) / information
+    scatter, n_free = float(np.sum(sideways**2 / variance)), int(is_fast.sum()) - 1
+    birge = scatter / n_free if scatter > chdtri(n_free, 1 - _SCATTER_PROBABILITY) else 1.0
     yaw = math.remainder(-heading, 2 * math.pi)
-    return Mounting(yaw, math.sqrt(birge / information), n_free + 1)
+    return MountingAngle(yaw, math.sqrt(birge / information), n_free + 1)

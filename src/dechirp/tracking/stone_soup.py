@@ -1,10 +1,10 @@
-"""Kalman filters and association by Stone Soup, behind arrays.
+"""Array interface to the Kalman filters and the association of Stone Soup.
 
-Imported only when a tracker is made: Stone Soup comes with the extra `track`.
+Imported only when a tracker is created: Stone Soup comes with the extra `track`.
 
-Stone Soup predicts, associates and updates. Gates are ours: its hypothesisers linearise the
-measurement anew for each pair of a track and a detection, as each detection has an error of its
-own, at 0.2 ms a pair; here once for each track, and pairs outside the gate cost nothing more.
+Stone Soup predicts, associates and updates. Gating is done here: its hypothesisers linearise the
+measurement for each pair of a track and a detection, as each detection has its own error, at
+0.2 ms per pair; here once per track, and pairs outside the gate take no further time.
 """
 
 from collections.abc import Sequence
@@ -33,125 +33,145 @@ from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import ExtendedKalmanUpdater, UnscentedKalmanUpdater
 from stonesoup.updater.probability import PDAUpdater
 
-from dechirp.core.memory import must_fit
-from dechirp.tracking.measured import Measured
+from dechirp.core.memory import check_memory
+from dechirp.tracking.measurements import Measurements
 from dechirp.tracking.tracker import Tracker
 
 Hypotheses = dict[int, list[Any]]
-"""Of each track, by its place."""
+"""Hypotheses of each track, by its index."""
 
-# Exact sums over a group in which all compete for the same detections take 0.1 s for 8 tracks,
-# and 2.3 times that for each more. Loopy belief propagation (Williams and Lau 2014) takes no time.
-_MOST_EXACT = 8
+# Exact sums over a group of 8 tracks that compete for the same detections take 0.1 s, and 2.3 times
+# that for each more. Loopy belief propagation (Williams and Lau 2014) takes negligible time.
+_MAX_EXACT_TRACKS = 8
 
-_PAIR_BYTES = 200.0  # of a track and a detection: covariances, also scaled, and residuals
+_PAIR_BYTES = 200.0  # per track and detection: covariances, also scaled, and residuals
 
-_EPOCH = datetime(2000, 1, 1)  # its clocks are dates, to a microsecond: 0.1 mm at 100 m/s
+_EPOCH = datetime(2000, 1, 1)  # Stone Soup uses dates, to a microsecond: 0.1 mm at 100 m/s
 
 
-class Belief(NamedTuple):
+class StateEstimate(NamedTuple):
     """Mean (4,) and covariance (4, 4) of x, vx, y, vy."""
 
     mean: np.ndarray
     covariance: np.ndarray
 
 
-class Step(NamedTuple):
-    """What a frame did to some tracks."""
+class UpdateResult(NamedTuple):
+    """Result of an update of some tracks with a frame."""
 
-    beliefs: list[Belief]
-    """After it."""
+    states: list[StateEstimate]
+    """States after the frame."""
     shares: np.ndarray
-    """(n_tracks, n_detections): probability, or 0 and 1, that a detection is of a track."""
+    """(n_tracks, n_detections): probability, or 0 and 1, that a detection belongs to a track."""
 
 
 class StoneSoup:
-    """Filters and association of a tracker; it remembers nothing between frames."""
+    """Filters and association of a tracker, without state between frames."""
 
     def __init__(self, tracker: Tracker) -> None:
-        seen = CartesianToBearingRangeRate2D(
+        measurement_model = CartesianToBearingRangeRate2D(
             ndim_state=4, mapping=(0, 2), velocity_mapping=(1, 3), noise_covar=np.eye(3)
         )
         # No sigma point with a negative weight, or covariances could lose their sign: Stone
         # Soup's own weights did, once in 4,000 frames of the crossing.
-        self._seen_by = (
-            ExtendedKalmanUpdater(seen)
+        self._measurement_updater = (
+            ExtendedKalmanUpdater(measurement_model)
             if tracker.filter == "extended"
-            else UnscentedKalmanUpdater(seen, alpha=1, beta=2, kappa=0)
+            else UnscentedKalmanUpdater(measurement_model, alpha=1, beta=2, kappa=0)
         )
         joint = tracker.association == "joint"
-        # A mixture of updates, for each detection has an error of its own.
-        self._updater = PDAUpdater(None, gm_method=True) if joint else self._seen_by
+        # A mixture of updates, since each detection has its own error.
+        self._updater = PDAUpdater(None, gm_method=True) if joint else self._measurement_updater
         self._gate = chdtri(3, 1 - tracker.gate_probability)
         self._tracker = tracker
 
-    def step(self, beliefs: Sequence[Belief], passed_s: float, frame: Measured) -> Step:
-        """Predict over a time, associate, update: `beliefs` to those after the frame."""
-        shares = np.zeros((len(beliefs), len(frame.seen)))
-        if not beliefs:
-            return Step([], shares)
-        passed = timedelta(seconds=passed_s)
+    def update(
+        self, states: Sequence[StateEstimate], interval_s: float, measurements: Measurements
+    ) -> UpdateResult:
+        """Predict states over an interval, associate the measurements, and update."""
+        shares = np.zeros((len(states), len(measurements.z)))
+        if not states:
+            return UpdateResult([], shares)
+        passed = timedelta(seconds=interval_s)
         now = _EPOCH + passed
-        priors = [GaussianState(*belief, timestamp=_EPOCH) for belief in beliefs]
+        priors = [GaussianState(*belief, timestamp=_EPOCH) for belief in states]
         predictor = _predictor(self._tracker.process_noise_m2_per_s3, passed)
         predictions = [predictor.predict(prior, timestamp=now) for prior in priors]
-        # A rate that is not told leaves no residual, see `_innovations`: any number will do.
-        told = np.nan_to_num(frame.seen)
-        detections = [Detection(seen[:, None], timestamp=now) for seen in told]
-        offered = self._hypotheses(predictions, detections, frame, now)
+        # An unknown rate has no residual, see `_innovations`: its value is arbitrary.
+        vectors = np.nan_to_num(measurements.z)
+        detections = [Detection(vector[:, None], timestamp=now) for vector in vectors]
+        hypotheses = self._gated_hypotheses(predictions, detections, measurements, now)
         joint = self._tracker.association == "joint"
-        associate = _jointly if joint else _nearest
-        chosen = associate(offered, detections, now)
-        place_of = {id(detection): place for place, detection in enumerate(detections)}
-        after = []
-        for place, prediction in enumerate(predictions):
-            taken = chosen[place]
-            # One that only missed is as predicted: most tracks that false alarms start.
-            hits = [one for one in (taken if joint else [taken]) if one]
-            for one in hits:
-                shares[place, place_of[id(one.measurement)]] = one.probability if joint else 1
-            after.append(_belief(self._updater.update(taken) if hits else prediction))
-        return Step(after, shares)
+        associate = _associate_jointly if joint else _associate_nearest
+        associations = associate(hypotheses, detections, now)
+        index_of = {id(detection): track for track, detection in enumerate(detections)}
+        updated = []
+        for track, prediction in enumerate(predictions):
+            association = associations[track]
+            # A missed track is as predicted: most of those from false alarms.
+            hits = [
+                hypothesis for hypothesis in (association if joint else [association]) if hypothesis
+            ]
+            for hypothesis in hits:
+                shares[track, index_of[id(hypothesis.measurement)]] = (
+                    hypothesis.probability if joint else 1
+                )
+            updated.append(
+                _to_state_estimate(self._updater.update(association) if hits else prediction)
+            )
+        return UpdateResult(updated, shares)
 
-    def _hypotheses(
-        self, predictions: Sequence[Any], detections: Sequence[Any], frame: Measured, now: datetime
+    def _gated_hypotheses(
+        self,
+        predictions: Sequence[Any],
+        detections: Sequence[Any],
+        measurements: Measurements,
+        now: datetime,
     ) -> Hypotheses:
-        """That a track was missed, or that it is any one of the detections in its gate."""
+        """List the hypotheses of each track: missed, or one of the detections in its gate."""
         tracker = self._tracker
-        missed, nothing = np.log(1 - tracker.hit_probability), MissedDetection(timestamp=now)
-        made = {
-            place: [self._weighed(missed, prediction, nothing)]
-            for place, prediction in enumerate(predictions)
+        missed_weight, missed_detection = (
+            np.log(1 - tracker.hit_probability),
+            MissedDetection(timestamp=now),
+        )
+        hypotheses = {
+            track: [self._weighted_hypothesis(missed_weight, prediction, missed_detection)]
+            for track, prediction in enumerate(predictions)
         }
         if not detections:
-            return made
+            return hypotheses
         expected = [
-            self._seen_by.predict_measurement(prediction, measurement_noise=False)
+            self._measurement_updater.predict_measurement(prediction, measurement_noise=False)
             for prediction in predictions
         ]
-        residual, covariance, told = _innovations(expected, frame, tracker)
+        residual, covariance, has_rate = _innovations(expected, measurements, tracker)
         distance2 = np.einsum(
             "tni,tni->tn", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]
         )
         log_density = -distance2 / 2 - np.linalg.slogdet(2 * np.pi * covariance)[1] / 2
         weight = tracker.detection_probability / tracker.false_alarms.density_per_m_rad_m_per_s
         score = np.log(weight) + log_density
-        for at in zip(*np.nonzero(distance2 <= self._gate), strict=True):
-            place, one = at
-            # Told as the place that leaves the residual, so that turns and folds are no matter.
+        for pair_index in zip(*np.nonzero(distance2 <= self._gate), strict=True):
+            track, detection = pair_index
+            # The prediction that has this residual, so that wrapped angles and rates do not matter.
             pair = GaussianMeasurementPrediction(
-                detections[one].state_vector - residual[at][:, None],
-                covariance[at],
+                detections[detection].state_vector - residual[pair_index][:, None],
+                covariance[pair_index],
                 timestamp=now,
-                cross_covar=np.asarray(expected[place].cross_covar, float) * [1, 1, told[at]],
+                cross_covar=np.asarray(expected[track].cross_covar, float)
+                * [1, 1, has_rate[pair_index]],
             )
-            made[place].append(self._weighed(score[at], predictions[place], detections[one], pair))
-        return made
+            hypotheses[track].append(
+                self._weighted_hypothesis(
+                    score[pair_index], predictions[track], detections[detection], pair
+                )
+            )
+        return hypotheses
 
-    def _weighed(
+    def _weighted_hypothesis(
         self, log_weight: float, prediction: Any, measurement: Any, pair: Any = None
     ) -> Any:
-        """A hypothesis with its weight; assignment adds distances, so those are logarithms."""
+        """Build a hypothesis with its weight; assignment adds distances, which are logarithms."""
         parts = {
             "prediction": prediction,
             "measurement": measurement,
@@ -164,20 +184,20 @@ class StoneSoup:
 
 
 @lru_cache(maxsize=16)
-def _predictor(process_noise_m2_per_s3: float, passed: timedelta) -> KalmanPredictor:
-    """Of a step as long as this; Stone Soup makes its matrices anew for each track, in 0.14 ms."""
-    along = ConstantVelocity(process_noise_m2_per_s3)
-    motion = CombinedLinearGaussianTransitionModel([along, along])
+def _predictor(process_noise_m2_per_s3: float, interval: timedelta) -> KalmanPredictor:
+    """Return a predictor with cached matrices: Stone Soup takes 0.14 ms per track for them."""
+    axis_model = ConstantVelocity(process_noise_m2_per_s3)
+    motion = CombinedLinearGaussianTransitionModel([axis_model, axis_model])
     step = LinearGaussianTimeInvariantTransitionModel(
-        transition_matrix=motion.matrix(time_interval=passed),
-        covariance_matrix=motion.covar(time_interval=passed),
+        transition_matrix=motion.matrix(time_interval=interval),
+        covariance_matrix=motion.covar(time_interval=interval),
     )
     # Motion is linear, so sigma points through it would give the same.
     return KalmanPredictor(step)
 
 
-class _Offered:
-    """What an associator of Stone Soup asks for hypotheses."""
+class _FixedHypotheses:
+    """Hypothesiser of Stone Soup that returns given hypotheses."""
 
     def __init__(self, hypotheses: Hypotheses) -> None:
         self._hypotheses = hypotheses
@@ -186,76 +206,85 @@ class _Offered:
         return self._hypotheses[track]
 
 
-def _nearest(offered: Hypotheses, detections: Sequence[Any], now: datetime) -> dict[int, Any]:
-    chosen: dict[int, Any] = GNNWith2DAssignment(_Offered(offered)).associate(
-        list(offered), detections, now
+def _associate_nearest(
+    hypotheses: Hypotheses, detections: Sequence[Any], now: datetime
+) -> dict[int, Any]:
+    associations: dict[int, Any] = GNNWith2DAssignment(_FixedHypotheses(hypotheses)).associate(
+        list(hypotheses), detections, now
     )
-    return chosen
+    return associations
 
 
-def _jointly(offered: Hypotheses, detections: Sequence[Any], now: datetime) -> dict[int, Any]:
-    """Hypotheses of each track with their probabilities, given that no two share a detection.
+def _associate_jointly(
+    hypotheses: Hypotheses, detections: Sequence[Any], now: datetime
+) -> dict[int, Any]:
+    """Compute joint probabilities of the hypotheses, in which no two tracks share a detection.
 
-    Exact, but where many tracks are linked by detections in several gates.
+    Exact except where many tracks are linked by detections in several gates.
     """
-    group = _groups(offered, detections)
-    is_crowded = (np.bincount(group) > _MOST_EXACT)[group]
-    chosen: dict[int, Any] = {}
+    group = _linked_track_groups(hypotheses, detections)
+    is_crowded = (np.bincount(group) > _MAX_EXACT_TRACKS)[group]
+    associations: dict[int, Any] = {}
     for associator, mask in ((JPDAwithEHM2, ~is_crowded), (JPDAwithLBP, is_crowded)):
-        tracks = [place for place in offered if mask[place]]
+        tracks = [place for place in hypotheses if mask[place]]
         if tracks:
-            some = {place: offered[place] for place in tracks}
-            chosen |= associator(_Offered(some)).associate(tracks, detections, now)
-    return chosen
+            group_hypotheses = {place: hypotheses[place] for place in tracks}
+            associations |= associator(_FixedHypotheses(group_hypotheses)).associate(
+                tracks, detections, now
+            )
+    return associations
 
 
-def _groups(offered: Hypotheses, detections: Sequence[Any]) -> np.ndarray:
-    """Number of the group of each track: those that are linked by detections."""
+def _linked_track_groups(offered_hypotheses: Hypotheses, detections: Sequence[Any]) -> np.ndarray:
+    """Return the group of each track; tracks linked by detections share a group."""
     place_of = {id(detection): place for place, detection in enumerate(detections)}
     pairs = [
-        (track, len(offered) + place_of[id(one.measurement)])
-        for track, hypotheses in offered.items()
-        for one in hypotheses
-        if one
+        (track, len(offered_hypotheses) + place_of[id(hypothesis.measurement)])
+        for track, hypotheses in offered_hypotheses.items()
+        for hypothesis in hypotheses
+        if hypothesis
     ]
     rows, columns = np.array(pairs, int).reshape(-1, 2).T
-    n = len(offered) + len(detections)
+    n = len(offered_hypotheses) + len(detections)
     links = coo_array((np.ones(len(pairs)), (rows, columns)), shape=(n, n))
-    return np.asarray(connected_components(links, directed=False)[1][: len(offered)])
+    return np.asarray(connected_components(links, directed=False)[1][: len(offered_hypotheses)])
 
 
 def _innovations(
-    expected: Sequence[Any], frame: Measured, tracker: Tracker
+    expected: Sequence[Any], measurements: Measurements, tracker: Tracker
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals (n_tracks, n, 3), their covariances, and whether rates tell something.
+    """Compute residuals (n_tracks, n, 3), their covariances, and the mask of usable rates.
 
-    A rate that is known up to a fold tells its track something where its spread, 4 standard
-    deviations, is within half a span. One that tells nothing leaves no residual, gains nothing,
-    and is as likely as of a false alarm.
+    An ambiguous rate is usable if 4 standard deviations are within half a span. Other rates have
+    no residual and no gain, and the likelihood of a false alarm.
     """
-    must_fit(
+    check_memory(
         "the pairs of tracks and detections",
-        needed_bytes=_PAIR_BYTES * len(expected) * len(frame.seen),
-        fix="Raise the threshold of the detector, or cluster its detections.",
+        needed_bytes=_PAIR_BYTES * len(expected) * len(measurements.z),
+        fix="raise the threshold of the detector, or cluster its detections",
     )
-    at = np.array([np.asarray(one.state_vector, float)[:, 0] for one in expected])
-    spread = np.array([np.asarray(one.covar, float) for one in expected])
-    residual = frame.seen - at[:, None]
+    predicted = np.array(
+        [np.asarray(prediction.state_vector, float)[:, 0] for prediction in expected]
+    )
+    spread = np.array([np.asarray(prediction.covar, float) for prediction in expected])
+    residual = measurements.z - predicted[:, None]
     residual[..., 0] = np.mod(residual[..., 0] + np.pi, 2 * np.pi) - np.pi
-    covariance = np.repeat(spread[:, None], len(frame.seen), axis=1)
-    np.einsum("tnii->tni", covariance)[:] += frame.variance
-    span = frame.span_m_per_s
-    folded = np.where(np.isfinite(span), span, 0)
-    residual[..., 2] -= folded * np.round(residual[..., 2] / span)
+    covariance = np.repeat(spread[:, None], len(measurements.z), axis=1)
+    np.einsum("tnii->tni", covariance)[:] += measurements.variance
+    span = measurements.span_m_per_s
+    finite_span = np.where(np.isfinite(span), span, 0)
+    residual[..., 2] -= finite_span * np.round(residual[..., 2] / span)
     with np.errstate(invalid="ignore"):
-        told = 4 * np.sqrt(covariance[..., 2, 2]) < span / 2
-    silent = ~told
-    residual[silent, 2] = 0
-    covariance[silent, 2, :] = covariance[silent, :, 2] = 0
-    covariance[silent, 2, 2] = tracker.false_alarms.velocity_extent_m_per_s**2 / (2 * np.pi)
-    return residual, covariance, told
+        has_rate = 4 * np.sqrt(covariance[..., 2, 2]) < span / 2
+    lacks_rate = ~has_rate
+    residual[lacks_rate, 2] = 0
+    covariance[lacks_rate, 2, :] = covariance[lacks_rate, :, 2] = 0
+    covariance[lacks_rate, 2, 2] = tracker.false_alarms.velocity_span_m_per_s**2 / (2 * np.pi)
+    return residual, covariance, has_rate
 
 
-def _belief(state: Any) -> Belief:
+def _to_state_estimate(state: Any) -> StateEstimate:
     covariance = np.asarray(state.covar, float)
-    return Belief(np.asarray(state.state_vector, float)[:, 0], (covariance + covariance.T) / 2)
+    return StateEstimate(
+        np.asarray(state.state_vector, float)[:, 0], (covariance + covariance.T) / 2
+    )

@@ -13,36 +13,40 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
-from dechirp.core.values import value
-from dechirp.formats.base import Contents, Fit, Format, Told
-from dechirp.formats.description import radar_of
+from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.description import parse_radar
+from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 
 _MARK = b'{"json_header":'
 _LONGEST = 2**20  # bytes of a first line, so that no other file is read whole for one
 _FULL_SCALE = 2**15
 
 
-@value
+@frozen_dataclass
 class JsonHeader(Format):
     """Codes of 16 bits behind a line of JSON, which says the radar."""
 
-    def recognise(self, path: Path) -> Fit:
+    def recognise(self, path: Path) -> MatchQuality:
         """Tell by the first bytes."""
         if not path.is_file():
-            return Fit.NO
+            return MatchQuality.NO
         with path.open("rb") as file:
-            return Fit.OWN if file.read(len(_MARK)) == _MARK else Fit.NO
+            return (
+                MatchQuality.SELF_DESCRIBING if file.read(len(_MARK)) == _MARK else MatchQuality.NO
+            )
 
-    def read(self, path: Path, told: Told) -> Contents:
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
         """See `Format.read`."""
         said, first = _header(path)
-        radar = told.settings.radar if told.settings else radar_of(path, said.get("radar"))
+        radar = hints.settings.radar if hints.settings else parse_radar(path, said.get("radar"))
         step = said.get("step")
         if step is not None and not (isinstance(step, int | float) and 0 < step <= 1):
             raise _damaged(path, f"a step of {step!r}", "null, or a number of sqrt(W) up to 1")
         chirp = radar.frame.chirp
         parts = 2 if chirp.sampling == "complex" else 1
-        n_codes = parts * chirp.n_samples * radar.array.n_rx * radar.frame.n_sent  # of a frame
+        n_codes = (
+            parts * chirp.n_samples * radar.array.n_rx * radar.frame.n_chirps_total
+        )  # of a frame
         n_frames, left = divmod(path.stat().st_size - first, 2 * n_codes)
         if not n_frames:
             raise _damaged(path, f"{left} bytes of codes", f"at least {2 * n_codes}, of one frame")
@@ -84,8 +88,8 @@ def _left_out(n_bytes: int, of_frame: int) -> tuple[Finding, ...]:
     got = f"{n_bytes} bytes after the last whole frame, which are left out"
     need = f"whole frames of {of_frame} bytes"
     fix = "Let the logger end a frame before it stops."
-    return (Finding(level="note", setting="recording", got=got, need=need, fix=fix),)
+    return (Finding(level="note", setting="recording", value=got, expected=need, fix=fix),)
 
 
-def _damaged(path: Path, got: str, need: str) -> RecordingError:
-    return RecordingError(path, got=got, need=need, fix="Write the file again.")
+def _damaged(path: Path, value: str, expected: str) -> RecordingError:
+    return RecordingError(path, value=value, expected=expected, fix="write the file again")

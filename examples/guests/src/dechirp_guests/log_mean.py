@@ -23,15 +23,15 @@ Trans. AES 8(5), 1972 (the number of cells).
 import numpy as np
 from scipy.special import loggamma
 
-from dechirp.core.values import value
-from dechirp.process.cfar.base import NoiseEstimator, Ring
-from dechirp.process.cfar.ring_means import ring_means
-from dechirp.theory.cfar import falling_root
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
+from dechirp.processing.cfar.window_means import window_means
+from dechirp.theory.cfar import find_decreasing_root
 
 _LEAST = np.finfo(np.float32).tiny  # a cell without power has a logarithm as well
 
 
-@value
+@frozen_dataclass
 class LogMean(NoiseEstimator):
     """Geometric mean of the training cells."""
 
@@ -39,12 +39,14 @@ class LogMean(NoiseEstimator):
         """Exponential of the mean logarithm of the cells."""
         return np.exp(np.log(np.maximum(cells, _LEAST)).mean(axis=-1))
 
-    def threshold(self, power: np.ndarray, ring: Ring, factors: np.ndarray) -> np.ndarray:
+    def threshold(
+        self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
+    ) -> np.ndarray:
         """The same about each cell of a map: its logarithms are taken once, not once a ring."""
         logs = np.log(np.maximum(power, _LEAST))
-        return np.exp(ring_means(logs, np.ones_like(factors), *ring.sizes)) * factors
+        return np.exp(window_means(logs, np.ones_like(factors), *window.side_counts)) * factors
 
-    def independent_factor(
+    def independent_cells_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float:
         """Root of the law above."""
@@ -53,7 +55,7 @@ class LogMean(NoiseEstimator):
         def excess(factor: float) -> float:
             return _log_probability(factor, len(offsets), n_channels) - asked
 
-        return falling_root(excess, start=1.0)
+        return find_decreasing_root(excess, start=1.0)
 
 
 def _log_probability(factor: float, n: int, k: int) -> float:

@@ -20,15 +20,15 @@ W. Kester (ed.), The Data Conversion Handbook, Analog Devices, 2005, 9 (where sp
 
 import numpy as np
 
-from dechirp.core.checks import not_negative, positive
+from dechirp.core.checks import check_non_negative, check_positive
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.values import value
-from dechirp.echoes.impairments.base import Receiver
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
+from dechirp.simulation.impairments.base import Receiver
 
 
-@value
+@frozen_dataclass
 class Spur(Receiver):
     """A tone of one frequency, its phase drawn for each frame, the same in all receivers."""
 
@@ -38,8 +38,8 @@ class Spur(Receiver):
     """Referred to the antenna, as that of an echo."""
 
     def __post_init__(self) -> None:
-        positive(self, "frequency_hz")
-        not_negative(self, "power_w", at_most=1e3)
+        check_positive(self, "frequency_hz")
+        check_non_negative(self, "power_w", at_most=1e3)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise where the filter before the converter would have taken it out."""
@@ -47,18 +47,18 @@ class Spur(Receiver):
         if self.frequency_hz > most_hz:
             raise InvalidSetting(
                 "frequency",
-                got=f"{self.frequency_hz / 1e6:.4g} MHz",
-                need=f"at most {most_hz / 1e6:.4g} MHz, the highest beat that is sampled",
-                fix="Leave it out, or give the frequency at which it aliases into the samples.",
+                value=f"{self.frequency_hz / 1e6:.4g} MHz",
+                expected=f"at most {most_hz / 1e6:.4g} MHz, the highest beat that is sampled",
+                fix="leave it out, or give the frequency at which it aliases into the samples",
             )
 
-    def apply(
+    def apply_to_samples(
         self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
     ) -> None:
         """Add the tone to (n_frames, n_chirps, n_rx, n_samples); the phase takes up the rest."""
         rate_hz = radar.frame.chirp.sample_rate_hz
         sampled_s = np.arange(samples.shape[-1]) / rate_hz
-        turns = self.frequency_hz * (radar.frame.chirps_s[:, None] + sampled_s)
+        turns = self.frequency_hz * (radar.frame.chirp_starts_s[:, None] + sampled_s)
         for frame in samples:
             tone = np.sqrt(self.power_w) * np.exp(2j * np.pi * (turns + rng.uniform()))
             if not np.iscomplexobj(frame):

@@ -1,1 +1,5 @@
-"""Known radar chips and boards: where their antennas are, and what they allow."""
+"""Radar devices, a family: antenna positions and limits of chips on evaluation boards."""
+
+from dechirp.core.namespaces import lazy_namespace
+
+__getattr__, __dir__ = lazy_namespace(__name__)

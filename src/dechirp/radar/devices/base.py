@@ -1,14 +1,14 @@
-"""What a device is: a chip on a board whose antennas and limits are public."""
+"""Radar devices: base class of chips on boards with published antennas and limits."""
 
 from abc import abstractmethod
 from typing import ClassVar
 
-from dechirp.core.checks import Vector, whole
+from dechirp.core.checks import Vector, check_integer
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
 from dechirp.radar.array import Array
-from dechirp.radar.devices.limits import Limits
-from dechirp.radar.devices.rules import broken_rules
+from dechirp.radar.devices.limits import DeviceLimits
+from dechirp.radar.devices.rules import find_broken_rules
 from dechirp.radar.radar import Radar
 
 
@@ -20,7 +20,7 @@ class Device(Family):
     @property
     @abstractmethod
     def name(self) -> str:
-        """What its vendor calls it."""
+        """Vendor's name."""
 
     @property
     @abstractmethod
@@ -34,30 +34,30 @@ class Device(Family):
 
     @property
     @abstractmethod
-    def limits(self) -> Limits:
-        """What the chip allows."""
+    def limits(self) -> DeviceLimits:
+        """Limits of the chip."""
 
     @property
-    def lanes(self) -> int | None:
-        """LVDS lanes over which raw samples leave; None where they leave otherwise."""
+    def lvds_lanes(self) -> int | None:
+        """Number of LVDS lanes for raw samples; None for devices with another interface."""
         return None
 
-    def broken_rules(self, radar: Radar, *, demo: bool = True) -> tuple[Finding, ...]:
-        """Say which rules of the device a radar breaks, each with its reason.
+    def find_broken_rules(self, radar: Radar, *, demo: bool = True) -> tuple[Finding, ...]:
+        """Return the rules of the device that a radar breaks, each with its reason.
 
         Parameters
         ----------
         radar
-            The radar that the device should be.
+            Radar to run on the device.
         demo
-            Whether the vendor's program processes the frames on the chip. Its memory and
-            the numbers of chirps it takes do not count where raw samples are captured.
+            True if the vendor's demo processes the frames on the chip. Its memory and chirp
+            counts do not apply where raw samples are captured.
 
         Returns
         -------
-        Findings of level error; none for a radar within all limits that are known.
+        Findings of level error; none for a radar within all known limits.
         """
-        return broken_rules(
+        return find_broken_rules(
             radar,
             self.limits,
             name=self.name,
@@ -66,20 +66,20 @@ class Device(Family):
             demo=demo,
         )
 
-    def part(self, tx_mask: int, rx_mask: int) -> Array:
-        """Positions of the antennas that two masks switch on; bit 0 is the first.
+    def select_antennas(self, tx_mask: int, rx_mask: int) -> Array:
+        """Return the array of the antennas that two bit masks enable; bit 0 is the first.
 
         Raises
         ------
         InvalidSetting
-            If a mask is not a whole number, switches on none, or one that is not there.
+            If a mask is not an integer, enables no antenna, or one that does not exist.
         """
         return Array(
-            tx_m=_switched_on(f"{self.name} tx_mask", tx_mask, self.tx_m),
-            rx_m=_switched_on(f"{self.name} rx_mask", rx_mask, self.rx_m),
+            tx_m=_select_positions(f"{self.name} tx_mask", tx_mask, self.tx_m),
+            rx_m=_select_positions(f"{self.name} rx_mask", rx_mask, self.rx_m),
         )
 
 
-def _switched_on(where: str, mask: int, positions: tuple[Vector, ...]) -> tuple[Vector, ...]:
-    whole(where, mask, at_least=1, at_most=2 ** len(positions) - 1)
+def _select_positions(setting: str, mask: int, positions: tuple[Vector, ...]) -> tuple[Vector, ...]:
+    check_integer(setting, mask, at_least=1, at_most=2 ** len(positions) - 1)
     return tuple(position for bit, position in enumerate(positions) if mask >> bit & 1)

@@ -1,11 +1,11 @@
 """Infineon BGT60TR13C: antennas in the package."""
 
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.devices.base import Device
-from dechirp.radar.devices.limits import Limits
+from dechirp.radar.devices.limits import DeviceLimits
 
 
-@value
+@frozen_dataclass
 class Bgt60tr13c(Device):
     """BGT60TR13C: 58 to 63.5 GHz, 1 transmitter, 3 receivers, real samples of 12 bits.
 
@@ -21,7 +21,7 @@ class Bgt60tr13c(Device):
     name = "BGT60TR13C"
     tx_m = ((0.0, 0.0, 0.0),)
     rx_m = ((0.0, 2.5e-3, 0.0), (0.0, 0.0, 2.5e-3), (0.0, 0.0, 0.0))
-    limits = Limits(
+    limits = DeviceLimits(
         bands_hz=((58e9, 63.5e9),),
         max_slope_hz_per_s=400e12,
         max_real_rate_hz=4e6,

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.ti import (
+    COMMON_LIMITS,
     FREQUENCY_STEP_77_HZ,
     SLOPE_STEP_77_HZ_PER_S,
-    TIMING,
-    positions,
+    grid_positions_m,
 )
 
 _DESIGN_HZ = 76.8e9
@@ -17,7 +17,7 @@ _TX_ROWS = (6, 4, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 _RX_COLUMNS = (*range(11, 15), *range(50, 54), *range(46, 50), *range(4))
 
 
-@value
+@frozen_dataclass
 class Cascade(Device):
     """MMWCAS-RF-EVM: 76 to 81 GHz, 12 transmitters, 16 receivers.
 
@@ -30,10 +30,10 @@ class Cascade(Device):
     """
 
     name = "MMWCAS-RF-EVM"
-    tx_m = positions(_TX_COLUMNS, _TX_ROWS, design_hz=_DESIGN_HZ)
-    rx_m = positions(_RX_COLUMNS, (0,) * 16, design_hz=_DESIGN_HZ)
+    tx_m = grid_positions_m(_TX_COLUMNS, _TX_ROWS, design_hz=_DESIGN_HZ)
+    rx_m = grid_positions_m(_RX_COLUMNS, (0,) * 16, design_hz=_DESIGN_HZ)
     limits = replace(
-        TIMING,
+        COMMON_LIMITS,
         bands_hz=((76e9, 78e9), (77e9, 81e9)),
         max_slope_hz_per_s=5510 * SLOPE_STEP_77_HZ_PER_S,
         max_complex_rate_hz=22.5e6,

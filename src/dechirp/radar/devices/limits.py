@@ -1,60 +1,60 @@
-"""What a chip allows, as numbers; what no public source states is left out."""
+"""Limits of a radar chip; those without a public source are left out."""
 
 from typing import Literal
 
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 
 
-@value
-class Limits:
-    """Bounds of one chip, and of the vendor's program that runs on it.
+@frozen_dataclass
+class DeviceLimits:
+    """Bounds of a chip, and of the vendor's demo on it.
 
     None: no public source was found, and nothing is checked.
     """
 
     bands_hz: tuple[tuple[float, float], ...]
-    """(low, high) of each oscillator; a whole ramp stays within one of them."""
+    """(low, high) of each oscillator; a ramp must stay within one of them."""
     max_slope_hz_per_s: float | None = None
     max_complex_rate_hz: float | None = None
-    """None: complex samples are not offered."""
+    """None: the chip has no complex samples."""
     max_real_rate_hz: float | None = None
-    """None: real samples are not offered."""
+    """None: the chip has no real samples."""
     min_sample_rate_hz: float | None = None
     sample_clock_hz: float | None = None
-    """Clock of which the sample rate is a whole fraction; None: any rate in steps."""
+    """Clock of which the sample rate is an integer fraction; None: any rate in steps."""
     max_beat_frequency_hz: float | None = None
-    """Where the filter before the converter ends."""
+    """Edge of the anti-alias filter."""
 
     adc_buffer_bytes: int | None = None
-    """Room for the samples of one chirp of all receivers."""
+    """Buffer for the samples of one chirp of all receivers."""
     real_sample_bytes: float = 2.0
-    """One real sample in the buffer; a complex one takes twice that."""
+    """Size of a real sample in the buffer; a complex one takes twice that."""
     cube_bytes: int | None = None
     """Memory for the range spectra of a frame and its range-Doppler map."""
-    max_points: int | None = None
-    """Points of a chirp's transform in the vendor's program, a power of two."""
+    max_fft_points: int | None = None
+    """Largest range FFT of the vendor's demo, a power of two."""
 
     max_chirps: int | None = None
-    """Chirps of each transmitter in a frame."""
+    """Largest number of chirps of each transmitter in a frame."""
     min_chirps: int = 1
-    chirps: Literal["any", "multiple of 4", "power of two"] = "any"
-    """Numbers of chirps of each transmitter that the vendor's program takes."""
+    chirp_count_rule: Literal["any", "multiple of 4", "power of two"] = "any"
+    """Numbers of chirps of each transmitter that the vendor's demo accepts."""
 
     min_idle_s: tuple[tuple[float, float], ...] = ()
-    """(bandwidth of the ramp above which it holds, Hz; from its end to the next ramp, s)."""
+    """(ramp bandwidth above which it holds, Hz; time from its end to the next ramp, s)."""
     max_idle_s: float | None = None
     min_adc_start_s: tuple[tuple[float, float], ...] = ()
-    """(slope above which it holds, Hz/s; from the start of the ramp to the first sample, s)."""
+    """(slope above which it holds, Hz/s; time from ramp start to the first sample, s)."""
     max_adc_start_s: float | None = None
     max_ramp_duration_s: float | None = None
     min_gap_s: float | None = None
-    """From the end of the chirps of a frame to the start of the next frame."""
+    """Time from the end of the chirps of a frame to the start of the next frame."""
     max_period_s: float | None = None
 
     frequency_step_hz: float | None = None
-    """Start frequencies are kept as multiples of it."""
+    """Step of start frequencies."""
     slope_step_hz_per_s: float | None = None
     time_step_s: float | None = None
-    """Of the idle time, the start of sampling and the end of the ramp."""
+    """Step of the idle time, the start of sampling and the end of the ramp."""
     period_step_s: float | None = None
     sample_rate_step_hz: float | None = None

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.devices.base import Device
-from dechirp.radar.devices.ti import DESIGN_77_HZ, FIRST_77, positions
+from dechirp.radar.devices.ti import DESIGN_77_HZ, FIRST_GENERATION_77, grid_positions_m
 
 
-@value
+@frozen_dataclass
 class Xwr1443(Device):
     """xWR1443BOOST and AWR1243BOOST: 76 to 81 GHz, 3 transmitters, 4 receivers.
 
@@ -20,14 +20,14 @@ class Xwr1443(Device):
     """
 
     name = "xWR1443BOOST"
-    tx_m = positions((0, 2, 4), (0, 1, 0), design_hz=DESIGN_77_HZ)
-    rx_m = positions((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
-    lanes = 4
+    tx_m = grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=DESIGN_77_HZ)
+    rx_m = grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
+    lvds_lanes = 4
     limits = replace(
-        FIRST_77,
+        FIRST_GENERATION_77,
         max_beat_frequency_hz=15e6,
         adc_buffer_bytes=16 * 1024,
         cube_bytes=384 * 1024,
-        max_points=1024,
-        chirps="power of two",
+        max_fft_points=1024,
+        chirp_count_rule="power of two",
     )

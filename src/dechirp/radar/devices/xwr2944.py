@@ -2,18 +2,18 @@
 
 from dataclasses import replace
 
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.devices.base import Device
 from dechirp.radar.devices.ti import (
+    COMMON_LIMITS,
     DESIGN_77_HZ,
     FREQUENCY_STEP_77_HZ,
     SLOPE_STEP_77_HZ_PER_S,
-    TIMING,
-    positions,
+    grid_positions_m,
 )
 
 
-@value
+@frozen_dataclass
 class Xwr2944(Device):
     """AWR2944EVM: 76 to 81 GHz, 4 transmitters, 4 receivers, real samples only.
 
@@ -29,11 +29,11 @@ class Xwr2944(Device):
     """
 
     name = "AWR2944EVM"
-    tx_m = positions((0, 2, 4, 8), (0, 1.6, 0, 0), design_hz=DESIGN_77_HZ)
-    rx_m = positions((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
-    lanes = 2
+    tx_m = grid_positions_m((0, 2, 4, 8), (0, 1.6, 0, 0), design_hz=DESIGN_77_HZ)
+    rx_m = grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
+    lvds_lanes = 2
     limits = replace(
-        TIMING,
+        COMMON_LIMITS,
         bands_hz=((76e9, 81e9),),
         max_real_rate_hz=37.5e6,
         max_beat_frequency_hz=15e6,

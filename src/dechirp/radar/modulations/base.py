@@ -1,4 +1,4 @@
-"""What a modulation is: how the ramps of a round differ."""
+"""Modulations: base class, and the deviation of a ramp from the chirp of its frame."""
 
 from abc import abstractmethod
 from typing import ClassVar, NamedTuple
@@ -8,24 +8,24 @@ from dechirp.radar.chirp import Chirp
 
 
 class Ramp(NamedTuple):
-    """One ramp of a round, by what sets it apart from the chirp of its frame."""
+    """A ramp of a round, by its deviations from the chirp of the frame."""
 
     sign: int = 1
-    """1: it rises with the slope of the chirp; -1: it falls as steeply."""
+    """1: rises with the slope of the chirp; -1: falls with it."""
     shift_hz: float = 0.0
-    """Where it starts, over the start frequency of the chirp."""
+    """Start frequency relative to that of the chirp."""
     pause_s: float = 0.0
-    """What passes after its interval, until the next ramp starts."""
+    """Pause after its interval, before the next ramp starts."""
 
 
 class Modulation(Family):
-    """Sends ramps that differ, in rounds: a slot of a round is one ramp."""
+    """A round of ramps that differ from each other: a slot of a round is one ramp."""
 
     group: ClassVar[str] = "dechirp.modulation"
 
     @abstractmethod
     def ramps(self, chirp: Chirp) -> tuple[Ramp, ...]:
-        """The ramps of a round in the order sent; at least two.
+        """Return the ramps of a round in transmit order; at least two.
 
-        Raises `InvalidSetting` where they do not go with the chirp.
+        Raises `InvalidSetting` where they do not fit the chirp.
         """

@@ -1,18 +1,17 @@
-"""A triangle of frequency over time: up, then down."""
+"""Triangular modulation: a rising and a falling ramp in turns."""
 
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.modulations.base import Modulation, Ramp
 
 
-@value
+@frozen_dataclass
 class Triangular(Modulation):
-    """Each ramp up is followed by one down, from where the first ended.
+    """Each rising ramp is followed by a falling one from the frequency where it ended.
 
-    The Doppler frequency adds to the beat of the one and is taken off that of the other: both
-    together tell range and velocity, even where a frame has one of each (Stove 1992).
+    The Doppler frequency adds to the beat of one and subtracts from that of the other: both
+    together determine range and velocity, even where a frame has one of each (Stove 1992).
     """
 
     def ramps(self, chirp: Chirp) -> tuple[Ramp, ...]:
-        """Up and down, see `Modulation.ramps`."""
         return Ramp(), Ramp(sign=-1, shift_hz=chirp.ramp_bandwidth_hz)

@@ -1,24 +1,25 @@
-"""Time division: transmitters take turns, a chirp each."""
+"""Time-division multiplexing: transmitters take turns, one chirp each."""
 
 from functools import cached_property
 
-from dechirp.core.values import value
-from dechirp.radar.multiplexing.base import Multiplexing, transmitters_in
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.multiplexing.base import Multiplexing, check_transmitter_order
 
 
-@value
+@frozen_dataclass
 class Tdm(Multiplexing):
-    """One transmitter sends at a time, every one once in a round."""
+    """One active transmitter at a time, each once in a round."""
 
     order: tuple[int, ...]
-    """Which transmitter sends in each slot: its place in the list of the array's
-    transmitters, counted from 0."""
+    """Transmitter of each slot: zero-based index into the transmitters of the array."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "order", transmitters_in("Tdm.order", self.order))
+        object.__setattr__(self, "order", check_transmitter_order("Tdm.order", self.order))
 
     @cached_property
     def weights(self) -> tuple[tuple[complex, ...], ...]:
-        """1 for the one that sends, see `Multiplexing.weights`."""
-        places = range(1 + max(self.order))
-        return tuple(tuple(complex(place == sends) for place in places) for sends in self.order)
+        transmitters = range(1 + max(self.order))
+        return tuple(
+            tuple(complex(transmitter == active) for transmitter in transmitters)
+            for active in self.order
+        )

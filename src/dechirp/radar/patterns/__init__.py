@@ -1,1 +1,5 @@
-"""How an antenna sees directions: a family."""
+"""Antenna patterns, a family."""
+
+from dechirp.core.namespaces import lazy_namespace
+
+__getattr__, __dir__ = lazy_namespace(__name__)

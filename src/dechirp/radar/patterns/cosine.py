@@ -1,4 +1,4 @@
-"""Powers of cosines: the smooth main lobe that two beamwidths describe."""
+"""Cosine-power antenna pattern: a smooth main lobe given by two beamwidths."""
 
 import math
 from functools import cached_property
@@ -7,14 +7,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import beta
 
-from dechirp.core.checks import positive
-from dechirp.core.values import value
-from dechirp.radar.patterns.base import LEAST_GAIN, MOST_GAIN, Pattern, keep_beam, seen_from_beam
+from dechirp.core.checks import check_positive
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.patterns.base import (
+    MAX_GAIN,
+    MIN_GAIN,
+    Pattern,
+    check_beam_direction,
+    direction_in_beam_axes,
+)
 
 
-@value
+@frozen_dataclass
 class CosinePattern(Pattern):
-    r"""A beam of cosine powers, half of its peak at half of each beamwidth, zero behind.
+    r"""Cosine-power beam: half of its peak at half of each beamwidth, zero behind.
 
     .. math:: G = G_0 \cos^m(\alpha) \cos^n(\epsilon),
               \quad m = \frac{\ln 1/2}{\ln \cos(\alpha_{3dB}/2)}
@@ -24,31 +30,31 @@ class CosinePattern(Pattern):
     """
 
     azimuth_beamwidth_rad: float
-    """Between the half-power directions to the left and the right of the beam."""
+    """Angle between the half-power directions to the left and right of the beam."""
     elevation_beamwidth_rad: float
-    """Between the half-power directions above and below the beam."""
+    """Angle between the half-power directions above and below the beam."""
     beam_azimuth_rad: float = 0.0
     beam_elevation_rad: float = 0.0
     gain: float | None = None
-    """Along the beam, as a ratio (dBi in files); none: the directivity, an antenna
-    without loss."""
+    """Gain along the beam as a ratio (dBi in files); none: the directivity, for a lossless
+    antenna."""
 
     def __post_init__(self) -> None:
         # Half power at 90 deg would take a cosine to the power of 0.
         widths = ("azimuth_beamwidth_rad", "elevation_beamwidth_rad")
-        positive(self, *widths, at_least=1e-3, at_most=3.1)
-        keep_beam(self)
+        check_positive(self, *widths, at_least=1e-3, at_most=3.1)
+        check_beam_direction(self)
         if self.gain is not None:
-            positive(self, "gain", at_least=LEAST_GAIN, at_most=MOST_GAIN)
+            check_positive(self, "gain", at_least=MIN_GAIN, at_most=MAX_GAIN)
 
     @property
     def peak_gain(self) -> float:
-        """Gain along the beam: as given, or the directivity."""
+        """Gain along the beam: the given gain, or the directivity."""
         return self.directivity if self.gain is None else self.gain
 
     @cached_property
     def directivity(self) -> float:
-        r"""Largest over mean of the pattern, a ratio.
+        r"""Ratio of the largest to the mean of the pattern.
 
         4 pi over the integral of both cosines and of the width cos(elevation) of a ring:
         :math:`\int_{-\pi/2}^{\pi/2} \cos^k = B((k + 1)/2, 1/2)`, exact.
@@ -57,18 +63,18 @@ class CosinePattern(Pattern):
         return float(4 * math.pi / (beta((m + 1) / 2, 0.5) * beta(n / 2 + 1, 0.5)))
 
     def gain_towards(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> np.ndarray:
-        """Power gain towards directions, a ratio; zero beyond 90 deg from the beam."""
-        ahead, left, _ = seen_from_beam(
+        """Return the power gain towards directions, a ratio; zero beyond 90 deg from the beam."""
+        forward, leftward, _ = direction_in_beam_axes(
             azimuth_rad,
             elevation_rad,
             beam_azimuth_rad=self.beam_azimuth_rad,
             beam_elevation_rad=self.beam_elevation_rad,
         )
         m, n = self._exponents
-        cos_elevation = np.hypot(ahead, left)
-        is_front = ahead > 0
+        cos_elevation = np.hypot(forward, leftward)
+        is_front = forward > 0
         cos_azimuth = np.divide(
-            ahead, cos_elevation, out=np.zeros_like(cos_elevation), where=is_front
+            forward, cos_elevation, out=np.zeros_like(cos_elevation), where=is_front
         )
         return np.asarray(self.peak_gain * cos_azimuth**m * cos_elevation**n)
 
@@ -78,5 +84,5 @@ class CosinePattern(Pattern):
 
 
 def _exponent(beamwidth_rad: float) -> float:
-    # ln cos x from its sine, which keeps its digits for pencil beams.
+    # ln cos x computed from the sine, which stays accurate for pencil beams.
     return math.log(0.5) / (0.5 * math.log1p(-(math.sin(beamwidth_rad / 2) ** 2)))

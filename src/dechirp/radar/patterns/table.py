@@ -1,55 +1,62 @@
-"""A measured pattern: gains at azimuths and elevations, interpolated between them."""
+"""Tabulated antenna pattern: measured gains, interpolated between azimuths and elevations."""
 
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.values import value
-from dechirp.radar.directions import interpolated, keep_table
-from dechirp.radar.patterns.base import LEAST_GAIN, MOST_GAIN, Pattern, keep_beam, seen_from_beam
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.angle_table import check_angle_table, interpolate_angle_table
+from dechirp.radar.patterns.base import (
+    MAX_GAIN,
+    MIN_GAIN,
+    Pattern,
+    check_beam_direction,
+    direction_in_beam_axes,
+)
 
 
-@value
+@frozen_dataclass
 class TablePattern(Pattern):
-    """Gains as measured, bilinear in decibels between the angles.
+    """Measured gains, bilinear in decibels between the angles.
 
-    Round a whole circle of azimuths it wraps; outside the angles that were measured, the
-    gain at the nearest edge holds: measure to where the antenna sees no more.
+    The table wraps round a full circle of azimuths; outside the measured angles the gain at the
+    nearest edge holds, so measure out to negligible gain.
     """
 
     azimuth_rad: tuple[float, ...]
-    """Ascending, from the axis of the antenna."""
+    """Ascending azimuths from the axis of the antenna."""
     elevation_rad: tuple[float, ...] = (0.0,)
-    """Ascending, from the axis of the antenna. One alone is a cut: the gain is constant in
-    elevation then."""
+    """Ascending elevations from the axis of the antenna. A single one is a cut: the gain is then
+    constant in elevation."""
     gain: tuple[tuple[float, ...], ...]
-    """A row for each elevation, a gain for each azimuth in it: absolute, as ratios (dBi in
-    files)."""
+    """A row for each elevation with a gain for each azimuth: absolute, as ratios (dBi in files)."""
     beam_azimuth_rad: float = 0.0
-    """Where the axis of the antenna points."""
+    """Azimuth of the axis of the antenna."""
     beam_elevation_rad: float = 0.0
-    """Where the axis of the antenna points."""
+    """Elevation of the axis of the antenna."""
 
     def __post_init__(self) -> None:
-        keep_table(self, "gain", at_least=LEAST_GAIN, at_most=MOST_GAIN)
-        keep_beam(self)
+        check_angle_table(self, "gain", at_least=MIN_GAIN, at_most=MAX_GAIN)
+        check_beam_direction(self)
 
     @property
     def peak_gain(self) -> float:
-        """The largest gain that was measured."""
+        """Largest measured gain."""
         return float(self._arrays[2].max())
 
     def gain_towards(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> np.ndarray:
-        """Power gain towards directions, a ratio; see `interpolated`."""
-        ahead, left, up = seen_from_beam(
+        """Return the power gain towards directions, a ratio; see `interpolate_angle_table`."""
+        forward, leftward, upward = direction_in_beam_axes(
             azimuth_rad,
             elevation_rad,
             beam_azimuth_rad=self.beam_azimuth_rad,
             beam_elevation_rad=self.beam_elevation_rad,
         )
-        return interpolated(
-            *self._arrays, np.arctan2(left, ahead), np.arctan2(up, np.hypot(ahead, left))
+        return interpolate_angle_table(
+            *self._arrays,
+            np.arctan2(leftward, forward),
+            np.arctan2(upward, np.hypot(forward, leftward)),
         )
 
     @cached_property

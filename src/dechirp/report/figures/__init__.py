@@ -1,10 +1,11 @@
-"""Figures, a file a subject: functions that draw on matplotlib axes and return them.
+"""Figures: functions that draw on matplotlib axes and return them, one module per subject.
 
-What takes `axes` draws on those of any figure, under the settings of its owner: colours of data
-are the package's, letters and frames the owner's. What takes `figure` fills a `Figure` or
-`SubFigure` with panels. The label of the axes, `axes.get_label()`, tells those who cannot see
-what is there. Legends stand above the axes: `layout="constrained"` gives them room, and a title
-goes above all, as `figure.suptitle`.
+Functions with the argument `axes` draw on the axes of any figure. Data colours are those of the
+package; fonts and frames follow the rcParams of the caller. Functions with the argument `figure`
+fill a `Figure` or `SubFigure` with panels. The label of the axes, `axes.get_label()`, is the
+alternative text of the figure. Legends lie above the axes and need `layout="constrained"`; a title
+is set with
+`figure.suptitle`.
 
-`style` makes SVG and PNG of them for pages; `parts` and `ground` hold what figures share.
+`style` renders figures to SVG and PNG for pages; `common` and `top_view` hold shared elements.
 """

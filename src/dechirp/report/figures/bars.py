@@ -1,16 +1,16 @@
-"""Bars that stand in a row of a table: the link budget and the timing."""
+"""Bars in table rows, for the link budget and the timing."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
-from dechirp.core.values import value
-from dechirp.core.words import fixed, quantity
+from dechirp.core.text import format_fixed, format_si
+from dechirp.core.values import frozen_dataclass
 from dechirp.radar.budget import BudgetLine
 
 
-@value
+@frozen_dataclass
 class Bar:
-    """One row: words, and a bar from `left` to `left + width`, in percent of its column."""
+    """Table row with a bar from `left` to `left + width`, in percent of its column."""
 
     name: str
     text: str
@@ -20,18 +20,18 @@ class Bar:
     formula: str = ""
 
 
-@value
+@frozen_dataclass
 class Bars:
-    """Rows that share a scale, under a heading."""
+    """Group of bars with a common scale and a heading."""
 
     heading: str
     rows: tuple[Bar, ...]
 
 
-def waterfall(lines: Sequence[BudgetLine]) -> list[Bars]:
-    """Lay out the link budget, a group for each stretch of levels in one unit.
+def link_budget_bars(lines: Sequence[BudgetLine]) -> list[Bars]:
+    """Lay out the link budget, with a group of bars for each run of levels in one unit.
 
-    A level reaches from the left end of its scale; a step starts where the line above it ended.
+    A level extends from the left end of its scale; a step starts at the end of the line above.
     """
     groups: list[tuple[str, list[tuple[BudgetLine, float, float]]]] = []
     running_db = 0.0
@@ -45,16 +45,16 @@ def waterfall(lines: Sequence[BudgetLine]) -> list[Bars]:
                 groups.append((line.unit, []))
             start_db, running_db = running_db, running_db + line.level_db
         groups[-1][1].append((line, start_db, running_db))
-    return [_group(unit, rows) for unit, rows in groups]
+    return [_bar_group(unit, rows) for unit, rows in groups]
 
 
-def timing(timing_s: Mapping[str, float]) -> Bars:
-    """Lay out the seconds that each step took."""
+def timing_bars(timing_s: Mapping[str, float]) -> Bars:
+    """Lay out the computing time of each step."""
     longest = max(timing_s.values(), default=0.0) or 1.0
     rows = tuple(
         Bar(
             name=name,
-            text=quantity(seconds, "s", 3),
+            text=format_si(seconds, "s", 3),
             left=0,
             width=100 * seconds / longest,
             kind="time",
@@ -64,13 +64,13 @@ def timing(timing_s: Mapping[str, float]) -> Bars:
     return Bars(heading="", rows=rows)
 
 
-def _group(unit: str, rows: list[tuple[BudgetLine, float, float]]) -> Bars:
-    ends = [end for _, *both in rows for end in both]
-    lowest = min(ends) if unit == "dBm" else min(*ends, 0.0)
-    span = (max(ends) - lowest) or 1.0
-    # Absolute levels have no zero to start from: the lowest still gets a bar of 4 %.
+def _bar_group(unit: str, rows: list[tuple[BudgetLine, float, float]]) -> Bars:
+    levels = [end for _, *both in rows for end in both]
+    lowest = min(levels) if unit == "dBm" else min(*levels, 0.0)
+    span = (max(levels) - lowest) or 1.0
+    # Absolute levels have no zero, so the lowest level has a bar of 4 %.
     lowest -= 0.04 * span if lowest < 0 else 0.0
-    span = max(ends) - lowest or 1.0
+    span = max(levels) - lowest or 1.0
     bars = []
     for line, start_db, end_db in rows:
         level = line.kind == "level"
@@ -79,7 +79,7 @@ def _group(unit: str, rows: list[tuple[BudgetLine, float, float]]) -> Bars:
         bars.append(
             Bar(
                 name=line.name,
-                text=f"{fixed(line.level_db, 2, sign=not level)} {line.unit}",
+                text=f"{format_fixed(line.level_db, 2, sign=not level)} {line.unit}",
                 left=100 * (left_db - lowest) / span,
                 width=100 * (right_db - left_db) / span,
                 kind="level" if level else "gain" if line.level_db >= 0 else "loss",

@@ -1,4 +1,4 @@
-"""The beat signal of the first chirp, and its spectrum."""
+"""Figures of the beat signal of the first chirp, and of its spectrum."""
 
 import math
 from typing import Literal
@@ -8,26 +8,26 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from dechirp.core.displayed import several
-from dechirp.core.words import power_db, power_of_ten, power_unit
-from dechirp.process.chain import Chain
-from dechirp.process.spectrum import range_profiles
+from dechirp.core.display import pluralise
+from dechirp.core.text import format_power_of_ten, power_db, power_unit
+from dechirp.processing.chain import Chain
+from dechirp.processing.spectrum import range_profiles
 from dechirp.radar.chirp import Chirp
-from dechirp.report.figures.parts import legend, panels
-from dechirp.report.figures.style import BLUE, INK, thinned
+from dechirp.report.figures.common import AXIS_LABELS, add_legend, create_panels
+from dechirp.report.figures.style import BLUE, INK, thin_line
 
-Part = Literal["real", "imaginary"]
+SignalPart = Literal["real", "imaginary"]
 
-_COLORS: dict[Part, str] = {"real": "#8fbbdb", "imaginary": "#e5b08c"}
-_ALONE = "#4d94c6"
-_MOST_CHIRPS = 256  # averaged for the spectrum: the mean is smooth to 0.3 dB by then
+_COLORS: dict[SignalPart, str] = {"real": "#8fbbdb", "imaginary": "#e5b08c"}
+_REAL_SAMPLES_COLOR = "#4d94c6"
+_MAX_CHIRPS = 256  # averaged for the spectrum, which is then smooth to 0.3 dB
 
 
-def signal(
+def draw_signal(
     axes: Axes,
     cube: xr.DataArray,
     *,
-    part: Part = "real",
+    part: SignalPart = "real",
     doppler_frequency_hz: float | None = None,
 ) -> Axes:
     """Draw the samples of the first chirp at the first receiver over fast time.
@@ -35,74 +35,76 @@ def signal(
     Parameters
     ----------
     axes : Axes
-        To draw on.
+        Axes to draw on.
     cube : DataArray (frame, chirp, rx, sample)
-        Complex or real samples, sqrt(W) or full scale; chirps of one slot, where slots differ.
+        Complex or real samples, sqrt(W) or full scale; chirps of one slot if slots differ.
     part : real or imaginary
-        Of complex samples.
+        Part of complex samples to draw.
     doppler_frequency_hz : float, optional
-        Of a detection: draws also the echo within the samples, the mean over the chirps, each
-        turned back by its Doppler phase. Complex samples only.
+        Doppler frequency of a detection, to draw its echo as well: the mean over the chirps, each
+        corrected by its Doppler phase. Complex samples only.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
     first = cube.isel(frame=0, chirp=0, rx=0)
     samples, time_us = first.values, first["sample"].values * 1e6
     is_complex = np.iscomplexobj(samples)
-    of_part = np.real if part == "real" else np.imag
+    part_function = np.real if part == "real" else np.imag
     exponent = engineering_exponent(float(abs(samples).max()))
     scaled = samples / 10.0**exponent
     axes.plot(
-        *thinned(time_us, of_part(scaled)),
-        color=_COLORS[part] if is_complex else _ALONE,
+        *thin_line(time_us, part_function(scaled)),
+        color=_COLORS[part] if is_complex else _REAL_SAMPLES_COLOR,
         linewidth=0.7,
     )
     if doppler_frequency_hz is not None and is_complex:
-        some = cube.isel(frame=0, rx=0, chirp=slice(_MOST_CHIRPS)).transpose("chirp", "sample")
-        turned = np.exp(-2j * np.pi * doppler_frequency_hz * some["chirp"].values)
-        echo = turned @ some.values / turned.size
-        axes.plot(*thinned(time_us, of_part(echo) / 10.0**exponent), color=INK, linewidth=0.8)
+        chirps = cube.isel(frame=0, rx=0, chirp=slice(_MAX_CHIRPS)).transpose("chirp", "sample")
+        phasors = np.exp(-2j * np.pi * doppler_frequency_hz * chirps["chirp"].values)
+        echo = phasors @ chirps.values / phasors.size
+        axes.plot(
+            *thin_line(time_us, part_function(echo) / 10.0**exponent), color=INK, linewidth=0.8
+        )
     reach = 1.1 * float(max(abs(scaled.real).max(), abs(scaled.imag).max())) or 1.0
     axes.set(ylim=(-reach, reach), xlim=(time_us[0], time_us[-1]))
     unit = cube.attrs.get("units", "").replace("sqrt(W)", "√W")
-    unit = unit if exponent == 0 else f"{power_of_ten(exponent)} {unit}"
-    name = f"{part} part" if is_complex else "samples"
-    axes.set_ylabel(f"{name}\n{unit}")
-    axes.set_xlabel("time since the start of the ramp, µs")
-    of = f", {part} part" if is_complex else ""
-    axes.set_label(f"Beat signal of the first chirp over time{of}")
+    unit = unit if exponent == 0 else f"{format_power_of_ten(exponent)} {unit}"
+    name = f"{part.capitalize()} part" if is_complex else "Samples"
+    axes.set_ylabel(f"{name}\n({unit})")
+    axes.set_xlabel("Time since ramp start (µs)")
+    part_text = f", {part} part" if is_complex else ""
+    axes.set_label(f"Beat signal of the first chirp over time{part_text}")
     return axes
 
 
-def whole_signal(
+def draw_signal_parts(
     figure: FigureBase, cube: xr.DataArray, *, doppler_frequency_hz: float | None = None
 ) -> list[Axes]:
-    """Draw both parts of complex samples, one above the other; of real samples the one.
+    """Draw the real and imaginary part of complex samples one above the other, or real samples.
 
     Parameters
     ----------
     figure : Figure or SubFigure
-        To fill.
+        Figure to fill.
     cube, doppler_frequency_hz
-        See `signal`.
+        See `draw_signal`.
 
     Returns
     -------
     list of Axes
-        The real part, and below it the imaginary one.
+        Axes of the real and of the imaginary part.
     """
-    parts: tuple[Part, ...] = ("real", "imaginary") if np.iscomplexobj(cube) else ("real",)
-    rows = panels(figure, len(parts), 1, sharex=True)[:, 0].tolist()
+    parts: tuple[SignalPart, ...] = ("real", "imaginary") if np.iscomplexobj(cube) else ("real",)
+    rows = create_panels(figure, len(parts), 1, sharex=True)[:, 0].tolist()
     for axes, part in zip(rows, parts, strict=True):
-        signal(axes, cube, part=part, doppler_frequency_hz=doppler_frequency_hz)
+        draw_signal(axes, cube, part=part, doppler_frequency_hz=doppler_frequency_hz)
         axes.label_outer()
     return rows
 
 
-def spectrum(
+def draw_spectrum(
     axes: Axes,
     cube: xr.DataArray,
     chirp: Chirp,
@@ -110,45 +112,45 @@ def spectrum(
     *,
     truth_m: np.ndarray | None = None,
 ) -> Axes:
-    """Draw power over range: of the first chirp, and the mean over the chirps.
+    """Draw power over range of the first chirp, and the mean power over the chirps.
 
     Parameters
     ----------
     axes : Axes
-        To draw on.
+        Axes to draw on.
     cube : DataArray (frame, chirp, rx, sample)
-        The first frame at the first receiver is shown; chirps of one slot, where ramps differ.
+        The first frame of the first receiver is shown; chirps of one slot if ramps differ.
     chirp : Chirp
-        That was sent.
+        Transmitted chirp.
     chain : Chain
-        Has the window and the length of the transform.
+        Chain with the window and the length of the transform.
     truth_m : array (n,), optional
-        Ranges where the echoes of the truth appear, marked below the line.
+        True ranges of the echoes, marked below the line.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
-    transform = chain.over_range(chirp)
-    some = cube.isel(frame=0, rx=0, chirp=slice(_MOST_CHIRPS))
-    profiles = range_profiles(some, chirp, transform).transpose("chirp", "range")
+    transform = chain.range_transform(chirp)
+    chirps = cube.isel(frame=0, rx=0, chirp=slice(_MAX_CHIRPS))
+    profiles = range_profiles(chirps, chirp, transform).transpose("chirp", "range")
     power, range_m = abs(profiles.values) ** 2, profiles.range.values
     units = cube.attrs.get("units", "")
     first, mean = power_db(power[0], units), power_db(power.mean(axis=0), units)
-    # Single noise cells reach down without end: 12 dB below their median is enough to see.
+    # Single noise cells can be arbitrarily low; the axis ends 12 dB below their median.
     lowest, highest = float(np.median(first)) - 12, float(max(first.max(), mean.max()))
     axes.plot(
-        *thinned(range_m, np.maximum(first, lowest)),
+        *thin_line(range_m, np.maximum(first, lowest)),
         color="#b4bec8",
         linewidth=0.6,
         label="first chirp",
     )
     axes.plot(
-        *thinned(range_m, mean),
+        *thin_line(range_m, mean),
         color=BLUE,
         linewidth=1.0,
-        label=f"mean power of {several(power.shape[0], 'chirp')}",
+        label=f"mean power of {pluralise(power.shape[0], 'chirp')}",
     )
     if truth_m is not None and truth_m.size:
         axes.plot(
@@ -161,15 +163,15 @@ def spectrum(
             label="truth",
         )
     axes.set(xlim=(0, range_m[-1]), ylim=(lowest, highest + 0.05 * (highest - lowest) + 1))
-    axes.set_xlabel("range, m")
-    axes.set_ylabel(f"power, {power_unit(units)}")
-    legend(axes)
+    axes.set_xlabel(AXIS_LABELS["range"])
+    axes.set_ylabel(f"Power ({power_unit(units)})")
+    add_legend(axes)
     axes.set_label("Spectrum of the beat signal over range")
     return axes
 
 
 def engineering_exponent(largest: float) -> int:
-    """Power of ten, a multiple of three, that leaves an amplitude of 1 to 1000; 0 for none."""
+    """Return the multiple of three by whose power of ten an amplitude becomes 1 to 1000."""
     if not (math.isfinite(largest) and largest > 0):
         return 0
     return 3 * math.floor(math.log10(largest) / 3)

@@ -1,4 +1,4 @@
-"""Measured shares with their intervals, beside the curves of theory."""
+"""Measured proportions with intervals, and theoretical curves."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,110 +6,112 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from dechirp.core.values import value
-from dechirp.core.words import fixed
-from dechirp.report.amounts import typographic
-from dechirp.report.figures.parts import legend
+from dechirp.core.text import format_fixed
+from dechirp.core.values import frozen_dataclass
+from dechirp.report.check_values import apply_typography
+from dechirp.report.figures.common import add_legend
 from dechirp.report.figures.style import BLUE, GREEN, INK, MUTED, ORANGE
-from dechirp.theory import intervals
+from dechirp.theory import confidence_intervals
 
 _COLORS = (BLUE, GREEN, ORANGE)
 _MARKERS = "osD"
 
 
-@value
-class Gap:
-    """Two ratios at which the same share is reached, dB."""
+@frozen_dataclass
+class SnrGap:
+    """SNR interval between two curves at one detection probability, dB."""
 
     low_db: float
     high_db: float
-    share: float
+    probability: float
 
 
-def detection(
-    axes: Axes, curves: Sequence[Mapping[str, Any]], *, confidence: float, gap: Gap | None = None
+def draw_detection_curves(
+    axes: Axes, curves: Sequence[Mapping[str, Any]], *, confidence: float, gap: SnrGap | None = None
 ) -> Axes:
-    """Draw the share of frames in which the target was found, over its ratio, with theory.
+    """Draw the measured and theoretical detection probability over the SNR.
 
     Parameters
     ----------
     axes : Axes
-        To draw on.
+        Axes to draw on.
     curves : sequence of mapping
-        Each with `name`, `over` (words of the axis), `x`, `hits`, `trials`, `theory_x` and
-        `theory`, as the certificate has them.
+        Each with `name`, `x_label`, `x`, `hits`, `trials`, `theory_x` and
+        `theory`, as in the certificate.
     confidence : float
-        Of the intervals, 0 to 1.
+        Confidence of the intervals, 0 to 1.
     gap : Gap, optional
-        A distance between two curves, drawn with its length.
+        Interval between two curves, drawn with its length.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
-    _shares(axes, curves, confidence=confidence)
-    axes.set_ylabel("share of frames with the car found")
+    _draw_proportions(axes, curves, confidence=confidence)
+    axes.set_ylabel("Detection probability")
     axes.plot([], [], color=INK, linewidth=1.2, label="theory")
-    legend(axes)
+    add_legend(axes)
     if gap is not None:
-        axes.axhline(gap.share, color=MUTED, linewidth=0.6, linestyle=":")
+        axes.axhline(gap.probability, color=MUTED, linewidth=0.6, linestyle=":")
         axes.annotate(
             "",
-            xy=(gap.high_db, gap.share),
-            xytext=(gap.low_db, gap.share),
+            xy=(gap.high_db, gap.probability),
+            xytext=(gap.low_db, gap.probability),
             arrowprops={"arrowstyle": "<->", "color": INK, "shrinkA": 0, "shrinkB": 0},
         )
         axes.text(
             (gap.low_db + gap.high_db) / 2,
-            gap.share - 0.02,
-            f"{fixed(gap.high_db - gap.low_db, 1)} dB",
+            gap.probability - 0.02,
+            f"{format_fixed(gap.high_db - gap.low_db, 1)} dB",
             ha="center",
             va="top",
         )
-    axes.set_label("Probability of detection over the ratio")
+    axes.set_label("Detection probability over SNR")
     return axes
 
 
-def resolution(
+def draw_resolution_curves(
     axes: Axes,
     curves: Sequence[Mapping[str, Any]],
     *,
     confidence: float,
     required: float | None = None,
 ) -> Axes:
-    """Draw the share of trials in which both of two targets were found, over their separation.
+    """Draw the proportion of trials with both targets detected over their separation.
 
     Parameters
     ----------
     axes : Axes
-        To draw on.
+        Axes to draw on.
     curves, confidence
-        See `detection`.
+        See `draw_detection_curves`.
     required : float, optional
-        A share that is asked for, drawn across.
+        Required proportion, drawn as a line.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
-    _shares(axes, curves, confidence=confidence)
-    axes.set_ylabel("share of trials with both found")
+    _draw_proportions(axes, curves, confidence=confidence)
+    axes.set_ylabel("Proportion of trials with both detected")
     if required is not None:
         axes.axhline(required, color=MUTED, linewidth=0.8, linestyle=":", label="required")
     axes.legend(loc="lower right")
-    axes.set_label("Share of pairs resolved over their separation")
+    axes.set_label("Proportion of resolved pairs over their separation")
     return axes
 
 
-def _shares(axes: Axes, curves: Sequence[Mapping[str, Any]], *, confidence: float) -> None:
+def _draw_proportions(
+    axes: Axes, curves: Sequence[Mapping[str, Any]], *, confidence: float
+) -> None:
     for curve, color, marker in zip(curves, _COLORS, _MARKERS, strict=False):
         x, hits, trials = (np.asarray(curve[name]) for name in ("x", "hits", "trials"))
         share = hits / trials
         ends = np.array(
             [
-                intervals.binomial(int(k), int(n), confidence=confidence)
+                confidence_intervals.binomial_interval(int(k), int(n), confidence=confidence)
                 for k, n in zip(hits, trials, strict=True)
             ]
         )
@@ -127,7 +129,7 @@ def _shares(axes: Axes, curves: Sequence[Mapping[str, Any]], *, confidence: floa
             linestyle="",
             elinewidth=0.9,
             capsize=1.8,
-            label=typographic(curve["name"]),
+            label=apply_typography(curve["name"]),
         )
     axes.set(ylim=(-0.02, 1.05))
-    axes.set_xlabel(curves[0]["over"] if curves else "")
+    axes.set_xlabel(curves[0]["x_label"] if curves else "")

@@ -1,4 +1,4 @@
-"""What is in a data set: where its targets are, how strong they are, how many are detected."""
+"""Figures of the contents of a data set."""
 
 from collections.abc import Mapping
 
@@ -6,93 +6,97 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from dechirp.report.figures.parts import MAP_AXES, legend
+from dechirp.report.figures.common import AXIS_LABELS, add_legend
 from dechirp.report.figures.style import LINE_COLORS, LINE_MARKS
 
-_COLORS, _MARKS = LINE_COLORS[:6], LINE_MARKS[:6]  # clouds hide each other sooner than lines
-MOST_CLASSES = len(_COLORS)
-"""That one figure tells apart."""
+_COLORS, _MARKS = LINE_COLORS[:6], LINE_MARKS[:6]  # point clouds overlap more than lines
+MAX_CLASSES = len(_COLORS)
+"""Largest number of classes in a figure."""
 
-_MOST_BINS = 40
+_MAX_BINS = 40
 
 
-def places(axes: Axes, of: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Axes:
-    """Draw velocity over range of targets, by class.
+def draw_targets(axes: Axes, targets_by_class: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Axes:
+    """Draw velocity over range of the targets, by class.
 
     Parameters
     ----------
     axes : Axes
-        To draw on.
-    of : mapping
-        For each class ranges (m) and velocities (m/s), (n,) each; at most `MOST_CLASSES`.
+        Axes to draw on.
+    targets_by_class : mapping
+        Ranges (m) and velocities (m/s) of each class, (n,) each; at most `MAX_CLASSES`.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
-    for (name, (x, y)), color, mark in zip(of.items(), _COLORS, _MARKS, strict=False):
+    for (name, (x, y)), color, mark in zip(targets_by_class.items(), _COLORS, _MARKS, strict=False):
         axes.plot(x, y, mark, color=color, markersize=2.6, alpha=0.55, mew=0, label=name)
-    axes.set_xlabel(MAP_AXES["range"])
-    axes.set_ylabel(MAP_AXES["velocity"])
-    _legend(axes, n=len(of))
+    axes.set_xlabel(AXIS_LABELS["range"])
+    axes.set_ylabel(AXIS_LABELS["velocity"])
+    _add_class_legend(axes, n=len(targets_by_class))
     axes.set_label("Velocity over range of the targets")
     return axes
 
 
-def spread(
+def draw_histogram(
     axes: Axes,
     classes: Mapping[str, np.ndarray],
     *,
-    words: str,
-    of: str,
-    whole: bool = False,
+    label: str,
+    counted_things: str,
+    is_integer: bool = False,
 ) -> Axes:
-    """Draw how often values occur, by class.
+    """Draw histograms of values by class.
 
     Parameters
     ----------
     axes : Axes
-        To draw on.
+        Axes to draw on.
     classes : mapping
-        Values of each class, (n,); at most `MOST_CLASSES`.
-    words : str
-        What the values are, with their unit.
-    of : str
-        What has them: targets, items.
-    whole : bool
-        Whether values are whole numbers: no bar then ends between two.
+        Values of each class, (n,); at most `MAX_CLASSES`.
+    label : str
+        Label of the values, with their unit.
+    counted_things : str
+        Label of the counted objects: targets, items.
+    is_integer : bool
+        Whether values are integers; bin edges then lie halfway between them.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
     everything = np.concatenate([[], *classes.values()])
-    there = everything[np.isfinite(everything)]
-    low, high = (float(there.min()), float(there.max())) if there.size else (0.0, 1.0)
-    if whole:
-        step = max(1, int(np.ceil((high - low + 1) / _MOST_BINS)))
+    finite_values = everything[np.isfinite(everything)]
+    low, high = (
+        (float(finite_values.min()), float(finite_values.max()))
+        if finite_values.size
+        else (0.0, 1.0)
+    )
+    if is_integer:
+        step = max(1, int(np.ceil((high - low + 1) / _MAX_BINS)))
         edges = np.arange(low, high + 1 + step, step) - 0.5
     else:
-        n_bins = int(np.clip(np.sqrt(there.size), 5, _MOST_BINS))
+        n_bins = int(np.clip(np.sqrt(finite_values.size), 5, _MAX_BINS))
         edges = np.linspace(low, high if high > low else low + 1.0, n_bins + 1)
     for (name, values), color in zip(classes.items(), _COLORS, strict=False):
         heights, _ = np.histogram(values[np.isfinite(values)], edges)
         axes.stairs(heights, edges, fill=True, color=color, alpha=0.22)
         axes.stairs(heights, edges, color=color, label=name)
-    axes.set_xlabel(words)
-    axes.set_ylabel(f"number of {of}")
+    axes.set_xlabel(label)
+    axes.set_ylabel(f"Number of {counted_things}")
     axes.set_ylim(bottom=0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(axis="x", visible=False)
-    _legend(axes, n=len(classes))
-    axes.set_label(f"How often: {words}")
+    _add_class_legend(axes, n=len(classes))
+    axes.set_label(f"Histogram: {label}")
     return axes
 
 
-def _legend(axes: Axes, *, n: int) -> None:
-    made = legend(axes) if n > 1 else None
-    for handle in made.legend_handles if made is not None else ():
+def _add_class_legend(axes: Axes, *, n: int) -> None:
+    class_legend = add_legend(axes) if n > 1 else None
+    for handle in class_legend.legend_handles if class_legend is not None else ():
         if handle is not None:
             handle.set_alpha(1.0)

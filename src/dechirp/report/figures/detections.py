@@ -1,4 +1,4 @@
-"""What two rules call targets in a noisy frame, and why."""
+"""Detections and thresholds of several rules in noisy frames."""
 
 from collections.abc import Sequence
 
@@ -8,76 +8,76 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import FigureBase
 
-from dechirp.core.values import value
-from dechirp.report.figures.parts import MAP_AXES, circles, edges, panels
+from dechirp.core.values import frozen_dataclass
+from dechirp.report.figures.common import AXIS_LABELS, axis_edges, create_panels, draw_circles
 from dechirp.report.figures.style import BLUE, ORANGE
-from dechirp.scene.folding import Place
+from dechirp.scene.aliasing import RangeVelocity
 
 
-@value
-class Decided:
-    """Cells that a rule calls targets, and where they lie."""
+@frozen_dataclass
+class DetectionMask:
+    """Mask of the cells that a rule detects, with its axes."""
 
     title: str
-    over: np.ndarray
-    """(velocity, range)."""
+    is_detected: np.ndarray
+    """Array (velocity, range)."""
     range_m: np.ndarray
     velocity_m_per_s: np.ndarray
 
 
-def maps(
+def draw_detection_maps(
     figure: FigureBase,
-    decided: Sequence[Sequence[Decided]],
+    masks: Sequence[Sequence[DetectionMask]],
     *,
-    target: Place,
+    target: RangeVelocity,
     reach: tuple[float, float],
 ) -> list[Axes]:
-    """Draw the cells over threshold about the target, a row a frame, a column a rule.
+    """Draw the detected cells around the target, a row per frame and a column per rule.
 
     Parameters
     ----------
     figure : Figure or SubFigure
-        To fill.
-    decided : sequence of sequence of Decided
-        For each frame what each rule decided.
-    target : Place
-        In the middle, circled.
+        Figure to fill.
+    masks : sequence of sequence of DetectionMask
+        Masks of all rules for each frame.
+    target : RangeVelocity
+        Position in the middle, marked by a circle.
     reach : tuple of float
-        How far from the target to look, in m and m/s.
+        Largest distance from the target, in m and m/s.
 
     Returns
     -------
     list of Axes
-        Row by row.
+        Axes, row by row.
     """
     at_m, at_m_per_s = float(target.range_m), float(target.velocity_m_per_s)
-    grid = panels(figure, len(decided), len(decided[0]), sharex=True, sharey=True)
-    for axes, one in zip(grid.flat, (one for row in decided for one in row), strict=True):
+    grid = create_panels(figure, len(masks), len(masks[0]), sharex=True, sharey=True)
+    for axes, mask in zip(grid.flat, (mask for row in masks for mask in row), strict=True):
         axes.grid(False)
         axes.imshow(
-            np.where(one.over, 1.0, np.nan),
+            np.where(mask.is_detected, 1.0, np.nan),
             cmap=ListedColormap([BLUE]),
-            extent=(*edges(one.range_m), *edges(one.velocity_m_per_s)),
+            extent=(*axis_edges(mask.range_m), *axis_edges(mask.velocity_m_per_s)),
             origin="lower",
             aspect="auto",
             interpolation="none",
         )
-        circles(axes, np.array([at_m]), np.array([at_m_per_s]), size=26, width=0.9)
+        draw_circles(axes, np.array([at_m]), np.array([at_m_per_s]), size=26, width=0.9)
         axes.set(
             xlim=(max(at_m - reach[0], 0.0), at_m + reach[0]),
             ylim=(at_m_per_s - reach[1], at_m_per_s + reach[1]),
         )
-        axes.set_title(one.title, loc="left")
-        axes.set_label(f"Cells over threshold: {one.title}")
+        axes.set_title(mask.title, loc="left")
+        axes.set_label(f"Cells over threshold: {mask.title}")
     for axes in grid[-1]:
-        axes.set_xlabel(MAP_AXES["range"])
-    figure.supylabel(MAP_AXES["velocity"], color=mpl.rcParams["axes.labelcolor"])
+        axes.set_xlabel(AXIS_LABELS["range"])
+    figure.supylabel(AXIS_LABELS["velocity"], color=mpl.rcParams["axes.labelcolor"])
     return list(grid.flat)
 
 
-@value
-class Line:
-    """Power of one rule's map along range through the target, and its threshold, dB."""
+@frozen_dataclass
+class ThresholdLine:
+    """Power and threshold of a rule along range through the target, dB."""
 
     title: str
     range_m: np.ndarray
@@ -85,55 +85,55 @@ class Line:
     threshold_db: np.ndarray
 
 
-def thresholds(
-    figure: FigureBase, lines: Sequence[Line], *, around_m: float, reach_m: float
+def draw_thresholds(
+    figure: FigureBase, lines: Sequence[ThresholdLine], *, around_m: float, reach_m: float
 ) -> list[Axes]:
-    """Draw power and threshold along range of each rule, side by side, over the mean noise.
+    """Draw power and threshold of each rule along range, side by side, over the mean noise.
 
     Parameters
     ----------
     figure : Figure or SubFigure
-        To fill.
-    lines : sequence of Line
-        One a rule.
+        Figure to fill.
+    lines : sequence of ThresholdLine
+        One line per rule.
     around_m, reach_m : float
-        Range in the middle, and how far to look to each side.
+        Range in the middle, and extent to each side.
 
     Returns
     -------
     list of Axes
-        From left to right.
+        Axes from left to right.
     """
-    beside: list[Axes] = panels(figure, 1, len(lines), sharex=True, sharey=True)[0].tolist()
-    for axes, line in zip(beside, lines, strict=True):
-        _cut(axes, line, around_m - reach_m, around_m + reach_m)
-    beside[0].set_ylabel("power over the mean noise, dB")
+    panels: list[Axes] = create_panels(figure, 1, len(lines), sharex=True, sharey=True)[0].tolist()
+    for axes, line in zip(panels, lines, strict=True):
+        _draw_threshold_line(axes, line, around_m - reach_m, around_m + reach_m)
+    panels[0].set_ylabel("Power over mean noise (dB)")
     figure.legend(
-        *beside[0].get_legend_handles_labels(),
+        *panels[0].get_legend_handles_labels(),
         loc="outside upper right",
         ncols=2,
         handlelength=1.4,
     )
-    return beside
+    return panels
 
 
-def _cut(axes: Axes, line: Line, left_m: float, right_m: float) -> None:
-    shown = (line.range_m >= left_m) & (line.range_m <= right_m)
+def _draw_threshold_line(axes: Axes, line: ThresholdLine, min_m: float, max_m: float) -> None:
+    is_shown = (line.range_m >= min_m) & (line.range_m <= max_m)
     axes.plot(
-        line.range_m[shown],
-        np.maximum(line.power_db[shown], -15.0),
+        line.range_m[is_shown],
+        np.maximum(line.power_db[is_shown], -15.0),
         color=BLUE,
         linewidth=1.0,
         label="power",
     )
     axes.plot(
-        line.range_m[shown],
-        line.threshold_db[shown],
+        line.range_m[is_shown],
+        line.threshold_db[is_shown],
         color=ORANGE,
         linewidth=1.3,
         label="threshold",
     )
-    axes.set(xlim=(left_m, right_m))
+    axes.set(xlim=(min_m, max_m))
     axes.set_title(line.title, loc="left")
-    axes.set_xlabel(MAP_AXES["range"])
+    axes.set_xlabel(AXIS_LABELS["range"])
     axes.set_label(f"Power and threshold along range: {line.title}")

@@ -1,4 +1,4 @@
-"""Power over directions: of all ranges, and of one detection."""
+"""Power over direction: range-azimuth map, and spectrum of one detection."""
 
 from typing import NamedTuple
 
@@ -7,141 +7,150 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
-from dechirp.core.units import decibels
-from dechirp.core.values import value
-from dechirp.core.words import fixed, power_db, power_unit
-from dechirp.report.figures.parts import (
-    MAP_AXES,
-    circles,
-    colour_bar,
-    crosses,
-    edges,
-    legend,
+from dechirp.core.text import format_fixed, power_db, power_unit
+from dechirp.core.units import to_decibels
+from dechirp.core.values import frozen_dataclass
+from dechirp.report.figures.common import (
+    AXIS_LABELS,
+    add_colour_bar,
+    add_legend,
+    axis_edges,
+    draw_circles,
+    draw_crosses,
 )
-from dechirp.report.figures.range_doppler import reduced
+from dechirp.report.figures.range_doppler import block_maxima
 from dechirp.report.figures.style import BLUE, COLORS, INK, ORANGE
 
-# The map is the strongest of all velocities: its median is noise, and steady.
+# The map is a maximum over velocity, so its median is a stable noise level.
 _BELOW_NOISE_DB, _LARGEST_SPAN_DB, _LEAST_SPAN_DB = 3.0, 70.0, 20.0
 _MOST_PIXELS = (400, 400)
 _FLOOR_DB = -40.0
 _DEGREES = np.array([-90, -60, -45, -30, -15, 0, 15, 30, 45, 60, 90])
 _FINE_DEGREES = np.arange(-30, 31, 5)
 _MOST_NAMED = 4
-_AZIMUTH, _ELEVATION = "azimuth, ° (left positive)", "elevation, ° (up positive)"
+_AZIMUTH, _ELEVATION = "Azimuth (°, left positive)", "Elevation (°, up positive)"
 
 
-class Towards(NamedTuple):
-    """Directions, in rad, (n,) each; 0 where the array does not tell one."""
+class Directions(NamedTuple):
+    """Directions in rad, (n,) each; 0 if the array does not resolve the angle."""
 
     azimuth_rad: np.ndarray
     elevation_rad: np.ndarray
 
 
-@value
-class RangeAzimuth:
-    """A map, and the places on it to mark: ranges as they lie on maps."""
+@frozen_dataclass
+class RangeAzimuthMap:
+    """Range-azimuth map with the positions to mark."""
 
     power: xr.DataArray
-    """(azimuth, range)."""
+    """Power, (azimuth, range)."""
     units: str
-    """Of the samples."""
-    found: tuple[np.ndarray, np.ndarray] | None = None
+    """Units of the samples."""
+    detections: tuple[np.ndarray, np.ndarray] | None = None
     """Azimuths (rad) and ranges (m) of the detections."""
     truth: tuple[np.ndarray, np.ndarray] | None = None
 
 
-def range_azimuth(axes: Axes, marked: RangeAzimuth) -> Axes:
-    """Draw the map in sines of the azimuth, over which a beam is equally wide everywhere.
+def draw_range_azimuth(axes: Axes, marked: RangeAzimuthMap) -> Axes:
+    """Draw the map over the sine of the azimuth, in which the beamwidth is constant.
 
     Parameters
     ----------
     axes : Axes
-        To draw on; a colour bar takes of their room.
-    marked : RangeAzimuth
-        The map, and what is marked on it.
+        Axes to draw on; the colour bar uses part of their space.
+    marked : RangeAzimuthMap
+        Map with the positions to mark.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
     power = marked.power.transpose("range", "azimuth")
-    level_db = power_db(reduced(power.values, _MOST_PIXELS), marked.units)
+    level_db = power_db(block_maxima(power.values, _MOST_PIXELS), marked.units)
     highest = float(level_db.max())
     lowest = max(float(np.median(level_db)) - _BELOW_NOISE_DB, highest - _LARGEST_SPAN_DB)
     sines, range_m = np.sin(power.azimuth.values), power.range.values
-    ends_m = [of[1].max(initial=0.0) for of in (marked.found, marked.truth) if of is not None]
-    nearest, farthest = edges(range_m)
-    # Beyond what was found there is noise.
-    shown_m = min(farthest, 1.3 * max(ends_m)) if max(ends_m, default=0.0) > 0 else farthest
-    left, right = edges(sines)
+    ends_m = [
+        marks[1].max(initial=0.0)
+        for marks in (marked.detections, marked.truth)
+        if marks is not None
+    ]
+    nearest, farthest = axis_edges(range_m)
+    # Only noise lies beyond the marked ranges.
+    max_shown_m = min(farthest, 1.3 * max(ends_m)) if max(ends_m, default=0.0) > 0 else farthest
+    min_sine, max_sine = axis_edges(sines)
     image = axes.imshow(
         level_db,
         cmap=COLORS,
         vmin=min(lowest, highest - _LEAST_SPAN_DB),
         vmax=highest,
-        extent=(left, right, nearest, farthest),
+        extent=(min_sine, max_sine, nearest, farthest),
         origin="lower",
         aspect="auto",
         interpolation="bilinear",
     )
-    colour_bar(axes, image, f"power, {power_unit(marked.units)}")
-    _sine_axis(axes.xaxis, sines)
+    add_colour_bar(axes, image, f"Power ({power_unit(marked.units)})")
+    _set_sine_axis(axes.xaxis, sines)
     axes.grid(False)
-    axes.set(xlim=(right, left), ylim=(0, shown_m), autoscale_on=False)
+    axes.set(xlim=(max_sine, min_sine), ylim=(0, max_shown_m), autoscale_on=False)
     axes.set_xlabel(_AZIMUTH)
-    axes.set_ylabel(MAP_AXES["range"])
+    axes.set_ylabel(AXIS_LABELS["range"])
     if marked.truth is not None:
-        crosses(axes, np.sin(marked.truth[0]), marked.truth[1])
-    if marked.found is not None:
-        circles(axes, np.sin(marked.found[0]), marked.found[1], size=9)
-    legend(axes)
+        draw_crosses(axes, np.sin(marked.truth[0]), marked.truth[1])
+    if marked.detections is not None:
+        draw_circles(axes, np.sin(marked.detections[0]), marked.detections[1], size=9)
+    add_legend(axes)
     axes.set_label("Range-azimuth map")
     return axes
 
 
-def spectrum(axes: Axes, of: xr.DataArray, *, found: Towards, truth: Towards | None = None) -> Axes:
-    """Draw the spectrum of one detection, a line, or a map of both angles.
+def draw_angle_spectrum(
+    axes: Axes, power: xr.DataArray, *, estimates: Directions, truth: Directions | None = None
+) -> Axes:
+    """Draw the spectrum of one detection as a line or as a map of both angles.
 
-    In decibels relative to its peak; with the directions found, and those of the truth.
+    The spectrum is in dB relative to its peak, with the estimated and the true directions.
 
     Parameters
     ----------
     axes : Axes
-        To draw on; a map has a colour bar, which takes of their room.
-    of : DataArray (elevation, azimuth)
-        Power over directions, as `process.angle_maps.angle_spectrum` gives it; one of the axes
-        may have one value alone.
-    found : Towards
-        Directions found, rad.
-    truth : Towards, optional
-        True ones, rad.
+        Axes to draw on; the colour bar of a map uses part of their space.
+    power : DataArray (elevation, azimuth)
+        Result of `processing.angle_maps.angle_spectrum`; one of the axes may have a single value.
+    estimates : Directions
+        Estimated directions, rad.
+    truth : Directions, optional
+        True directions, rad.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
-    level = of.transpose("elevation", "azimuth").values
-    level_db = np.maximum(decibels(np.maximum(level / level.max(), 1e-30)), _FLOOR_DB)
-    azimuth, elevation = of.azimuth.values, of.elevation.values
+    level = power.transpose("elevation", "azimuth").values
+    level_db = np.maximum(to_decibels(np.maximum(level / level.max(), 1e-30)), _FLOOR_DB)
+    azimuth, elevation = power.azimuth.values, power.elevation.values
     if len(azimuth) > 1 and len(elevation) > 1:
-        _both(axes, of, level_db, found, truth)
+        _draw_map_spectrum(axes, power, level_db, estimates, truth)
     elif len(azimuth) > 1:
-        _line(axes, azimuth, level_db[0], found.azimuth_rad, truth and truth.azimuth_rad)
+        _draw_line_spectrum(
+            axes, azimuth, level_db[0], estimates.azimuth_rad, truth and truth.azimuth_rad
+        )
         axes.invert_xaxis()
         axes.set_xlabel(_AZIMUTH)
     else:
-        at = truth and truth.elevation_rad
-        _line(axes, elevation, level_db[:, 0], found.elevation_rad, at)
+        true_elevation_rad = truth and truth.elevation_rad
+        _draw_line_spectrum(
+            axes, elevation, level_db[:, 0], estimates.elevation_rad, true_elevation_rad
+        )
         axes.set_xlabel(_ELEVATION)
-    legend(axes)
+    add_legend(axes)
     axes.set_label("Spectrum over directions")
     return axes
 
 
-def _line(
+def _draw_line_spectrum(
     axes: Axes,
     angle_rad: np.ndarray,
     level_db: np.ndarray,
@@ -150,60 +159,64 @@ def _line(
 ) -> None:
     sines = np.sin(angle_rad)
     axes.plot(sines, level_db, color=BLUE, linewidth=1.2)
-    for number, at in enumerate(found_rad):
-        label = "found" if number == 0 else None
-        axes.axvline(np.sin(at), color=ORANGE, linewidth=1.3, label=label)
+    for number, angle in enumerate(found_rad):
+        label = "estimate" if number == 0 else None
+        axes.axvline(np.sin(angle), color=ORANGE, linewidth=1.3, label=label)
         if number < _MOST_NAMED:
             axes.annotate(
-                f"{fixed(np.degrees(at), 1)}°",
-                (np.sin(at), 0),
+                f"{format_fixed(np.degrees(angle), 1)}°",
+                (np.sin(angle), 0),
                 (4, 2),
                 textcoords="offset points",
                 color=ORANGE,
                 annotation_clip=True,
             )
-    for number, at in enumerate(() if truth_rad is None else truth_rad):
+    for number, angle in enumerate(() if truth_rad is None else truth_rad):
         label = "truth" if number == 0 else None
-        axes.axvline(np.sin(at), color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label=label)
-    _sine_axis(axes.xaxis, sines)
-    beside = 0.0 if len(sines) > 1 else 0.01  # a field of view narrower than a beam is one point
-    axes.set(xlim=(sines[0] - beside, sines[-1] + beside), ylim=(_FLOOR_DB, 3))
-    axes.set_ylabel("spectrum relative to its peak, dB")
+        axes.axvline(np.sin(angle), color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label=label)
+    _set_sine_axis(axes.xaxis, sines)
+    margin = 0.0 if len(sines) > 1 else 0.01  # a field of view narrower than a beam is one point
+    axes.set(xlim=(sines[0] - margin, sines[-1] + margin), ylim=(_FLOOR_DB, 3))
+    axes.set_ylabel("Power relative to the peak (dB)")
 
 
-def _both(
+def _draw_map_spectrum(
     axes: Axes,
-    of: xr.DataArray,
+    power: xr.DataArray,
     level_db: np.ndarray,
-    found: Towards,
-    truth: Towards | None,
+    estimates: Directions,
+    truth: Directions | None,
 ) -> None:
-    left, up = np.sin(of.azimuth.values), np.sin(of.elevation.values)
+    azimuth_sines, elevation_sines = np.sin(power.azimuth.values), np.sin(power.elevation.values)
     image = axes.imshow(
         level_db,
         cmap=COLORS,
         vmin=_FLOOR_DB / 2,
         vmax=0,
-        extent=(*edges(left), *edges(up)),
+        extent=(*axis_edges(azimuth_sines), *axis_edges(elevation_sines)),
         origin="lower",
         aspect="auto",
         interpolation="bilinear",
     )
-    colour_bar(axes, image, "spectrum relative to its peak, dB")
-    _sine_axis(axes.xaxis, left)
-    _sine_axis(axes.yaxis, up)
+    add_colour_bar(axes, image, "Power relative to the peak (dB)")
+    _set_sine_axis(axes.xaxis, azimuth_sines)
+    _set_sine_axis(axes.yaxis, elevation_sines)
     axes.grid(False)
-    axes.set(xlim=edges(left)[::-1], ylim=edges(up), autoscale_on=False)
+    axes.set(
+        xlim=axis_edges(azimuth_sines)[::-1], ylim=axis_edges(elevation_sines), autoscale_on=False
+    )
     axes.set_xlabel(_AZIMUTH)
     axes.set_ylabel(_ELEVATION)
     if truth is not None:
-        crosses(axes, *np.sin(truth))
-    circles(axes, *np.sin(found), size=9)
+        draw_crosses(axes, *np.sin(truth))
+    draw_circles(axes, *np.sin(estimates), size=9)
 
 
-def _sine_axis(axis: Axis, sines: np.ndarray) -> None:
-    """Put ticks in degrees on an axis of sines."""
-    most = abs(sines).max()
-    degrees = _DEGREES if most > np.sin(np.radians(31)) else _FINE_DEGREES
-    degrees = degrees[abs(np.sin(np.radians(degrees))) <= most]
-    axis.set_ticks(np.sin(np.radians(degrees)), [fixed(float(one), 0) for one in degrees])
+def _set_sine_axis(axis: Axis, sines: np.ndarray) -> None:
+    """Set ticks in degrees on an axis of sines."""
+    largest_sine = abs(sines).max()
+    degrees = _DEGREES if largest_sine > np.sin(np.radians(31)) else _FINE_DEGREES
+    degrees = degrees[abs(np.sin(np.radians(degrees))) <= largest_sine]
+    axis.set_ticks(
+        np.sin(np.radians(degrees)), [format_fixed(float(angle), 0) for angle in degrees]
+    )

@@ -1,39 +1,39 @@
-"""Detections from frame to frame."""
+"""Detections over time."""
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from dechirp.report.figures.parts import MAP_AXES, Axis, circles, legend
+from dechirp.report.figures.common import AXIS_LABELS, MapAxis, add_legend, draw_circles
 from dechirp.report.figures.style import INK
 
-_MOST_POINTS = 1000
+_MAX_POINTS = 1000
 
 
-def over_time(
+def draw_estimates_over_time(
     axes: Axes,
     detections: xr.Dataset,
     *,
-    variable: Axis,
+    variable: MapAxis,
     truth: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Axes:
-    """Draw one estimate of the detections, strongest first, over time.
+    """Draw one estimate of the detections over time, strongest first.
 
     Parameters
     ----------
     axes : Axes
-        To draw on.
+        Axes to draw on.
     detections : Dataset over `detection`
-        At most 1000 of them are drawn.
+        Detections, of which at most 1000 are drawn.
     variable : range or velocity
-        What is drawn.
+        Estimate to draw.
     truth : times (frame,) in s, estimates (target, frame), optional
-        What a perfect detector reports; a line for each target.
+        Apparent truth, a line for each target.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
     long = float(detections.time.max()) >= 1
     per_s, unit = (1.0, "s") if long else (1e3, "ms")
@@ -42,15 +42,15 @@ def over_time(
         for number, line in enumerate(lines):
             label = "truth" if number == 0 else None
             axes.plot(per_s * times_s, line, color=INK, linewidth=0.9, label=label)
-    circles(
+    draw_circles(
         axes,
-        per_s * detections.time.values[:_MOST_POINTS],
-        detections[variable].values[:_MOST_POINTS],
+        per_s * detections.time.values[:_MAX_POINTS],
+        detections[variable].values[:_MAX_POINTS],
         size=3.5,
         width=1.0,
     )
-    axes.set_xlabel(f"time, {unit}")
-    axes.set_ylabel(MAP_AXES[variable])
-    legend(axes)
+    axes.set_xlabel(f"Time ({unit})")
+    axes.set_ylabel(AXIS_LABELS[variable])
+    add_legend(axes)
     axes.set_label(f"Detections over time: {variable}")
     return axes

@@ -1,138 +1,142 @@
-"""The range-Doppler map, with what was found and what is there."""
+"""Range-Doppler map with detections and true positions."""
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from dechirp.core.values import value
-from dechirp.core.words import power_db, power_unit
-from dechirp.report.figures.parts import (
-    MAP_AXES,
-    circles,
-    colour_bar,
-    crosses,
-    edges,
-    legend,
+from dechirp.core.text import power_db, power_unit
+from dechirp.core.values import frozen_dataclass
+from dechirp.report.figures.common import (
+    AXIS_LABELS,
+    add_colour_bar,
+    add_legend,
+    axis_edges,
+    draw_circles,
+    draw_crosses,
 )
 from dechirp.report.figures.style import COLORS
-from dechirp.scene.folding import Place
+from dechirp.scene.aliasing import RangeVelocity
 
-_MOST_PIXELS = (220, 420)  # velocity, range: as many as a figure of 500 pixels can show
-_MOST_CIRCLES, _FEW_CIRCLES = 200, 40
+_MAX_PIXELS = (220, 420)  # velocity, range: the resolution of a figure of 500 pixels
+_MAX_CIRCLES, _FEW_CIRCLES = 200, 40
 _LARGEST_SPAN_DB = 80.0
-_CLOSE_UP_CELLS = (16, 24)  # on each side, velocity and range
+_CLOSE_UP_CELLS = (16, 24)  # to each side, velocity and range
 
 
-@value
+@frozen_dataclass
 class MarkedMap:
-    """A map, and the places on it to mark."""
+    """Range-Doppler map with the positions to mark."""
 
     power: xr.DataArray
-    """(velocity, range)."""
+    """Array (velocity, range)."""
     units: str
-    """Of the samples: sqrt(W), or full scale."""
-    found: Place | None = None
+    """Units of the samples: sqrt(W), or full scale."""
+    detections: RangeVelocity | None = None
     """Detections, strongest first."""
-    truth: Place | None = None
-    scatterers: Place | None = None
-    """Of bodies, besides the truth about targets that are points."""
+    truth: RangeVelocity | None = None
+    scatterers: RangeVelocity | None = None
+    """True positions of the scatterers of bodies."""
 
 
-@value
-class _Scale:
-    """What the colours stand for."""
+@frozen_dataclass
+class _ColourScale:
+    """Limits and label of a colour scale."""
 
     lowest_db: float
     highest_db: float
     zero_db: float
-    """Level that is shown as zero."""
+    """Level displayed as zero."""
     label: str
 
 
-def whole(axes: Axes, marked: MarkedMap, *, in_colours_of: MarkedMap | None = None) -> Axes:
+def draw_map(axes: Axes, marked: MarkedMap, *, colour_reference: MarkedMap | None = None) -> Axes:
     """Draw the whole map, with the strongest detections circled.
 
-    Large maps are drawn from the largest cell of each block, so that no peak is lost.
+    Large maps are reduced to block maxima, so that no peak is lost.
 
     Parameters
     ----------
     axes : Axes
-        To draw on; a colour bar takes of their room.
+        Axes to draw on; the colour bar uses part of their space.
     marked : MarkedMap
-        The map, and what is marked on it.
-    in_colours_of : MarkedMap, optional
-        Another map that is to be compared with it by eye.
+        Map with the positions to mark.
+    colour_reference : MarkedMap, optional
+        Map that determines the colour scale, for a visual comparison.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
-    scale = _absolute(marked if in_colours_of is None else in_colours_of)
-    return _map(axes, marked, marked.power, scale, name="Range-Doppler map", circle_points=11)
+    scale = _absolute_scale(marked if colour_reference is None else colour_reference)
+    return _draw_marked_map(
+        axes, marked, marked.power, scale, name="Range-Doppler map", circle_points=11
+    )
 
 
-def whole_over_noise(axes: Axes, marked: MarkedMap, *, highest_db: float) -> Axes:
-    """Draw the whole map over its mean noise, in colours that end `highest_db` above that.
+def draw_map_over_noise(axes: Axes, marked: MarkedMap, *, highest_db: float) -> Axes:
+    """Draw the whole map relative to its mean noise, with colours up to `highest_db`.
 
-    Maps drawn up to the same level can be compared by eye.
+    Maps with the same `highest_db` can be compared visually.
 
     Parameters
     ----------
     axes, marked
-        See `whole`.
+        See `draw_map`.
     highest_db : float
         Level of the darkest colour over the mean noise.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
-    scale = _Scale(
+    scale = _ColourScale(
         lowest_db=-6.0,
         highest_db=highest_db,
         zero_db=_noise_db(marked),
-        label="power over the mean noise, dB",
+        label="Power over mean noise (dB)",
     )
     name = "Range-Doppler map over the mean noise"
-    return _map(axes, marked, marked.power, scale, name=name, circle_points=11)
+    return _draw_marked_map(axes, marked, marked.power, scale, name=name, circle_points=11)
 
 
-def close_up(axes: Axes, marked: MarkedMap, *, cell: tuple[int, int]) -> Axes:
-    """Draw the cells around one cell of the map, 16 to each side in velocity and 24 in range.
+def draw_close_up(axes: Axes, marked: MarkedMap, *, cell: tuple[int, int]) -> Axes:
+    """Draw the surroundings of a cell: 16 cells in velocity and 24 in range to each side.
 
     Parameters
     ----------
     axes, marked
-        See `whole`.
+        See `draw_map`.
     cell : tuple of int
-        (velocity, range) of the cell in the middle.
+        Index (velocity, range) of the cell in the middle.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
     sizes, (row, column) = marked.power.sizes, cell
     around = marked.power.isel(
-        velocity=_around(row, sizes["velocity"], _CLOSE_UP_CELLS[0]),
-        range=_around(column, sizes["range"], _CLOSE_UP_CELLS[1]),
+        velocity=_centred_slice(row, sizes["velocity"], _CLOSE_UP_CELLS[0]),
+        range=_centred_slice(column, sizes["range"], _CLOSE_UP_CELLS[1]),
     )
     name = "Range-Doppler map, close-up"
-    return _map(axes, marked, around, _absolute(marked), name=name, circle_points=26)
+    return _draw_marked_map(
+        axes, marked, around, _absolute_scale(marked), name=name, circle_points=26
+    )
 
 
 def noise_power(power: np.ndarray) -> float:
-    """Estimate the mean power of the noise in a map that is mostly noise."""
+    """Estimate the mean noise power of a map that is mostly noise."""
     # The median of exponentially distributed noise is ln 2 of its mean.
     return float(np.median(power) / np.log(2))
 
 
-def reduced(power: np.ndarray, most: tuple[int, int] = _MOST_PIXELS) -> np.ndarray:
-    """Keep the largest cell of each block of a map, at most `most` blocks along each axis."""
-    for axis, limit in enumerate(most):
+def block_maxima(power: np.ndarray, max_shape: tuple[int, int] = _MAX_PIXELS) -> np.ndarray:
+    """Reduce a map to the maxima of at most `max_shape` blocks."""
+    for axis, limit in enumerate(max_shape):
         size = power.shape[axis]
         if size > limit:
             starts = np.linspace(0, size, limit, endpoint=False, dtype=int)
@@ -144,76 +148,76 @@ def _noise_db(marked: MarkedMap) -> float:
     return float(power_db(np.asarray(noise_power(marked.power.values)), marked.units))
 
 
-def _absolute(marked: MarkedMap) -> _Scale:
-    """Colour scale: from 6 dB below the noise to the peak, 20 to 80 dB in all."""
+def _absolute_scale(marked: MarkedMap) -> _ColourScale:
+    """Return the colour scale from 6 dB below the noise to the peak, spanning 20 to 80 dB."""
     highest = float(power_db(marked.power.values.max(), marked.units))
     lowest = max(_noise_db(marked) - 6, highest - _LARGEST_SPAN_DB)
-    return _Scale(
+    return _ColourScale(
         lowest_db=lowest,
         highest_db=max(highest, lowest + 20),
         zero_db=0.0,
-        label=f"power, {power_unit(marked.units)}",
+        label=f"Power ({power_unit(marked.units)})",
     )
 
 
-def _around(centre: int, size: int, reach: int) -> slice:
+def _centred_slice(centre: int, size: int, reach: int) -> slice:
     first = min(max(centre - reach, 0), max(size - 2 * reach - 1, 0))
     return slice(first, first + 2 * reach + 1)
 
 
-def _map(
+def _draw_marked_map(
     axes: Axes,
     marked: MarkedMap,
     part: xr.DataArray,
-    scale: _Scale,
+    scale: _ColourScale,
     *,
     name: str,
     circle_points: float,
 ) -> Axes:
     part = part.transpose("velocity", "range")
-    left, right = edges(part.range.values)
-    bottom, top = edges(part.velocity.values)
+    min_range, max_range = axis_edges(part.range.values)
+    bottom, top = axis_edges(part.velocity.values)
     axes.grid(False)
     image = axes.imshow(
-        power_db(reduced(part.values), marked.units) - scale.zero_db,
+        power_db(block_maxima(part.values), marked.units) - scale.zero_db,
         cmap=COLORS,
         vmin=scale.lowest_db,
         vmax=scale.highest_db,
-        extent=(left, right, bottom, top),
+        extent=(min_range, max_range, bottom, top),
         origin="lower",
         aspect="auto",
         interpolation="none",
     )
-    colour_bar(axes, image, scale.label)
-    axes.set_xlabel(MAP_AXES["range"])
-    axes.set_ylabel(MAP_AXES["velocity"])
-    axes.set(xlim=(left, right), ylim=(bottom, top), autoscale_on=False)
-    _mark(axes, marked, circle_points)
-    told = legend(axes, handletextpad=0.2)
-    for handle in told.legend_handles if told is not None else ():
+    add_colour_bar(axes, image, scale.label)
+    axes.set_xlabel(AXIS_LABELS["range"])
+    axes.set_ylabel(AXIS_LABELS["velocity"])
+    axes.set(xlim=(min_range, max_range), ylim=(bottom, top), autoscale_on=False)
+    _draw_marks(axes, marked, circle_points)
+    map_legend = add_legend(axes, handletextpad=0.2)
+    for handle in map_legend.legend_handles if map_legend is not None else ():
         assert isinstance(handle, Line2D)
         handle.set_markersize(8)
     axes.set_label(name)
     return axes
 
 
-def _mark(axes: Axes, marked: MarkedMap, circle_points: float) -> None:
-    truth, scatterers = _inside(axes, marked.truth), _inside(axes, marked.scatterers)
+def _draw_marks(axes: Axes, marked: MarkedMap, circle_points: float) -> None:
+    truth, scatterers = _points_inside(axes, marked.truth), _points_inside(axes, marked.scatterers)
     if truth.size:
-        crosses(axes, *truth)
+        draw_crosses(axes, *truth)
     if scatterers.size:
-        crosses(axes, *scatterers, marker=".", size=3, name="truth, scatterers of bodies")
-    found = _inside(axes, marked.found)[:, :_MOST_CIRCLES]
-    if found.size:
-        crowded = found.shape[1] > _FEW_CIRCLES
+        draw_crosses(axes, *scatterers, marker=".", size=3, name="truth, scatterers of bodies")
+    detections = _points_inside(axes, marked.detections)[:, :_MAX_CIRCLES]
+    if detections.size:
+        crowded = detections.shape[1] > _FEW_CIRCLES
         size, width = (circle_points / 2, 1.0) if crowded else (circle_points, 1.4)
-        circles(axes, *found, size=size, width=width)
+        draw_circles(axes, *detections, size=size, width=width)
 
 
-def _inside(axes: Axes, place: Place | None) -> np.ndarray:
-    """Coordinates (2, n) of those places that the axes show."""
-    if place is None:
+def _points_inside(axes: Axes, points: RangeVelocity | None) -> np.ndarray:
+    """Return the coordinates (2, n) of the points within the axes."""
+    if points is None:
         return np.empty((2, 0))
-    x, y = place.range_m.ravel(), place.velocity_m_per_s.ravel()
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    return np.array([x, y])[:, (left <= x) & (x <= right) & (bottom <= y) & (y <= top)]
+    x, y = points.range_m.ravel(), points.velocity_m_per_s.ravel()
+    (min_range, max_range), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    return np.array([x, y])[:, (min_range <= x) & (x <= max_range) & (bottom <= y) & (y <= top)]

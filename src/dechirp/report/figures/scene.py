@@ -1,4 +1,4 @@
-"""The scene from above: x forward up the page, y to the left."""
+"""Top view of the scene: x upwards, y to the left."""
 
 import math
 from collections.abc import Sequence
@@ -7,96 +7,102 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from dechirp.core.values import value
-from dechirp.core.words import number
-from dechirp.report.figures import ground
-from dechirp.report.figures.parts import legend
+from dechirp.core.text import format_number
+from dechirp.core.values import frozen_dataclass
+from dechirp.report.figures import top_view
+from dechirp.report.figures.common import add_legend, choose_body_scatterers
 from dechirp.report.figures.style import BLUE, INK, ORANGE, TALL_IN
-from dechirp.report.places import in_bodies
-from dechirp.scene.rotations import into
+from dechirp.scene.rotations import to_local_axes
 from dechirp.scene.scene import Scene
 
-_MOST_ARCS, _FEW_ARCS = 20, 6
-_FEW_NAMES, _MOST_NAMES = 8, 24
+_MAX_ARCS, _FEW_ARCS = 20, 6
+_FEW_NAMES, _MAX_NAMES = 8, 24
 _HIGH_IN = 4.6
-_MOST_ARROWS = 200
-_MOST_POINTS = 600
-# Where nothing is further aside than this part of the length, a road, it is drawn wider.
+_MAX_ARROWS = 200
+_MAX_POINTS = 600
+# Narrow scenes such as roads, with a width below this part of the length, are stretched.
 _NARROW = 0.3
-_OUTSIDE = 0.45  # of the width, within which names stand outside
+_OUTSIDE = 0.45  # part of the width within which names are placed outwards
 
 
-@value
-class _Drawn:
-    """What is drawn, in coordinates of the radar: x, y of each."""
+@frozen_dataclass
+class _SceneGeometry:
+    """Positions to draw, x and y in coordinates of the radar."""
 
-    places_m: np.ndarray
-    points_m: np.ndarray
-    """Scatterers of bodies."""
+    target_positions_m: np.ndarray
+    scatterers_m: np.ndarray
+    """Positions of the scatterers of bodies."""
     arrows_m: np.ndarray
-    """From each target, its way over ground in a while."""
+    """Motion of each target over ground during the arrow duration."""
     headings: np.ndarray
-    """Direction of the x axis of each target."""
-    courses_m: list[np.ndarray]
-    """Ways through waypoints."""
-    stops_m: np.ndarray
-    """The waypoints."""
+    """Unit vector of the x axis of each target."""
+    waypoint_paths_m: list[np.ndarray]
+    """Paths through waypoints."""
+    waypoints_m: np.ndarray
+    """Positions of the waypoints."""
     ego_m: np.ndarray
-    """The radar's own way in that while."""
+    """Path of the radar during the arrow duration."""
 
 
-def from_above(
+def draw_scene(
     axes: Axes,
     scene: Scene,
     *,
     time_s: float = 0.0,
     detected_m: Sequence[float] = (),
-    seen: ground.Seen | None = None,
+    detections: top_view.GroundDetections | None = None,
 ) -> Axes:
-    """Draw targets with their velocities over ground, the radar, and detections.
+    """Draw targets with their velocities over ground, the radar, and detections from above.
 
     Parameters
     ----------
     axes : Axes
-        To draw on.
+        Axes to draw on.
     scene : Scene
-        Drawn as it is at `time_s`, in coordinates of the radar then; of large bodies some of
-        the scatterers.
+        Scene at `time_s`, in radar coordinates; the scatterers of large bodies are thinned.
     time_s : float
-        Of the first estimates: the middle of the first frame.
+        Time of the first estimates: the middle of the first frame.
     detected_m : sequence, m
         Ranges of the detections without directions, strongest first: arcs.
-    seen : Seen, optional
-        The detections with directions: places, with ellipses of their errors.
+    detections : GroundDetections, optional
+        Detections with directions, drawn with error ellipses.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
-    way_s = _while_s(scene, time_s)
-    drawn = _drawn(scene, time_s, way_s)
-    reach_m = _reach_m(drawn)
+    arrow_s = _arrow_duration_s(scene, time_s)
+    geometry = _scene_geometry(scene, time_s, arrow_s)
+    reach_m = _largest_distance_m(geometry)
     ends_m = np.vstack(
-        [drawn.places_m, drawn.points_m, drawn.places_m + drawn.arrows_m, drawn.ego_m, [[0, 0]]]
+        [
+            geometry.target_positions_m,
+            geometry.scatterers_m,
+            geometry.target_positions_m + geometry.arrows_m,
+            geometry.ego_m,
+            [[0, 0]],
+        ]
     )
     front = ends_m[:, 0].max() + 0.12 * reach_m
     back = min(ends_m[:, 0].min() - 0.08 * reach_m, -0.1 * reach_m)
     aside_m = 1.25 * abs(ends_m[:, 1]).max()
     is_narrow = aside_m < _NARROW * (front - back)
-    # At least as wide as the figure: 1.4 times its height once the labels have their room.
+    # At least as wide as the figure, 1.4 times its height without the labels.
     side = max(aside_m, (0.1 if is_narrow else 0.7) * (front - back))
     axes.set_aspect("auto" if is_narrow else "equal")
     axes.set(xlim=(side, -side), ylim=(back, front))
-    ground.rings(axes, math.hypot(max(front, -back), side))
-    _arcs(axes, detected_m)
-    _ways(axes, drawn)
-    _targets(axes, drawn, 0.05 * reach_m, way_s)
-    if seen is not None:
-        ground.detections(axes, seen)
+    top_view.draw_range_rings(axes, math.hypot(max(front, -back), side))
+    _draw_range_arcs(axes, detected_m)
+    _draw_paths(axes, geometry)
+    _draw_targets(axes, geometry, 0.05 * reach_m, arrow_s)
+    if detections is not None:
+        top_view.draw_detections(axes, detections)
     small = 1.0 if len(scene.names) <= _FEW_NAMES else 0.8
-    for name, place in list(zip(scene.names, drawn.places_m, strict=True))[:_MOST_NAMES]:
-        # Outside of its target, where the figure does not end soon.
+    for name, place in list(zip(scene.names, geometry.target_positions_m, strict=True))[
+        :_MAX_NAMES
+    ]:
+        # Names are placed outwards unless the figure ends nearby.
         is_left = (place[1] > 0) == (abs(place[1]) < _OUTSIDE * side)
         axes.annotate(
             name,
@@ -107,58 +113,58 @@ def from_above(
             fontsize=small * mpl.rcParams["font.size"],
             clip_on=True,
         )
-    axes.set_xlabel(ground.SIDE + (", drawn wider" if is_narrow else ""))
-    axes.set_ylabel(ground.FORWARD)
-    legend(axes)
+    axes.set_xlabel(top_view.Y_LABEL + (", stretched" if is_narrow else ""))
+    axes.set_ylabel(top_view.X_LABEL)
+    add_legend(axes)
     axes.set_label("The scene from above")
     return axes
 
 
 def height_in(scene: Scene) -> float:
-    """Height of a figure in which the names have room."""
+    """Return a figure height (in) that has room for the names."""
     return _HIGH_IN if len(scene.targets) > _FEW_NAMES else TALL_IN
 
 
-def _drawn(scene: Scene, time_s: float, way_s: float) -> _Drawn:
+def _scene_geometry(scene: Scene, time_s: float, arrow_s: float) -> _SceneGeometry:
     at_s = np.array([time_s])
-    here_m = np.array(scene.ego.position_m) + scene.ego.ways_m(at_s)
+    here_m = np.array(scene.ego.position_m) + scene.ego.displacements_m(at_s)
     axes = scene.ego.axes(at_s)
 
-    def seen(places_m: np.ndarray) -> np.ndarray:
+    def to_radar_xy(places_m: np.ndarray) -> np.ndarray:
         """From coordinates of the scene, (n, 3), to x and y of the radar's, (n, 2)."""
-        return into(axes, (places_m - here_m)[None])[0, :, :2]
+        return to_local_axes(axes, (places_m - here_m)[None])[0, :, :2]
 
-    on_ground = into(axes, scene.ego.velocities_m_per_s(at_s)[:, None])
-    arrows_m = way_s * (scene.target_velocities_m_per_s(at_s) + on_ground)[0, :, :2]
+    on_ground = to_local_axes(axes, scene.ego.velocities_m_per_s(at_s)[:, None])
+    arrows_m = arrow_s * (scene.target_velocities_m_per_s(at_s) + on_ground)[0, :, :2]
     courses_m, stops_m = [], [np.empty((0, 2))]
-    for place in np.flatnonzero([bool(target.waypoints) for target in scene.targets]):
-        target = scene.targets[place]
-        arrows_m[place] = 0  # its course is drawn
+    for target_index in np.flatnonzero([bool(target.waypoints) for target in scene.targets]):
+        target = scene.targets[target_index]
+        arrows_m[target_index] = 0  # the path is drawn instead
         times_s = np.linspace(0, target.waypoints[-1].time_s, 200)
-        courses_m.append(seen(np.array(target.position_m) + target.ways_m(times_s)))
-        stops_m.append(seen(np.array([point.position_m for point in target.waypoints])))
+        courses_m.append(to_radar_xy(np.array(target.position_m) + target.displacements_m(times_s)))
+        stops_m.append(to_radar_xy(np.array([point.position_m for point in target.waypoints])))
     facing = [target.headings_at_rad(at_s)[0] for target in scene.targets]
     facing_to = np.stack([np.cos(facing), np.sin(facing), np.zeros(len(facing))], axis=-1)
-    times_s = time_s + np.linspace(0, way_s, 50)
-    return _Drawn(
-        places_m=scene.target_positions_m(at_s)[0, :, :2],
-        points_m=scene.positions_m(at_s)[0, in_bodies(scene, _MOST_POINTS), :2],
+    times_s = time_s + np.linspace(0, arrow_s, 50)
+    return _SceneGeometry(
+        target_positions_m=scene.target_positions_m(at_s)[0, :, :2],
+        scatterers_m=scene.positions_m(at_s)[0, choose_body_scatterers(scene, _MAX_POINTS), :2],
         arrows_m=arrows_m,
-        headings=into(axes, facing_to[None])[0, :, :2],
-        courses_m=courses_m,
-        stops_m=np.vstack(stops_m),
-        ego_m=seen(np.array(scene.ego.position_m) + scene.ego.ways_m(times_s)),
+        headings=to_local_axes(axes, facing_to[None])[0, :, :2],
+        waypoint_paths_m=courses_m,
+        waypoints_m=np.vstack(stops_m),
+        ego_m=to_radar_xy(np.array(scene.ego.position_m) + scene.ego.displacements_m(times_s)),
     )
 
 
-def _reach_m(drawn: _Drawn) -> float:
-    points_m = np.vstack([drawn.places_m, drawn.points_m])
+def _largest_distance_m(geometry: _SceneGeometry) -> float:
+    points_m = np.vstack([geometry.target_positions_m, geometry.scatterers_m])
     return max(1.0, float(np.hypot(*points_m.T).max(initial=0.0)))
 
 
-def _arcs(axes: Axes, detected_m: Sequence[float]) -> None:
+def _draw_range_arcs(axes: Axes, detected_m: Sequence[float]) -> None:
     angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
-    for range_m in detected_m[:_MOST_ARCS]:
+    for range_m in detected_m[:_MAX_ARCS]:
         axes.plot(
             range_m * np.sin(angle),
             range_m * np.cos(angle),
@@ -169,25 +175,25 @@ def _arcs(axes: Axes, detected_m: Sequence[float]) -> None:
         )
 
 
-def _ways(axes: Axes, drawn: _Drawn) -> None:
-    """Draw the courses through waypoints, and the radar's own way."""
-    for course_m in drawn.courses_m:
-        axes.plot(*course_m.T[::-1], color=BLUE, linewidth=0.8, label="way through waypoints")
-    axes.plot(*drawn.stops_m.T[::-1], linestyle="", marker="|", markersize=5, color=BLUE)
-    axes.plot(*drawn.ego_m.T[::-1], color=INK, linewidth=1.4)
-    ground.arrow(axes, drawn.ego_m[-2], drawn.ego_m[-1], INK)
+def _draw_paths(axes: Axes, geometry: _SceneGeometry) -> None:
+    """Draw the paths through waypoints, and the path of the radar."""
+    for course_m in geometry.waypoint_paths_m:
+        axes.plot(*course_m.T[::-1], color=BLUE, linewidth=0.8, label="path through waypoints")
+    axes.plot(*geometry.waypoints_m.T[::-1], linestyle="", marker="|", markersize=5, color=BLUE)
+    axes.plot(*geometry.ego_m.T[::-1], color=INK, linewidth=1.4)
+    top_view.draw_arrow(axes, geometry.ego_m[-2], geometry.ego_m[-1], INK)
 
 
-def _targets(axes: Axes, drawn: _Drawn, stroke_m: float, way_s: float) -> None:
-    ends_m = drawn.places_m + stroke_m * drawn.headings
-    for place, end in list(zip(drawn.places_m, ends_m, strict=True))[:_MOST_ARROWS]:
+def _draw_targets(axes: Axes, geometry: _SceneGeometry, stroke_m: float, arrow_s: float) -> None:
+    ends_m = geometry.target_positions_m + stroke_m * geometry.headings
+    for place, end in list(zip(geometry.target_positions_m, ends_m, strict=True))[:_MAX_ARROWS]:
         axes.plot(*np.array([place, end]).T[::-1], color=BLUE, linewidth=2.2, alpha=0.5)
-    tips_m = drawn.places_m + drawn.arrows_m
-    for place, tip in list(zip(drawn.places_m, tips_m, strict=True))[:_MOST_ARROWS]:
-        ground.arrow(axes, place, tip, BLUE)
-    if len(drawn.points_m):
+    tips_m = geometry.target_positions_m + geometry.arrows_m
+    for place, tip in list(zip(geometry.target_positions_m, tips_m, strict=True))[:_MAX_ARROWS]:
+        top_view.draw_arrow(axes, place, tip, BLUE)
+    if len(geometry.scatterers_m):
         axes.plot(
-            *drawn.points_m.T[::-1],
+            *geometry.scatterers_m.T[::-1],
             linestyle="",
             marker=".",
             markersize=2,
@@ -195,20 +201,22 @@ def _targets(axes: Axes, drawn: _Drawn, stroke_m: float, way_s: float) -> None:
             label="scatterers of bodies",
         )
     axes.plot(
-        *drawn.places_m.T[::-1],
+        *geometry.target_positions_m.T[::-1],
         linestyle="",
         marker="o",
-        markersize=6 if len(drawn.places_m) <= 8 else 3.5,
+        markersize=6 if len(geometry.target_positions_m) <= 8 else 3.5,
         color=BLUE,
-        label=f"target, its way in {number(way_s)} s" if way_s else "target",
+        label=f"target, motion in {format_number(arrow_s)} s" if arrow_s else "target",
     )
 
 
-def _while_s(scene: Scene, time_s: float) -> float:
-    """Choose a round time in which the fastest goes about a quarter of the way shown."""
+def _arrow_duration_s(scene: Scene, time_s: float) -> float:
+    """Choose a round duration in which the fastest object moves about a third of the view."""
     at_s = np.array([time_s])
     ego = scene.ego.velocities_m_per_s(at_s)
-    on_ground = scene.target_velocities_m_per_s(at_s)[0] + into(scene.ego.axes(at_s), ego[None])[0]
+    on_ground = (
+        scene.target_velocities_m_per_s(at_s)[0] + to_local_axes(scene.ego.axes(at_s), ego[None])[0]
+    )
     fastest = float(np.linalg.norm(np.vstack([on_ground, ego])[:, :2], axis=1).max())
     reach_m = np.linalg.norm(scene.positions_m(at_s)[0, :, :2], axis=1).max(initial=1.0)
-    return ground.round_down(0.3 * reach_m / fastest) if fastest > 0 else 0.0
+    return top_view.round_down_to_1_2_5(0.3 * reach_m / fastest) if fastest > 0 else 0.0

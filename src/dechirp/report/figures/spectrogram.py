@@ -1,37 +1,39 @@
-"""Velocity over time: what swings and turns while its target goes along."""
+"""Spectrogram: power over velocity and time."""
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from dechirp.core.words import power_db, power_unit
-from dechirp.report.figures.parts import MAP_AXES, colour_bar, edges
-from dechirp.report.figures.range_doppler import noise_power, reduced
+from dechirp.core.text import power_db, power_unit
+from dechirp.report.figures.common import AXIS_LABELS, add_colour_bar, axis_edges
+from dechirp.report.figures.range_doppler import block_maxima, noise_power
 from dechirp.report.figures.style import COLORS
 
-_MOST_PIXELS = (220, 420)  # velocity, time: as many as a figure of 500 pixels can show
+_MAX_PIXELS = (220, 420)  # velocity, time: the resolution of a figure of 500 pixels
 _LARGEST_SPAN_DB = 60.0
 
 
-def over_time(axes: Axes, power: xr.DataArray, *, fastest_m_per_s: float | None = None) -> Axes:
-    """Draw a spectrogram, as `process.spectrogram` gives it.
+def draw_spectrogram(
+    axes: Axes, power: xr.DataArray, *, fastest_m_per_s: float | None = None
+) -> Axes:
+    """Draw a spectrogram, the result of `processing.spectrogram`.
 
-    Large ones are drawn from the largest cell of each block, so that no line is lost. Where
-    time has gaps the figure has them too.
+    Large spectrograms are reduced to block maxima, so that no line is lost. Gaps in time remain
+    gaps in the figure.
 
     Parameters
     ----------
     axes : Axes
-        To draw on; a colour bar takes of their room.
+        Axes to draw on; the colour bar uses part of their space.
     power : DataArray (time, velocity)
-        Its `units` tell whether levels are in dBm or relative to full scale.
+        Spectrogram, whose `units` select dBm or dB relative to full scale.
     fastest_m_per_s : float, optional
-        Velocities up to this one of either sign are shown; all without it.
+        Largest velocity to show, of either sign; default: all.
 
     Returns
     -------
     Axes
-        Those given.
+        The given axes.
     """
     power = power.transpose("velocity", "time")
     if fastest_m_per_s is not None:
@@ -42,14 +44,14 @@ def over_time(axes: Axes, power: xr.DataArray, *, fastest_m_per_s: float | None 
     lowest_db = max(noise_db - 6, highest_db - _LARGEST_SPAN_DB)
     time_s = power.time.values
     step_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else 1.0
-    bottom, top = edges(power.velocity.values)
+    bottom, top = axis_edges(power.velocity.values)
     cuts = np.flatnonzero(np.diff(time_s) > 1.5 * step_s) + 1
     axes.grid(False)
     for columns in np.split(np.arange(time_s.size), cuts):
-        most = (_MOST_PIXELS[0], max(_MOST_PIXELS[1] * columns.size // time_s.size, 1))
+        max_shape = (_MAX_PIXELS[0], max(_MAX_PIXELS[1] * columns.size // time_s.size, 1))
         start_s, end_s = time_s[columns[0]] - step_s / 2, time_s[columns[-1]] + step_s / 2
         image = axes.imshow(
-            power_db(reduced(power.values[:, columns], most), units),
+            power_db(block_maxima(power.values[:, columns], max_shape), units),
             cmap=COLORS,
             vmin=lowest_db,
             vmax=max(highest_db, lowest_db + 20),
@@ -59,8 +61,8 @@ def over_time(axes: Axes, power: xr.DataArray, *, fastest_m_per_s: float | None 
             interpolation="none",
         )
     axes.set(xlim=(time_s[0] - step_s / 2, time_s[-1] + step_s / 2), ylim=(bottom, top))
-    colour_bar(axes, image, f"power, {power_unit(units)}")
-    axes.set_xlabel("time, s")
-    axes.set_ylabel(MAP_AXES["velocity"])
+    add_colour_bar(axes, image, f"Power ({power_unit(units)})")
+    axes.set_xlabel("Time (s)")
+    axes.set_ylabel(AXIS_LABELS["velocity"])
     axes.set_label("Spectrogram: power over velocity and time")
     return axes

@@ -1,18 +1,18 @@
-"""The ramp that is sent, its echo, and the tone that is left of the two."""
+"""Transmitted ramp, its echo and the beat signal."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from dechirp.core.units import decibels
-from dechirp.core.words import quantity
-from dechirp.report.figures.parts import colour_bar, edges, panels
+from dechirp.core.text import format_si
+from dechirp.core.units import to_decibels
+from dechirp.report.figures.common import add_colour_bar, axis_edges, create_panels
 from dechirp.report.figures.style import BLUE, COLORS, INK, MUTED, ORANGE
 
 _SPAN_DB = 30.0
 
 
-def frequencies(
+def draw_frequencies(
     figure: FigureBase,
     *,
     start_frequency_hz: float,
@@ -22,23 +22,23 @@ def frequencies(
     beat_frequency_hz: float,
     n_chirps: int = 3,
 ) -> list[Axes]:
-    """Draw the frequency that is sent and the one that returns, over a few chirps and close up.
+    """Draw the transmitted and received frequency over a few chirps, and a close-up.
 
     Parameters
     ----------
     figure : Figure or SubFigure
-        To fill.
+        Figure to fill.
     start_frequency_hz, bandwidth_hz, chirp_duration_s : float
-        Of the chirps, which follow each other without a pause.
+        Parameters of the chirps, which follow each other without a pause.
     delay_s, beat_frequency_hz : float
-        Of the echo.
+        Delay and beat frequency of the echo.
     n_chirps : int
         Chirps in the first panel.
 
     Returns
     -------
     list of Axes
-        Some chirps, and the start of the first.
+        Axes of the chirps, and of the close-up of the first one.
     """
     time_us = np.array([0.0, 1.0]) * chirp_duration_s * 1e6
     frequency_ghz = (start_frequency_hz + np.array([0.0, bandwidth_hz])) / 1e9
@@ -46,30 +46,30 @@ def frequencies(
 
     def ramps(axes: Axes) -> None:
         for chirp in range(n_chirps):
-            at = chirp * chirp_duration_s * 1e6
+            start_us = chirp * chirp_duration_s * 1e6
             first = chirp == 0
             axes.plot(
-                time_us + at,
+                time_us + start_us,
                 frequency_ghz,
                 color=BLUE,
                 linewidth=1.3,
-                label="sent" if first else None,
+                label="transmitted" if first else None,
             )
             axes.plot(
-                time_us + at + delay_us,
+                time_us + start_us + delay_us,
                 frequency_ghz,
                 color=ORANGE,
                 linewidth=1.3,
-                label="returns" if first else None,
+                label="received" if first else None,
             )
-        axes.set_xlabel("time, µs")
+        axes.set_xlabel("Time (µs)")
 
-    few, close = panels(figure, 1, 2, width_ratios=(1.5, 1.0))[0].tolist()
+    few, close = create_panels(figure, 1, 2, width_ratios=(1.5, 1.0))[0].tolist()
     ramps(few)
     few.set(xlim=(0, (n_chirps + 0.1) * chirp_duration_s * 1e6))
-    few.set_ylabel("frequency, GHz")
+    few.set_ylabel("Frequency (GHz)")
     ramps(close)
-    close.set_ylabel("frequency, GHz")
+    close.set_ylabel("Frequency (GHz)")
     reach_us = 3.2 * delay_us
     slope = beat_ghz / delay_us
     close.set(
@@ -78,27 +78,27 @@ def frequencies(
     )
     at_us = 2.2 * delay_us
     top, bottom = (frequency_ghz[0] + slope * x for x in (at_us, at_us - delay_us))
-    _between(close, (at_us, bottom), (at_us, top))
+    _draw_dimension_arrow(close, (at_us, bottom), (at_us, top))
     close.text(
         at_us - 0.1 * delay_us,
         top + 0.1 * slope * delay_us,
-        quantity(beat_frequency_hz, "Hz"),
+        format_si(beat_frequency_hz, "Hz"),
         ha="right",
         va="bottom",
     )
     low = frequency_ghz[0] - 0.05 * slope * reach_us
-    _between(close, (0.0, low), (delay_us, low))
+    _draw_dimension_arrow(close, (0.0, low), (delay_us, low))
     close.plot([delay_us] * 2, [low, frequency_ghz[0]], color=MUTED, linewidth=0.6)
-    close.text(1.1 * delay_us, low, quantity(delay_s, "s"), ha="left", va="center")
+    close.text(1.1 * delay_us, low, format_si(delay_s, "s"), ha="left", va="center")
     figure.legend(
         *few.get_legend_handles_labels(), loc="outside upper center", ncols=2, handlelength=1.4
     )
-    few.set_label("Instantaneous frequency of what is sent and what returns")
-    close.set_label("the same at the start of the first chirp")
+    few.set_label("Instantaneous transmitted and received frequency")
+    close.set_label("Close-up of the start of the first chirp")
     return [few, close]
 
 
-def spectrogram(
+def draw_spectrograms(
     figure: FigureBase,
     ramp: np.ndarray,
     beat: np.ndarray,
@@ -107,58 +107,58 @@ def spectrogram(
     slope_hz_per_s: float,
     highest_beat_hz: float,
 ) -> list[Axes]:
-    """Draw short-time spectra of the ramp, mixed down, and of the beat signal of one chirp.
+    """Draw spectrograms of the ramp, mixed down, and of the beat signal of one chirp.
 
     Parameters
     ----------
     figure : Figure or SubFigure
-        To fill.
+        Figure to fill.
     ramp, beat : array (n_samples,)
-        Complex.
+        Complex samples.
     sample_rate_hz, slope_hz_per_s : float
-        Of both.
+        Sample rate and slope of both.
     highest_beat_hz : float
-        Of the beat signal the frequencies up to this one, and a third of that below zero.
+        Largest displayed beat frequency; negative ones are displayed up to a third of it.
 
     Returns
     -------
     list of Axes
-        Of the ramp and of the beat signal.
+        Axes of the ramp and of the beat signal.
     """
-    # A window of sqrt(1 / slope) keeps the line of a ramp narrowest; a tone wants a long one.
+    # A window of sqrt(1 / slope) gives the narrowest line of a ramp; a tone needs a long one.
     short = round(sample_rate_hz / np.sqrt(slope_hz_per_s))
     bandwidth_hz = slope_hz_per_s * ramp.size / sample_rate_hz
     parts = (
-        ("the ramp, mixed down", ramp, short, (0.0, bandwidth_hz)),
-        ("the beat signal, noisy", beat, 4 * short, (-highest_beat_hz / 3, highest_beat_hz)),
+        ("ramp, mixed down", ramp, short, (0.0, bandwidth_hz)),
+        ("beat signal with noise", beat, 4 * short, (-highest_beat_hz / 3, highest_beat_hz)),
     )
-    both: list[Axes] = panels(figure, 1, 2)[0].tolist()
+    both: list[Axes] = create_panels(figure, 1, 2)[0].tolist()
     for axes, (title, samples, n_window, over_hz) in zip(both, parts, strict=True):
         power, time_s, frequency_hz = _short_time_power(samples, sample_rate_hz, n_window)
-        shown = (frequency_hz >= over_hz[0]) & (frequency_hz <= over_hz[1])
+        is_shown = (frequency_hz >= over_hz[0]) & (frequency_hz <= over_hz[1])
         axes.grid(False)
         image = axes.imshow(
-            decibels(power[shown] / power.max()),
+            to_decibels(power[is_shown] / power.max()),
             cmap=COLORS,
             vmin=-_SPAN_DB,
             vmax=0.0,
-            extent=(*edges(time_s * 1e6), *edges(frequency_hz[shown] / 1e6)),
+            extent=(*axis_edges(time_s * 1e6), *axis_edges(frequency_hz[is_shown] / 1e6)),
             origin="lower",
             aspect="auto",
             interpolation="none",
         )
         axes.set_title(title, loc="left")
         axes.set_label(f"Spectrogram of {title}")
-        axes.set_xlabel("time, µs")
-        axes.set_ylabel("frequency, MHz")
-    colour_bar(both, image, "power relative to the peak, dB")
+        axes.set_xlabel("Time (µs)")
+        axes.set_ylabel("Frequency (MHz)")
+    add_colour_bar(both, image, "Power relative to the peak (dB)")
     return both
 
 
 def _short_time_power(
     samples: np.ndarray, sample_rate_hz: float, n_window: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Power (frequency, time) under a Hann window, times (s) and frequencies (Hz)."""
+    """Return power (frequency, time) with a Hann window, times (s) and frequencies (Hz)."""
     step, n_bins = max(n_window // 8, 1), 8 * n_window
     pieces = np.lib.stride_tricks.sliding_window_view(samples, n_window)[::step]
     spectra = np.fft.fft(pieces * np.hanning(n_window), n_bins, axis=1)
@@ -167,7 +167,7 @@ def _short_time_power(
     return power, time_s, np.fft.fftshift(np.fft.fftfreq(n_bins, 1 / sample_rate_hz))
 
 
-def _between(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+def _draw_dimension_arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
     axes.annotate(
         "",
         xy=end,

@@ -1,1 +1,5 @@
-"""Bodies of many scatterers: a family."""
+"""Bodies of many scatterers, a family."""
+
+from dechirp.core.namespaces import lazy_namespace
+
+__getattr__, __dir__ = lazy_namespace(__name__)

@@ -1,4 +1,4 @@
-"""What a body is: scatterers that move together, and with each other."""
+"""Base classes of bodies: scatterers with a common motion."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -8,54 +8,56 @@ import numpy as np
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
 
-LEAST_RCS_M2, MOST_RCS_M2 = 1e-18, 1e12
-"""Wider than from a point among many of a grain of dust to a planet."""
+MIN_RCS_M2, MAX_RCS_M2 = 1e-18, 1e12
+"""Limits from one of many points of a grain of dust to a planet."""
 
 
 class Body(Family):
-    """Scatterers in axes of their own: x forward along the heading, y left, z up."""
+    """Scatterers in the axes of the body: x forward along the heading, y left, z up."""
 
     group: ClassVar[str] = "dechirp.body"
 
     @abstractmethod
     def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
-        """Places of the scatterers at each time, (n_times, n_scatterers, 3), axes of the body.
+        """Return the positions of the scatterers at each time, (n_times, n_scatterers, 3).
 
-        As smooth over time as positions are: a part that jumps is refused.
+        They are in axes of the body and smooth over time: a part that jumps raises an error.
         """
 
     @abstractmethod
     def cross_sections_m2(self) -> np.ndarray:
-        """Mean cross section of each scatterer, (n_scatterers,)."""
+        """Return the mean cross section of each scatterer, (n_scatterers,)."""
 
     @property
     def is_rigid(self) -> bool:
-        """Whether no part moves; `offsets_m` is the same at all times then."""
+        """Return whether no part moves, so that `offsets_m` is constant."""
         return False
 
     def n_scatterers(self) -> int:
-        """How many there are, the same at all times."""
+        """Return the number of scatterers, constant over time."""
         return len(self.cross_sections_m2())
 
     def findings(self, setting: str) -> list[Finding]:
-        """List what surprises in it, under the path of its setting."""
+        """Return findings on surprising properties, under the path of the body's setting."""
         return []
 
 
 class AspectBody(Body):
-    """A body that reflects more to one side than to another: hidden corners, flat panels."""
+    """Body with aspect-dependent cross sections: hidden corners, flat panels."""
 
     @abstractmethod
     def n_scatterers(self) -> int:
-        """How many there are, the same at all times and from all sides."""
+        """Return the number of scatterers, the same at all times and aspects."""
 
     @abstractmethod
-    def seen_from_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
-        """Mean cross section of each scatterer, (n_places, n_scatterers), 0 where it is hidden.
+    def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
+        """Return the mean cross section of each scatterer, (n_positions, n_scatterers).
 
-        `radar_m`: from where it is seen, (n_places, 3), axes of the body. Taken at mid-frame.
+        It is 0 if hidden. `radar_m` is the position of the radar, (n_positions, 3), in axes of the
+        body, at
+        mid-frame.
         """
 
     def cross_sections_m2(self) -> np.ndarray:
-        """0 for each, (n_scatterers,): they depend on the aspect."""
+        """Return 0 for each scatterer, (n_scatterers,), since they depend on aspect."""
         return np.zeros(self.n_scatterers())

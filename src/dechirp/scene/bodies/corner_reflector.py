@@ -1,14 +1,14 @@
-"""A trihedral corner reflector, with which radars are calibrated."""
+"""Trihedral corner reflector, used for calibration."""
 
 import math
 
 import numpy as np
 
-from dechirp.core.checks import positive
-from dechirp.core.values import value
-from dechirp.scene.bodies.optical import OpticalBody
+from dechirp.core.checks import check_positive
+from dechirp.core.values import frozen_dataclass
+from dechirp.scene.bodies.optical_region import OpticalBody
 
-# Its edges as columns, alike about the x axis, the first straight up but for that.
+# Its edges as columns, symmetric about the x axis, the first upright apart from that.
 _EDGES = np.array(
     [
         [1 / math.sqrt(3)] * 3,
@@ -18,21 +18,23 @@ _EDGES = np.array(
 )
 
 
-@value
+@frozen_dataclass
 class CornerReflector(OpticalBody):
-    r"""Three triangles of metal at right angles: one scatterer at the origin, where all meet.
+    r"""Three metal triangles at right angles, as one scatterer at the origin, the apex.
 
-    It opens to the x axis, along which it reflects most, with one of the edges up: give its
-    target the heading in which it looks. With the cosines :math:`u \le v \le w` between the
-    direction and its edges of length a, and s their sum, three reflections give
+    It opens towards the x axis, the direction of its largest cross section, with one edge upwards:
+    set
+    the heading of the target accordingly. With the cosines :math:`u \le v \le w` between the
+    direction and its edges of length a, and s their sum, triple reflection yields
 
     .. math:: \sigma = \frac{4 \pi a^4}{\lambda^2} \begin{cases}
         (4 u v / s)^2 & u + v \le w \\
         (s - 2 / s)^2 & u + v \ge w \end{cases}
 
-    so that at the peak :math:`\sigma = 4 \pi a^4 / 3 \lambda^2`: 14.4 dBsm for 10 cm at 77
-    GHz, 3 dB less some 20 deg beside it. What one or two of the triangles reflect by
-    themselves, nearly along them or their edges, is left out: 0 from behind any of them.
+    so that at the peak :math:`\sigma = 4 \pi a^4 / 3 \lambda^2`: 14.4 dBsm for 10 cm at 77 GHz, 3
+    dB
+    less some 20 deg off. Single and double reflections, near the planes of the triangles or their
+    edges, are neglected: 0 from behind any triangle.
 
     References
     ----------
@@ -42,17 +44,17 @@ class CornerReflector(OpticalBody):
     """
 
     edge_m: float
-    """From the corner along which two triangles meet, not across the opening."""
+    """Length of the edge between two triangles, not across the opening."""
 
     def __post_init__(self) -> None:
-        positive(self, "edge_m", at_most=1e3)
+        check_positive(self, "edge_m", at_most=1e3)
 
-    def seen_from_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
-        """Cross section, (n_places, 1); refuses with `InvalidSetting` what is not optical."""
-        self.must_be_large("edge_m", wavelength_m, wavelengths=4)
+    def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
+        """Return the cross section, (n_positions, 1); raise if not in the optical region."""
+        self.check_optical_size("edge_m", wavelength_m, wavelengths=4)
         to_radar = radar_m / np.linalg.norm(radar_m, axis=-1, keepdims=True)
         u, v, w = np.maximum(np.sort(to_radar @ _EDGES, axis=-1), 0.0).T
-        # Where u is 0 the sum may be as well, and so is what they make of it.
+        # If u is 0, the sum may be 0 too, and so is the result.
         s = np.maximum(u + v + w, 1.0)
         opening = np.where(u + v <= w, 4 * u * v / s, s - 2 / s)
         opening = np.where(u > 0, opening, 0.0)

@@ -1,41 +1,47 @@
-"""Ground clutter: the echo of the road and of what is beside it."""
+"""Ground clutter: echoes of the road and its surroundings."""
 
 from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import count, number, positive
+from dechirp.core.checks import check_count, check_number, check_positive
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.values import value
+from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import AspectBody
 
 
-@value
+@frozen_dataclass
 class GroundClutter(AspectBody):
-    r"""Patches of flat ground at random places in a rectangle, still in the world.
+    r"""Patches of flat ground at random positions in a rectangle, fixed in the scene.
 
-    The rectangle goes from `near_m` to `far_m` along the x axis and as far to the left as to
-    the right; the origin is on the ground. Each of n patches of a rectangle of the area A
-    reflects, to a radar that looks down on it at the grazing angle :math:`\psi`, by the
-    constant-gamma model
+    The rectangle extends from `near_m` to `far_m` along the x axis and equally to both sides; the
+    origin
+    is on the ground. Each of n patches of a rectangle of the area A reflects, to a radar above it
+    at
+    the grazing angle :math:`\psi`, by the constant-gamma model
 
     .. math:: \sigma = \gamma \sin\psi \, A / n
 
-    To a radar that moves, ground at the azimuth :math:`\varphi` from its heading comes at the
+    Relative to a moving radar, ground at the azimuth :math:`\varphi` from its heading has the
     velocity :math:`-v \cos\varphi`, times the cosine of its elevation: a ridge over azimuth.
 
     Notes
     -----
-    Gamma at 10 GHz: flat land -20 dB, farmland and woods -15 dB, wooded hills -10 dB, cities 0
-    dB (Nathanson; Long); by the usual rule 5 log10(f / 10 GHz) dB more at f. Flat land at 77
-    GHz, -15.6 dB, is taken here. Roads of many kinds were measured at 94 GHz under grazing
-    angles of 2 to 20 deg (Li and Sarabandi): give what fits yours.
+    Gamma at 10 GHz: flat land -20 dB, farmland and woods -15 dB, wooded hills -10 dB, cities 0 dB
+    (Nathanson; Long); by the usual rule 5 log10(f / 10 GHz) dB more at f. The default is flat land
+    at 77
+    GHz, -15.6 dB. Roads of many kinds were measured at 94 GHz under grazing angles of 2 to 20 deg
+    (Li
+    and Sarabandi): choose a matching value.
 
-    Patches do not fluctuate by themselves: where a cell of the radar holds some ten or more,
-    their sum is Rayleigh distributed over cells by their random places, as ground at 95 GHz is
-    (Ulaby et al.), stands still for a radar that does, and changes as the radar moves on.
-    Give the target a fluctuation of swerling-1 where cells hold fewer. Shadows behind other
-    bodies are left out, and the steep rise within some degrees of the nadir.
+    Patches do not fluctuate individually: if a cell of the radar contains some ten or more, their
+    sum is
+    Rayleigh distributed over cells by their random positions, as ground at 95 GHz is (Ulaby et
+    al.). It
+    is constant for a radar at rest, and changes as the radar moves on. Use the fluctuation
+    swerling-1 if
+    cells contain fewer. Shadowing by other bodies is neglected, and the steep rise within some
+    degrees of the nadir.
 
     References
     ----------
@@ -48,47 +54,45 @@ class GroundClutter(AspectBody):
     """
 
     near_m: float = 2.0
-    """Where the rectangle begins along x; it may be behind the origin."""
+    """Start of the rectangle along x; it may be behind the origin."""
     far_m: float = 60.0
-    """Where it ends."""
+    """End of the rectangle along x."""
     width_m: float = 40.0
-    """Along y, half of it on each side."""
+    """Width along y, half of it on each side."""
     n_patches: int = 2000
     gamma: float = 0.0277
-    """Cross section of an area seen from right above, a ratio (dB in files)."""
+    """Cross section per area at normal incidence, a ratio (dB in files)."""
     seed: int = 0
-    """Of the places; patches stay where they are from run to run."""
+    """Seed of the positions, which are the same in every run."""
 
     def __post_init__(self) -> None:
-        far_m = number("GroundClutter.far_m", self.far_m, at_least=-1e6, at_most=1e6)
-        number("GroundClutter.near_m", self.near_m, at_least=-1e6)
+        far_m = check_number("GroundClutter.far_m", self.far_m, at_least=-1e6, at_most=1e6)
+        check_number("GroundClutter.near_m", self.near_m, at_least=-1e6)
         if self.near_m >= far_m:
             raise InvalidSetting(
                 "GroundClutter.near_m",
-                got=f"{self.near_m:.4g} m",
-                need=f"below far_m, {far_m:.4g} m",
-                fix="Exchange them, or move one of them.",
+                value=f"{self.near_m:.4g} m",
+                expected=f"below far_m, {far_m:.4g} m",
+                fix="exchange them, or move one of them",
             )
-        positive(self, "width_m", at_most=1e6)
-        count(self, "n_patches", at_most=10_000_000)
-        positive(self, "gamma", at_least=1e-9, at_most=100.0)
-        count(self, "seed", at_least=0)
+        check_positive(self, "width_m", at_most=1e6)
+        check_count(self, "n_patches", at_most=10_000_000)
+        check_positive(self, "gamma", at_least=1e-9, at_most=100.0)
+        check_count(self, "seed", at_least=0)
 
     @property
     def is_rigid(self) -> bool:
-        """It is."""
         return True
 
     def n_scatterers(self) -> int:
-        """One for each patch."""
         return self.n_patches
 
     def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
-        """Middles of the patches at each time, (n_times, n_patches, 3)."""
-        return np.repeat(self._at_m[None], len(times_s), axis=0)
+        """Return the centres of the patches at each time, (n_times, n_patches, 3)."""
+        return np.repeat(self._patch_positions_m[None], len(times_s), axis=0)
 
-    def seen_from_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
-        """Mean cross section of each patch, (n_places, n_patches).
+    def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
+        """Return the mean cross section of each patch, (n_positions, n_patches).
 
         Raises
         ------
@@ -99,17 +103,17 @@ class GroundClutter(AspectBody):
         if lowest_m <= 0:
             raise InvalidSetting(
                 "Target.position_m",
-                got=f"with its ground {0.0 - lowest_m:.4g} m above the radar",
-                need="below the radar: ground is not seen from there",
-                fix="Put the ground at z = -0.5 m for a radar in a bumper, or raise the radar"
-                " (ego position).",
+                value=f"a ground {0.0 - lowest_m:.4g} m above the radar",
+                expected="a ground below the radar",
+                fix="put the ground at z = -0.5 m for a radar in a bumper, or raise the radar"
+                " (ego position)",
             )
         area_m2 = (self.far_m - self.near_m) * self.width_m / self.n_patches
-        ways_m = np.linalg.norm(radar_m[:, None] - self._at_m, axis=-1)
-        return np.asarray(self.gamma * area_m2 * radar_m[:, 2:] / ways_m)
+        distances_m = np.linalg.norm(radar_m[:, None] - self._patch_positions_m, axis=-1)
+        return np.asarray(self.gamma * area_m2 * radar_m[:, 2:] / distances_m)
 
     @cached_property
-    def _at_m(self) -> np.ndarray:
+    def _patch_positions_m(self) -> np.ndarray:
         x, y = np.random.default_rng(self.seed).random((2, self.n_patches))
         x_m = self.near_m + x * (self.far_m - self.near_m)
         return np.stack([x_m, (y - 0.5) * self.width_m, np.zeros(self.n_patches)], axis=-1)

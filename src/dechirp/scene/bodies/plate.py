@@ -1,17 +1,17 @@
-"""A flat plate of metal, which flashes along its normal."""
+"""Flat metal plate, with a flash along its normal."""
 
 import math
 
 import numpy as np
 
-from dechirp.core.checks import positive
-from dechirp.core.values import value
-from dechirp.scene.bodies.optical import OpticalBody
+from dechirp.core.checks import check_positive
+from dechirp.core.values import frozen_dataclass
+from dechirp.scene.bodies.optical_region import OpticalBody
 
 
-@value
+@frozen_dataclass
 class Plate(OpticalBody):
-    r"""A flat plate of metal: one scatterer at the origin, its middle; its normal is the x axis.
+    r"""Flat metal plate, as one scatterer at the origin, its centre; its normal is the x axis.
 
     By physical optics, seen along the unit vector u, with A = width x height:
 
@@ -19,9 +19,9 @@ class Plate(OpticalBody):
         \, \mathrm{sinc}^2 \frac{2 w u_y}{\lambda} \, \mathrm{sinc}^2 \frac{2 h u_z}{\lambda},
         \quad \mathrm{sinc}\, x = \frac{\sin \pi x}{\pi x}
 
-    from both of its faces. The far field: within 2 D^2 / lambda, D its larger side, a real
-    plate reflects less (a side of 0.3 m at 77 GHz: 46 m). Beyond some 40 deg its edges
-    diffract more than this.
+    from both of its faces, in the far field: within 2 D^2 / lambda, D its larger side, a real plate
+    reflects less (a side of 0.3 m at 77 GHz: 46 m). Beyond some 40 deg, edge diffraction exceeds
+    this.
 
     References
     ----------
@@ -30,17 +30,17 @@ class Plate(OpticalBody):
     """
 
     width_m: float
-    """Along y."""
+    """Width along y."""
     height_m: float
-    """Along z."""
+    """Height along z."""
 
     def __post_init__(self) -> None:
-        positive(self, "width_m", "height_m", at_most=1e3)
+        check_positive(self, "width_m", "height_m", at_most=1e3)
 
-    def seen_from_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
-        """Cross section, (n_places, 1); refuses with `InvalidSetting` what is not optical."""
+    def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
+        """Return the cross section, (n_positions, 1); raise if not in the optical region."""
         for name in ("width_m", "height_m"):
-            self.must_be_large(name, wavelength_m, wavelengths=2)
+            self.check_optical_size(name, wavelength_m, wavelengths=2)
         x, y, z = (radar_m / np.linalg.norm(radar_m, axis=-1, keepdims=True)).T
         area_m2 = self.width_m * self.height_m
         over_y = np.sinc(2 * self.width_m * y / wavelength_m)

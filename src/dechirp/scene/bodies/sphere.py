@@ -1,22 +1,22 @@
-"""A sphere of metal, which reflects alike to all sides."""
+"""Metal sphere, with equal reflection in all directions."""
 
 import math
 
 import numpy as np
 
-from dechirp.core.checks import positive
-from dechirp.core.values import value
-from dechirp.scene.bodies.optical import OpticalBody
+from dechirp.core.checks import check_positive
+from dechirp.core.values import frozen_dataclass
+from dechirp.scene.bodies.optical_region import OpticalBody
 
 
-@value
+@frozen_dataclass
 class Sphere(OpticalBody):
-    r"""A sphere of metal: one scatterer at the origin, its point that is nearest to the radar.
+    r"""Metal sphere, as one scatterer at the origin, its point nearest to the radar.
 
     .. math:: \sigma = \pi r^2
 
-    in the optical region. Creeping waves add to it by less than 0.5 dB from two wavelengths
-    of radius on, below which it is refused.
+    in the optical region. Creeping waves add less than 0.5 dB from two wavelengths of radius on;
+    smaller spheres raise an error.
 
     References
     ----------
@@ -26,9 +26,9 @@ class Sphere(OpticalBody):
     radius_m: float
 
     def __post_init__(self) -> None:
-        positive(self, "radius_m", at_most=1e3)
+        check_positive(self, "radius_m", at_most=1e3)
 
-    def seen_from_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
-        """Cross section, (n_places, 1); refuses with `InvalidSetting` what is not optical."""
-        self.must_be_large("radius_m", wavelength_m, wavelengths=2)
+    def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
+        """Return the cross section, (n_positions, 1); raise if not in the optical region."""
+        self.check_optical_size("radius_m", wavelength_m, wavelengths=2)
         return np.full((len(radar_m), 1), math.pi * self.radius_m**2)

@@ -1,1 +1,1 @@
-"""What is turned and read beside the views."""
+"""Panels: groups of widgets beside the views, one file each."""

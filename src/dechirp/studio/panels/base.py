@@ -1,4 +1,4 @@
-"""A panel: widgets beside the views, which turn settings or tell numbers."""
+"""Base class of panels: widgets that change settings or show numbers."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -10,10 +10,10 @@ from dechirp.studio.theme import Theme
 
 
 class Panel(ABC):
-    """Widgets that belong together. It listens to the session by its `on_...` lists."""
+    """Group of widgets that registers callbacks in the `on_...` lists of the session."""
 
     name: ClassVar[str]
-    """Its place in page.html."""
+    """Name of its position in page.html."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -21,8 +21,8 @@ class Panel(ABC):
     @property
     @abstractmethod
     def root(self) -> UIElement:
-        """What the page embeds."""
+        """Root element that the page embeds."""
 
     @abstractmethod
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Apply the colours of a theme."""

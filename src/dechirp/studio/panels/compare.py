@@ -1,4 +1,4 @@
-"""A/B: two settings counted against each other, while the page lives."""
+"""A/B comparison of two settings while the page is open."""
 
 import asyncio
 import logging
@@ -11,30 +11,40 @@ import numpy as np
 from bokeh.models import Button, Column, Div, InlineStyleSheet, Row, Toggle, UIElement
 
 from dechirp.core.errors import DechirpError
-from dechirp.core.words import MINUS, NONE, number, small
-from dechirp.experiment.scenario import Scenario
-from dechirp.report.settings_words import Scale, scale_of, score_words, told, with_unit
+from dechirp.core.text import EN_DASH, MINUS_SIGN, format_number, format_probability
+from dechirp.experiments.scenario import Scenario
+from dechirp.report.labels import (
+    DisplayScale,
+    display_scale,
+    format_with_interval,
+    label_with_unit,
+    score_label,
+)
 from dechirp.studio import compare
-from dechirp.studio.compare import Comparison, Told, differences
+from dechirp.studio.compare import Comparison, ScoreEstimate, changed_settings
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
 BATCH_S = 0.015
-"""What a moment may have to wait for, beside the one trial that is under way: 5 to 15 ms."""
-SHOWN_EVERY_S = 0.5
-SURE = 0.95
-"""Below it a difference is said to be no more than chance may give."""
-_MOST_DIFFERENCES = 3
+"""Longest delay of a frame by a batch of trials, beside the current trial of 5 to 15 ms."""
+UPDATE_INTERVAL_S = 0.5
+CERTAIN = 0.95
+"""Certainty below which a difference is reported as possibly random."""
+_MAX_DIFFERENCES = 3
 
-_HOW = (
-    "The first frame of the scene, without tracks, again and again; the same trial has the same"
-    " noise in A and B. Small: 95 % intervals. They hold for a number of trials that was chosen"
-    " before; who stops when it looks good is fooled more often."
+_METHOD_NOTE = (
+    "Repeated trials of the first frame of the scene, without tracks; A and B have the same noise"
+    " in"
+    " each trial. Small: 95 % intervals. They hold for a number of trials chosen in advance;"
+    " stopping"
+    " when the result looks good makes wrong conclusions more frequent."
 )
-_FIRST = "Press <b>Keep as A</b>: these settings become A. Then turn what you want to compare."
-_RECORDING = (
-    "Nobody knows the truth of a recording, and it has one trial only. Open a scene to compare."
+_INTRODUCTION = (
+    "Press <b>Keep as A</b> to store these settings as A. Then change the settings to compare."
+)
+_RECORDING_NOTE = (
+    "The truth of a recording is unknown, and it has only one trial. Open a scene to compare."
 )
 _CSS = """
 p { margin: 4px 0; max-width: 100ch; color: var(--ink); }
@@ -52,82 +62,88 @@ _log = logging.getLogger(__name__)
 
 
 class Compare(Panel):
-    """Buttons that keep the present settings as A and as B, and the table of what was counted."""
+    """Buttons that store the current settings as A and B, and the table of results."""
 
     name = "compare"
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self._kept: dict[str, Scenario] = {}
-        self._going = asyncio.Event()
+        self._scenarios: dict[str, Scenario] = {}
+        self._is_counting = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
-        self._keepers = {of: Button(label=f"Keep as {of}") for of in ("A", "B")}
-        for of, button in self._keepers.items():
-            button.on_click(partial(self._keep, of))
+        self._keep_buttons = {variant: Button(label=f"Keep as {variant}") for variant in ("A", "B")}
+        for variant, button in self._keep_buttons.items():
+            button.on_click(partial(self._keep_scenario, variant))
         self._count = Toggle(label="Count", disabled=True)
-        self._count.on_change("active", lambda attr, old, new: self._turn(new))
+        self._count.on_change("active", lambda attr, old, new: self._on_count(new))
         self._reset = Button(label="Reset")
-        self._reset.on_click(self._forget)
-        self._said = Div(
-            text=f"<p>{_FIRST}</p>", disable_math=True, stylesheets=[InlineStyleSheet(css=_CSS)]
+        self._reset.on_click(self._reset_comparison)
+        self._output = Div(
+            text=f"<p>{_INTRODUCTION}</p>",
+            disable_math=True,
+            stylesheets=[InlineStyleSheet(css=_CSS)],
         )
-        self._said.sizing_mode = "stretch_width"
-        buttons = [*self._keepers.values(), self._count, self._reset]
-        for one in buttons:
-            one.update(width=84, height=24, margin=0)
-        held = Column(children=buttons, spacing=3, styles={"position": "sticky", "top": "4px"})
+        self._output.sizing_mode = "stretch_width"
+        buttons = [*self._keep_buttons.values(), self._count, self._reset]
+        for keep_button in buttons:
+            keep_button.update(width=84, height=24, margin=0)
+        button_column = Column(
+            children=buttons, spacing=3, styles={"position": "sticky", "top": "4px"}
+        )
         self._root = Row(
             name=self.name,
-            children=[held, self._said],
+            children=[button_column, self._output],
             sizing_mode="stretch_width",
             spacing=10,
             styles={"align-items": "flex-start", "padding": "4px 8px", "box-sizing": "border-box"},
         )
-        self._take(session.scenario)
-        session.on_settings.append(self._take)
+        self._on_settings(session.scenario)
+        session.on_settings.append(self._on_settings)
         session.document.on_session_destroyed(lambda _: self._stop())
 
     @property
     def root(self) -> UIElement:
-        """Buttons and table."""
         return self._root
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: widgets inherit them."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""
 
-    def _take(self, scenario: Scenario) -> None:
-        """Only what can be tried may be kept."""
+    def _on_settings(self, scenario: Scenario) -> None:
+        """Enable the buttons only for simulated scenes."""
         is_scene = scenario.scene is not None
-        for button in self._keepers.values():
+        for button in self._keep_buttons.values():
             button.disabled = not is_scene
-        if not self._kept:
-            self._say(_FIRST if is_scene else _RECORDING)
+        if not self._scenarios:
+            self._show_message(_INTRODUCTION if is_scene else _RECORDING_NOTE)
 
-    def _keep(self, of: str) -> None:
-        self._kept[of] = self.session.scenario
+    def _keep_scenario(self, variant: str) -> None:
+        self._scenarios[variant] = self.session.scenario
         self._stop()
-        if len(self._kept) < 2:
-            other = "B" if of == "A" else "A"
-            self._say(f"{of} is kept. Turn a knob, then press <b>Keep as {other}</b> to count.")
+        if len(self._scenarios) < 2:
+            other = "B" if variant == "A" else "A"
+            self._show_message(
+                f"{variant} is stored. Change a setting, then press <b>Keep as {other}</b> to"
+                f" count."
+            )
             return
-        self._say("A and B are made ready.")
+        self._show_message("Preparing A and B.")
         self._count.update(disabled=False, active=True)
-        self._going.set()
-        running = self._run(self._kept["A"], self._kept["B"])
+        self._is_counting.set()
+        running = self._run(self._scenarios["A"], self._scenarios["B"])
         self._task = asyncio.get_running_loop().create_task(running)
 
-    def _turn(self, going: bool) -> None:
-        self._count.label = "Pause" if going else "Count"
-        if going:
-            self._going.set()
+    def _on_count(self, is_counting: bool) -> None:
+        self._count.label = "Pause" if is_counting else "Count"
+        if is_counting:
+            self._is_counting.set()
         else:
-            self._going.clear()
+            self._is_counting.clear()
 
-    def _forget(self) -> None:
+    def _reset_comparison(self) -> None:
         self._stop()
-        self._kept.clear()
+        self._scenarios.clear()
         self._count.update(active=False, disabled=True)
-        self._take(self.session.scenario)
+        self._on_settings(self.session.scenario)
 
     def _stop(self) -> None:
         if self._task is not None:
@@ -138,88 +154,98 @@ class Compare(Panel):
         task = asyncio.current_task()
 
         def show(text: str) -> None:
-            if self._task is task:  # another pair may have been kept meanwhile
-                self._said.text = text
+            if self._task is task:  # another pair may have been stored meanwhile
+                self._output.text = text
 
-        lead = _lead(a, b)
+        lead = _difference_summary(a, b)
         try:
-            comparison = await self.session.work(partial(Comparison, a, b))
+            comparison = await self.session.run_on_worker(partial(Comparison, a, b))
             while not comparison.is_done:
-                await self._going.wait()
-                until_s = perf_counter() + SHOWN_EVERY_S
-                while self._going.is_set() and perf_counter() < until_s:
-                    await self.session.work(partial(comparison.go_on, BATCH_S))
-                rows = await self.session.work(comparison.rows)
-                text = _table(comparison.n_trials, rows, lead)
+                await self._is_counting.wait()
+                until_s = perf_counter() + UPDATE_INTERVAL_S
+                while self._is_counting.is_set() and perf_counter() < until_s:
+                    await self.session.run_on_worker(partial(comparison.run_for, BATCH_S))
+                rows = await self.session.run_on_worker(comparison.rows)
+                text = _comparison_table(comparison.n_trials, rows, lead)
                 self.session.document.add_next_tick_callback(partial(show, text))
         except DechirpError as error:
             words = "<br>".join(escape(str(mistake)) for mistake in error.mistakes)
             self.session.document.add_next_tick_callback(partial(show, f"<p>{words}</p>"))
         except Exception:
             _log.exception("a comparison of the studio failed")
-            words = "<p>The comparison failed by a fault of its own, which the log tells.</p>"
+            words = (
+                "<p>The comparison failed with an internal error; see the log of the server.</p>"
+            )
             self.session.document.add_next_tick_callback(partial(show, words))
 
-    def _say(self, words: str) -> None:
-        self._said.text = f"<p>{words}</p>"
+    def _show_message(self, words: str) -> None:
+        self._output.text = f"<p>{words}</p>"
 
 
-def _lead(a: Scenario, b: Scenario) -> str:
-    """What differs, in a line."""
-    apart = differences(a, b)
-    if not apart:
+def _difference_summary(a: Scenario, b: Scenario) -> str:
+    """Summarise the differing settings in one line."""
+    settings = changed_settings(a, b)
+    if not settings:
         return "A and B are the same settings."
-    said = [f"{escape(one.path)} {escape(one.a)} | {escape(one.b)}" for one in apart]
-    more = len(said) - _MOST_DIFFERENCES
+    texts = [
+        f"{escape(setting.path)} {escape(setting.a)} | {escape(setting.b)}" for setting in settings
+    ]
+    more = len(texts) - _MAX_DIFFERENCES
     tail = [f"{more} more"] if more > 0 else []
-    return "A | B: " + "; ".join(said[:_MOST_DIFFERENCES] + tail)
+    return "A | B: " + "; ".join(texts[:_MAX_DIFFERENCES] + tail)
 
 
-def _table(n_trials: int, rows: Sequence[compare.Row], lead: str) -> str:
-    heads = ("", "", "A", "theory", "B", "theory", f"B {MINUS} A", "how sure")
-    head = "".join(f"<th>{one}</th>" for one in heads)
-    body = "".join(f"<tr>{_line(row)}</tr>" for row in rows)
-    about = f"{n_trials:,} trials each. {lead}"
+def _comparison_table(n_trials: int, rows: Sequence[compare.ComparisonRow], lead: str) -> str:
+    heads = ("", "", "A", "theory", "B", "theory", f"B {MINUS_SIGN} A", "how sure")
+    head = "".join(f"<th>{heading}</th>" for heading in heads)
+    body = "".join(f"<tr>{_row_html(row)}</tr>" for row in rows)
+    summary = f"{n_trials:,} trials each. {lead}"
     return (
-        f'<p class="muted" title="{_HOW}">{about}</p>'
+        f'<p class="muted" title="{_METHOD_NOTE}">{summary}</p>'
         f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-        f'<p class="muted">{_HOW}</p>'
+        f'<p class="muted">{_METHOD_NOTE}</p>'
     )
 
 
-def _line(row: compare.Row) -> str:
-    numbers = [n for of in (row.a, row.b) if of for n in (of.value, of.theory)]
-    scale = scale_of(row.score.unit, np.array(numbers))
-    words = with_unit(score_words(row.score.label()), scale.unit)
-    words = words.replace("probability", "prob.")  # all columns side by side need 840 pixels
+def _row_html(row: compare.ComparisonRow) -> str:
+    numbers = [
+        n for estimate in (row.a, row.b) if estimate for n in (estimate.value, estimate.theory)
+    ]
+    scale = display_scale(row.score.unit, np.array(numbers))
+    score_text = label_with_unit(score_label(row.score.label()), scale.unit)
+    score_text = score_text.replace(
+        "probability", "prob."
+    )  # all columns side by side need 840 pixels
     meaning = escape((row.score.__doc__ or "").partition("\n")[0])
-    cells = [f'<td title="{meaning}">{words}</td><td>{escape(row.target or "")}</td>']
-    for of in (row.a, row.b):
-        cells += _cells(of, scale)
-    return "".join([*cells, *_change(row, scale)])
+    cells = [f'<td title="{meaning}">{score_text}</td><td>{escape(row.target or "")}</td>']
+    for estimate in (row.a, row.b):
+        cells += _estimate_cells(estimate, scale)
+    return "".join([*cells, *_change_cells(row, scale)])
 
 
-def _cells(of: Told | None, scale: Scale) -> list[str]:
-    if of is None:
-        return [f"<td>{NONE}</td>", f'<td class="law">{NONE}</td>']
-    value, interval = told(*(scale.factor * one for one in of[:3]))
-    law = scale.factor * of.theory
-    words = small(law) if 0 < law < 1e-3 else number(law)
-    return [f"<td>{value} <small>{interval}</small></td>", f'<td class="law">{words}</td>']
+def _estimate_cells(estimate: ScoreEstimate | None, scale: DisplayScale) -> list[str]:
+    if estimate is None:
+        return [f"<td>{EN_DASH}</td>", f'<td class="law">{EN_DASH}</td>']
+    value, interval = format_with_interval(*(scale.factor * number for number in estimate[:3]))
+    theory = scale.factor * estimate.theory
+    theory_text = format_probability(theory) if 0 < theory < 1e-3 else format_number(theory)
+    return [f"<td>{value} <small>{interval}</small></td>", f'<td class="law">{theory_text}</td>']
 
 
-def _change(row: compare.Row, scale: Scale) -> list[str]:
-    """The difference, and which of the two is better, if that is sure."""
-    found = row.change
-    if found is None or not np.isfinite(found.value):
-        return [f"<td>{NONE}</td>", "<td></td>"]
-    if found.value == 0:
+def _change_cells(row: compare.ComparisonRow, scale: DisplayScale) -> list[str]:
+    """Return the cells of the difference and of the better variant, if it is certain."""
+    change_estimate = row.change
+    if change_estimate is None or not np.isfinite(change_estimate.value):
+        return [f"<td>{EN_DASH}</td>", "<td></td>"]
+    if change_estimate.value == 0:
         return ["<td>0</td>", '<td class="unsure">no difference</td>']
-    value, interval = told(*(scale.factor * one for one in found[:3]))
-    sign = "+" if found.value > 0 else ""
+    value, interval = format_with_interval(
+        *(scale.factor * number for number in change_estimate[:3])
+    )
+    sign = "+" if change_estimate.value > 0 else ""
     change = f'<td title="95 % interval: {interval}">{sign}{value}</td>'
-    if not found.certainty >= SURE:
+    if not change_estimate.certainty >= CERTAIN:
         return [change, '<td class="unsure">may be chance</td>']
-    better = "B" if (found.value > 0) == (row.score.better == "more") else "A"
-    share = min(np.floor(1000 * found.certainty) / 10, 99.9)
+    better = "B" if (change_estimate.value > 0) == (row.score.better == "more") else "A"
+    share = min(np.floor(1000 * change_estimate.certainty) / 10, 99.9)
     return [change, f'<td class="sure">{better} better, {share:.1f} %</td>']

@@ -1,4 +1,4 @@
-"""What a user should know of settings and frame: requirements not met, physics that surprises."""
+"""Findings on settings and frame: unmet requirements and surprising physics."""
 
 from collections.abc import Sequence
 from html import escape
@@ -6,35 +6,37 @@ from html import escape
 from bokeh.models import Div, UIElement
 
 from dechirp.core.findings import Finding
-from dechirp.studio.moment import Moment
+from dechirp.studio.frame_state import FrameState
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
 
 class Findings(Panel):
-    """Sentences, as they come with the moments."""
+    """List of findings, updated with each frame."""
 
     name = "findings"
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self._shown: Sequence[Finding] | None = None
+        self._findings: Sequence[Finding] | None = None
         self._root = Div(name=self.name, sizing_mode="stretch_width", disable_math=True)
-        session.on_moment.append(self._show)
+        session.on_frame.append(self._show_frame)
 
     @property
     def root(self) -> UIElement:
-        """The sentences."""
         return self._root
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: widgets inherit them."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""
 
-    def _show(self, moment: Moment) -> None:
-        if moment.findings == self._shown:  # most frames are like the one before
+    def _show_frame(self, moment: FrameState) -> None:
+        if moment.findings == self._findings:  # mostly unchanged between frames
             return
-        self._shown = moment.findings
-        said = [f"<li><b>{one.level}</b>: {escape(str(one))}</li>" for one in moment.findings]
-        none = "Nothing: no requirement is missed, and nothing surprises."
-        self._root.text = f"<ul>{''.join(said)}</ul>" if said else none
+        self._findings = moment.findings
+        items = [
+            f"<li><b>{finding.level}</b>: {escape(str(finding))}</li>"
+            for finding in moment.findings
+        ]
+        empty_text = "No findings."
+        self._root.text = f"<ul>{''.join(items)}</ul>" if items else empty_text

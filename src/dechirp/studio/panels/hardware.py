@@ -1,9 +1,9 @@
-"""What the electronics do: powers and gains, and what is not as it should be."""
+"""Panel of the hardware: powers, gains and impairments."""
 
 from bokeh.models import UIElement
 
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.fields import Form, changer
+from dechirp.studio.panels.knob_widgets import KnobForm, setting_changer
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
@@ -11,22 +11,21 @@ _HARDWARE = "transmit_power antenna_gain noise_factor loss tx_pattern rx_pattern
 
 
 class Hardware(Panel):
-    """Knobs of the hardware, and impairments to switch on and off."""
+    """Knobs of the hardware, and switches for impairments."""
 
     name = "hardware"
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
         paths = [*(f"radar.hardware.{key}" for key in _HARDWARE.split()), "impairments"]
-        self._form = Form(session.scenario, lambda _: paths, changer(session))
+        self._form = KnobForm(session.scenario, lambda _: paths, setting_changer(session))
         self._form.root.name = self.name
         session.on_settings.append(self._form.show)
-        session.on_trouble.append(self._form.tell)
+        session.on_mistakes.append(self._form.show_mistakes)
 
     @property
     def root(self) -> UIElement:
-        """The knobs."""
         return self._form.root
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: widgets inherit them."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""

@@ -1,19 +1,19 @@
-"""How samples become detections, clusters and tracks, in the order in which it happens."""
+"""Panel of the processing chain, the clusters and the tracker."""
 
 from functools import partial
 
 from bokeh.models import UIElement
 
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.entries import NONE
-from dechirp.studio.panels.fields import Form, changer
+from dechirp.studio.panels.knob_widgets import KnobForm, setting_changer
+from dechirp.studio.panels.knobs import NONE
+from dechirp.studio.scenario_edits import apply_options
 from dechirp.studio.session import Session
-from dechirp.studio.settings import changed
 from dechirp.studio.theme import Theme
 
 _PROBABILITY, _OFFSET = "chain.cfar.false_alarm_probability", "chain.cfar.offset"
-_INSTEAD = {_PROBABILITY: _OFFSET, _OFFSET: _PROBABILITY}
-"""Of the two a detector has one."""
+_ALTERNATIVES = {_PROBABILITY: _OFFSET, _OFFSET: _PROBABILITY}
+"""A detector has exactly one of these two settings."""
 _PATHS = (
     "chain.range_window",
     "chain.n_range_bins",
@@ -41,24 +41,25 @@ class Processing(Panel):
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self._one_by_one = changer(session)
-        self._form = Form(session.scenario, lambda _: _PATHS, self._change)
+        self._change_single = setting_changer(session)
+        self._form = KnobForm(session.scenario, lambda _: _PATHS, self._change)
         self._form.root.name = self.name
         session.on_settings.append(self._form.show)
-        session.on_trouble.append(self._form.tell)
+        session.on_mistakes.append(self._form.show_mistakes)
 
     @property
     def root(self) -> UIElement:
-        """The knobs."""
         return self._form.root
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: widgets inherit them."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""
 
     def _change(self, path: str, text: str) -> None:
-        other = _INSTEAD.get(path)
-        if other is None or not text:
-            self._one_by_one(path, text)
+        alternative = _ALTERNATIVES.get(path)
+        if alternative is None or not text:
+            self._change_single(path, text)
             return
-        both = (f"{path}={text}", f"{other}={NONE}")
-        self.session.edit(path, partial(changed, options=both, limits=self.session.limits))
+        options = (f"{path}={text}", f"{alternative}={NONE}")
+        self.session.queue_edit(
+            path, partial(apply_options, options=options, limits=self.session.limits)
+        )

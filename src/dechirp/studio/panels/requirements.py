@@ -1,4 +1,4 @@
-"""What a radar should do: the design answers with one, and with what it cannot do."""
+"""Panel of requirements, with the designed radar and its findings."""
 
 from dataclasses import replace
 from html import escape
@@ -6,128 +6,138 @@ from typing import get_args, get_type_hints
 
 from bokeh.models import Button, Column, Div, Select, UIElement
 
-from dechirp.config.fields import settings
-from dechirp.config.files import parse
-from dechirp.config.texts import dump
+from dechirp.config.dumping import dump
+from dechirp.config.fields import list_settings
+from dechirp.config.loading import parse_settings
 from dechirp.core.errors import DechirpError, InvalidFile
-from dechirp.core.words import number, quantity
-from dechirp.experiment.scenario import Scenario
-from dechirp.radar.derived import Derived
-from dechirp.radar.design import TYPICAL_HARDWARE, Design, design
+from dechirp.core.text import format_number, format_si
+from dechirp.experiments.scenario import Scenario
+from dechirp.radar.design.derived import DerivedValue
+from dechirp.radar.design.design import TYPICAL_HARDWARE, Design, design
+from dechirp.radar.design.requirements import Requirements as Asked
 from dechirp.radar.hardware import Hardware
-from dechirp.radar.requirements import Requirements as Asked
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.fields import Form
-from dechirp.studio.panels.taken import with_design
+from dechirp.studio.panels.knob_widgets import KnobForm
+from dechirp.studio.panels.taken import apply_design
+from dechirp.studio.scenario_edits import check_scenario_size
 from dechirp.studio.session import Session
-from dechirp.studio.settings import checked
 from dechirp.studio.theme import Theme
 
 _START = Asked(max_range_m=150.0, range_resolution_m=1.0, max_velocity_m_per_s=50.0)
-_OLD = "Out of date: a requirement above is wrong"
+_OUT_OF_DATE = "Out of date: a requirement above is wrong"
 _RULES = get_args(get_type_hints(design)["rule"])
 
 
 class Requirements(Panel):
-    """Knobs of requirements, the radar that meets them, and a button that takes it."""
+    """Knobs of requirements, the designed radar, and a button that applies it."""
 
     name = "requirements"
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self._asked = _START
-        self._hardware = _hardware(session.scenario)
+        self._requirements = _START
+        self._hardware = _scenario_hardware(session.scenario)
         self._design: Design | None = None
-        """None where the rule has none for what is asked."""
-        self._title = self._said = ""
+        """None if the rule has no solution."""
+        self._title = self._body = ""
         self._rule = Select(
             title="Rule",
             options=list(_RULES),
-            value="constraints",  # what parts can do; 5.5 round trips to 90 m take 600 MHz
+            value="constraints",  # feasible hardware; 5.5 round trips to 90 m would need 600 MHz
             sizing_mode="stretch_width",
             css_classes=["field"],
             margin=(2, 0, 2, 0),
             html_attributes={
-                "title": "Chirps of 5.5 round trips, or what timeline, parts and regulator allow."
+                "title": "Chirps of 5.5 round trips, or the limits of timing, hardware and"
+                " regulation."
             },
         )
-        self._form = Form(_START, lambda _: settings(Asked), self._change)
-        self._take = Button(label="Take this radar", button_type="primary", margin=(6, 0, 6, 0))
-        self._take.sizing_mode = "stretch_width"
+        self._form = KnobForm(_START, lambda _: list_settings(Asked), self._change)
+        self._use_button = Button(
+            label="Use this radar", button_type="primary", margin=(6, 0, 6, 0)
+        )
+        self._use_button.sizing_mode = "stretch_width"
         self._answer = Div(sizing_mode="stretch_width", disable_math=True)
         self._root = Column(
             name=self.name,
-            children=[self._form.root, self._rule, self._take, self._answer],
+            children=[self._form.root, self._rule, self._use_button, self._answer],
             sizing_mode="stretch_width",
             spacing=0,
         )
-        self._rule.on_change("value", lambda attr, old, new: self._ask(self._asked))
-        self._take.on_click(self._taken)
-        self._form.on_marks.append(self._show)
-        session.on_settings.append(self._settle)
-        self._ask(_START)
+        self._rule.on_change(
+            "value", lambda attr, old, new: self._update_design(self._requirements)
+        )
+        self._use_button.on_click(self._use_design)
+        self._form.on_marks.append(self._show_answer)
+        session.on_settings.append(self._on_settings)
+        self._update_design(_START)
 
     @property
     def root(self) -> UIElement:
-        """The knobs, and the answer below them."""
         return self._root
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: widgets inherit them."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""
 
     def _change(self, path: str, text: str) -> None:
         try:
-            asked = asked_with(self._asked, path, text)
+            requirements = change_requirement(self._requirements, path, text)
         except DechirpError as error:
-            self._form.tell(error.mistakes)
+            self._form.show_mistakes(error.mistakes)
         else:
-            self._ask(asked)
+            self._update_design(requirements)
 
-    def _ask(self, asked: Asked) -> None:
-        """Answer requirements; where no chirp can be made, say why and keep the last ones."""
+    def _update_design(self, requirements: Asked) -> None:
+        """Design a radar; without a solution, show the reason and keep the last requirements."""
         try:
-            made = design(asked, rule=self._rule.value, hardware=self._hardware)
+            new_design = design(requirements, rule=self._rule.value, hardware=self._hardware)
         except DechirpError as error:
-            self._form.tell(error.mistakes)
-            if asked == self._asked:  # it is the rule that was changed, and has no such chirp
+            self._form.show_mistakes(error.mistakes)
+            if requirements == self._requirements:  # the changed rule has no solution
                 self._design, self._title = None, "No radar"
-                self._said = "<br>".join(escape(str(one)) for one in error.mistakes)
+                self._body = "<br>".join(escape(str(mistake)) for mistake in error.mistakes)
         else:
-            self._asked, self._design, self._said = asked, made, _answer(made)
-            self._title = "Met" if made.met else "Cannot be met: the nearest radar"
-            self._form.show(asked)
-        self._show()
+            self._requirements, self._design, self._body = (
+                requirements,
+                new_design,
+                _design_html(new_design),
+            )
+            self._title = "Met" if new_design.is_met else "Cannot be met: the nearest radar"
+            self._form.show(requirements)
+        self._show_answer()
 
-    def _show(self) -> None:
-        """Show the answer; while a knob is wrong it is that of other requirements."""
+    def _show_answer(self) -> None:
+        """Show the answer, greyed out while a knob is invalid."""
         is_old = self._form.is_wrong
-        self._answer.text = f"<h3>{_OLD if is_old else self._title}</h3>{self._said}"
+        self._answer.text = f"<h3>{_OUT_OF_DATE if is_old else self._title}</h3>{self._body}"
         self._answer.styles = {"opacity": "0.5" if is_old else "1"}
-        self._take.disabled = is_old or self._design is None
+        self._use_button.disabled = is_old or self._design is None
 
-    def _settle(self, scenario: Scenario) -> None:
-        """Answer anew where the hardware has changed, which is taken with the radar."""
-        hardware = _hardware(scenario)
+    def _on_settings(self, scenario: Scenario) -> None:
+        """Design again if the hardware of the scenario has changed."""
+        hardware = _scenario_hardware(scenario)
         if hardware != self._hardware:
             self._hardware = hardware
-            self._ask(self._asked)
+            self._update_design(self._requirements)
 
-    def _taken(self) -> None:
-        made = self._design
-        if made is not None:
-            self.session.edit(
+    def _use_design(self) -> None:
+        chosen_design = self._design
+        if chosen_design is not None:
+            self.session.queue_edit(
                 "radar",
-                lambda scenario: checked(with_design(scenario, made), self.session.limits),
+                lambda scenario: check_scenario_size(
+                    apply_design(scenario, chosen_design), self.session.limits
+                ),
             )
 
 
-def _hardware(scenario: Scenario) -> Hardware:
+def _scenario_hardware(scenario: Scenario) -> Hardware:
     radar = scenario.radar
     return (None if radar is None else radar.hardware) or TYPICAL_HARDWARE
 
 
-def asked_with(asked: Asked, path: str, text: str) -> Asked:
-    """Requirements with one of them as a text says.
+def change_requirement(requirements: Asked, path: str, text: str) -> Asked:
+    """Return the requirements with one of them changed to a text.
 
     Raises
     ------
@@ -135,26 +145,34 @@ def asked_with(asked: Asked, path: str, text: str) -> Asked:
         As `dechirp design` refuses its options.
     """
     try:
-        return parse(dump(asked), Asked, file="", overrides=[f"{path}={text}"])
+        return parse_settings(dump(requirements), Asked, file="", overrides=[f"{path}={text}"])
     except InvalidFile as error:
-        nowhere = (replace(one, file=None, line=None, column=None) for one in error.mistakes)
-        raise InvalidFile(*nowhere) from None
+        mistakes = (
+            replace(mistake, file=None, line=None, column=None) for mistake in error.mistakes
+        )
+        raise InvalidFile(*mistakes) from None
 
 
-def _answer(made: Design) -> str:
-    """The numbers of a design with their formulas, after what it cannot do."""
-    findings = "".join(f"<p class='finding'>{escape(str(one))}</p>" for one in made.findings)
+def _design_html(result: Design) -> str:
+    """Return the findings and derived values of a design as HTML."""
+    findings = "".join(
+        f"<p class='finding'>{escape(str(derived))}</p>" for derived in result.findings
+    )
     rows = "".join(
-        f"<tr title='{escape(one.uses)}'><td>{escape(one.name.replace('_', ' '))}</td>"
-        f"<td>{escape(_with_unit(one))}</td><td>{escape(one.formula)}</td></tr>"
-        for one in made.derived
+        f"<tr title='{escape(derived.symbols)}'><td>{escape(derived.name.replace('_', ' '))}</td>"
+        f"<td>{escape(_format_derived(derived))}</td><td>{escape(derived.formula)}</td></tr>"
+        for derived in result.derived
     )
     return f"{findings}<table class='follows' aria-label='Design'>{rows}</table>"
 
 
-def _with_unit(one: Derived) -> str:
-    if one.unit == "1":
-        return number(one.value)
-    if one.unit == "Hz/s":
-        return f"{number(one.value / 1e12)} MHz/µs"
-    return f"{number(one.value)} m/s" if one.unit == "m/s" else quantity(one.value, one.unit)
+def _format_derived(derived: DerivedValue) -> str:
+    if derived.unit == "1":
+        return format_number(derived.value)
+    if derived.unit == "Hz/s":
+        return f"{format_number(derived.value / 1e12)} MHz/µs"
+    return (
+        f"{format_number(derived.value)} m/s"
+        if derived.unit == "m/s"
+        else format_si(derived.value, derived.unit)
+    )

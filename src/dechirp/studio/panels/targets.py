@@ -1,4 +1,4 @@
-"""The scene: targets that come and go, and the noise that they are seen in."""
+"""Panel of the scene: targets, noise and time."""
 
 from dataclasses import replace
 from functools import partial
@@ -7,21 +7,21 @@ import numpy as np
 from bokeh.models import Button, Column, Row, Select, UIElement
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.units import decibels
-from dechirp.echoes.impairments.base import Impairment
-from dechirp.echoes.impairments.thermal_noise import ThermalNoise
-from dechirp.echoes.impairments.white_noise import WhiteNoise
-from dechirp.experiment.scenario import Scenario
+from dechirp.core.units import to_decibels
+from dechirp.experiments.scenario import Scenario
 from dechirp.radar.budget import noise_power_w
 from dechirp.scene.target import Target
+from dechirp.simulation.impairments.base import Impairment
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.impairments.white_noise import WhiteNoise
 from dechirp.studio.panels.base import Panel
-from dechirp.studio.panels.entries import NONE, label_of
-from dechirp.studio.panels.fields import Form, changer
+from dechirp.studio.panels.knob_widgets import KnobForm, setting_changer
+from dechirp.studio.panels.knobs import NONE, member_label
+from dechirp.studio.scenario_edits import apply_options, check_scenario_size
 from dechirp.studio.session import Edit, Session
-from dechirp.studio.settings import changed, checked
 from dechirp.studio.theme import Theme
 
-_KEYS = "name position velocity rcs fluctuation body"
+_TARGET_SETTINGS = "name position velocity rcs fluctuation body"
 _NOISES = {
     "thermal": "by the noise figure",
     "white": "by the SNR",
@@ -30,16 +30,16 @@ _NOISES = {
 
 
 class Targets(Panel):
-    """Knobs of the targets, of the noise and of time."""
+    """Knobs of the targets, the noise and the frames."""
 
     name = "targets"
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self._rows: list[_Row] = []
+        self._rows: list[_TargetRow] = []
         self._list = Column(sizing_mode="stretch_width", spacing=8)
         self._add = Button(label="Add a target", sizing_mode="stretch_width", margin=(6, 0, 6, 0))
-        self._add.on_click(lambda: self._edit("add a target", with_target))
+        self._add.on_click(lambda: self._edit("add a target", add_target))
         self._noise = Select(
             title="Noise",
             options=list(_NOISES.items()),
@@ -47,57 +47,58 @@ class Targets(Panel):
             css_classes=["field"],
             margin=(2, 0, 2, 0),
         )
-        self._noise.on_change("value", lambda attr, old, new: self._take(str(new)))
-        self._form = Form(session.scenario, _of_noise, changer(session))
+        self._noise.on_change("value", lambda attr, old, new: self._on_noise_choice(str(new)))
+        self._form = KnobForm(session.scenario, _noise_setting_paths, setting_changer(session))
         self._root = Column(
             name=self.name,
             children=[self._noise, self._form.root, self._list, self._add],
             sizing_mode="stretch_width",
             spacing=0,
         )
-        session.on_settings.append(self._show)
-        session.on_trouble.append(self._form.tell)
-        self._show(session.scenario)
+        session.on_settings.append(self._show_scenario)
+        session.on_mistakes.append(self._form.show_mistakes)
+        self._show_scenario(session.scenario)
 
     @property
     def root(self) -> UIElement:
-        """The knobs."""
         return self._root
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: widgets inherit them."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""
 
-    def _show(self, scenario: Scenario) -> None:
+    def _show_scenario(self, scenario: Scenario) -> None:
         scene = scenario.scene
         for part in (self._add, self._noise, self._list):
             part.visible = scene is not None
         self._form.show(scenario)
-        self._noise.value = _noise_of(scenario)
+        self._noise.value = _noise_choice(scenario)
         targets = () if scene is None else scene.targets
         while len(self._rows) < len(targets):
-            self._rows.append(_Row(self.session, len(self._rows)))
+            self._rows.append(_TargetRow(self.session, len(self._rows)))
         for row in self._rows[: len(targets)]:
             row.form.show(scenario)
         roots = [row.root for row in self._rows[: len(targets)]]
         if self._list.children != roots:
             self._list.children = roots
 
-    def _take(self, noise: str) -> None:
-        if noise != _noise_of(self.session.scenario):
-            self._edit("noise", partial(with_noise, noise=noise))
+    def _on_noise_choice(self, noise: str) -> None:
+        if noise != _noise_choice(self.session.scenario):
+            self._edit("noise", partial(replace_noise, noise=noise))
 
-    def _edit(self, key: str, made: Edit) -> None:
-        self.session.edit(key, lambda scenario: checked(made(scenario), self.session.limits))
+    def _edit(self, key: str, edit: Edit) -> None:
+        self.session.queue_edit(
+            key, lambda scenario: check_scenario_size(edit(scenario), self.session.limits)
+        )
 
 
-class _Row:
-    """One target: its knobs, and a button that takes it out."""
+class _TargetRow:
+    """Knobs of one target, and a button that removes it."""
 
     def __init__(self, session: Session, index: int) -> None:
         self._session, self._index = session, index
-        self.form = Form(session.scenario, self._paths, self._change)
+        self.form = KnobForm(session.scenario, self._setting_paths, self._change)
         remove = Button(label="Remove", width=70, margin=(0, 0, 0, 0))
-        remove.html_attributes = {"title": f"Take target {index + 1} out"}
+        remove.html_attributes = {"title": f"Remove target {index + 1}"}
         remove.on_click(self._remove)
         self.root = Column(
             children=[self.form.root, Row(children=[remove], align="end")],
@@ -105,99 +106,107 @@ class _Row:
             spacing=2,
             css_classes=["one-of-many"],
         )
-        session.on_trouble.append(self.form.tell)
+        session.on_mistakes.append(self.form.show_mistakes)
 
-    def _paths(self, scenario: Scenario) -> list[str]:
+    def _setting_paths(self, scenario: Scenario) -> list[str]:
         targets = () if scenario.scene is None else scenario.scene.targets
         if self._index >= len(targets):
             return []
-        own = f"scene.targets.{label_of(targets, self._index)}"
+        target_path = f"scene.targets.{member_label(targets, self._index)}"
         has_body = targets[self._index].body is not None
-        return [f"{own}.{key}" for key in _KEYS.split() if not (has_body and key == "rcs")]
+        return [
+            f"{target_path}.{key}"
+            for key in _TARGET_SETTINGS.split()
+            if not (has_body and key == "rcs")
+        ]
 
     def _change(self, path: str, text: str) -> None:
         if not path.endswith(".body") or text == NONE:
-            changer(self._session)(path, text)
+            setting_changer(self._session)(path, text)
             return
-        # A body has cross sections of its own.
-        both = (f"{path}={text}", f"{path.removesuffix('.body')}.rcs=0 dBsm")
-        self._session.edit(path, partial(changed, options=both, limits=self._session.limits))
+        # A body defines its own cross sections.
+        options = (f"{path}={text}", f"{path.removesuffix('.body')}.rcs=0 dBsm")
+        self._session.queue_edit(
+            path, partial(apply_options, options=options, limits=self._session.limits)
+        )
 
     def _remove(self) -> None:
         scene = self._session.scenario.scene
         if scene is not None and self._index < len(scene.targets):
             name = scene.names[self._index]
-            self._session.edit(f"remove {name}", partial(without_target, name=name))
+            self._session.queue_edit(f"remove {name}", partial(remove_target, name=name))
 
 
-def with_target(scenario: Scenario) -> Scenario:
-    """One target more, at rest straight ahead, 5 m beyond the farthest."""
+def add_target(scenario: Scenario) -> Scenario:
+    """Add a target at rest straight ahead, 5 m beyond the farthest."""
     scene = scenario.scene
     if scene is None:
         return scenario
     ranges_m = [float(np.linalg.norm(target.position_m)) for target in scene.targets]
-    at_m = round(max(ranges_m, default=15.0) + 5.0, 1)
+    range_m = round(max(ranges_m, default=15.0) + 5.0, 1)
     numbers = (f"target-{n}" for n in range(1, len(scene.targets) + 2))
-    name = next(one for one in numbers if one not in scene.names)
-    target = Target(name=name, position_m=(at_m, 0.0, 0.0), rcs_m2=10.0)
+    name = next(name_candidate for name_candidate in numbers if name_candidate not in scene.names)
+    target = Target(name=name, position_m=(range_m, 0.0, 0.0), rcs_m2=10.0)
     return replace(scenario, scene=replace(scene, targets=(*scene.targets, target)))
 
 
-def without_target(scenario: Scenario, name: str) -> Scenario:
-    """The others keep the names that they had, from their places in the scene or given."""
+def remove_target(scenario: Scenario, name: str) -> Scenario:
+    """Remove a target; the others keep their names."""
     scene = scenario.scene
     if scene is None or name not in scene.names:
         return scenario
     named = zip(scene.names, scene.targets, strict=True)
-    left = tuple(replace(target, name=own) for own, target in named if own != name)
-    kept = tuple(
-        one
-        for one in scenario.impairments
-        if not (isinstance(one, WhiteNoise) and one.target in (name, None))
+    remaining = tuple(
+        replace(target, name=own_name) for own_name, target in named if own_name != name
     )
-    lost = len(kept) < len(scenario.impairments)
-    made = replace(scenario, scene=replace(scene, targets=left), impairments=kept)
-    return with_noise(made, "thermal") if lost else made
+    impairments = tuple(
+        impairment
+        for impairment in scenario.impairments
+        if not (isinstance(impairment, WhiteNoise) and impairment.target in (name, None))
+    )
+    has_lost_noise = len(impairments) < len(scenario.impairments)
+    edited = replace(scenario, scene=replace(scene, targets=remaining), impairments=impairments)
+    return replace_noise(edited, "thermal") if has_lost_noise else edited
 
 
-def with_noise(scenario: Scenario, noise: str) -> Scenario:
-    """Noise that is told in another way, as strong as thermal noise of the receiver."""
+def replace_noise(scenario: Scenario, noise: str) -> Scenario:
+    """Return the scenario with another noise model of the same power as thermal noise."""
     others = tuple(o for o in scenario.impairments if not isinstance(o, ThermalNoise | WhiteNoise))
-    own: tuple[Impairment, ...] = ()
+    noise_impairments: tuple[Impairment, ...] = ()
     if noise == "thermal":
-        own = (ThermalNoise(),)
+        noise_impairments = (ThermalNoise(),)
     elif noise == "white":
-        own = (_by_snr(scenario),)
-    return replace(scenario, impairments=(*own, *others))
+        noise_impairments = (_white_noise_by_snr(scenario),)
+    return replace(scenario, impairments=(*noise_impairments, *others))
 
 
-def _by_snr(scenario: Scenario) -> WhiteNoise:
+def _white_noise_by_snr(scenario: Scenario) -> WhiteNoise:
     scene, radar = scenario.scene, scenario.radar
     if scene is None or radar is None or not scene.targets:
         raise InvalidSetting(
             "scene.targets",
-            got="empty",
-            need="at least one target, whose echo the noise is measured by",
-            fix="Add a target, or tell the noise by the noise figure.",
+            value="empty",
+            expected="at least one target, to which the SNR refers",
+            fix="add a target, or set the noise by the noise figure",
         )
     echo_w = WhiteNoise(snr=1.0, target=scene.names[0]).noise_power_w(scene, radar)
-    ratio_db = round(float(decibels(echo_w / noise_power_w(radar))), 1)
+    ratio_db = round(float(to_decibels(echo_w / noise_power_w(radar))), 1)
     return WhiteNoise(snr=10 ** (ratio_db / 10), target=scene.names[0])
 
 
-def _noise_of(scenario: Scenario) -> str:
-    if any(isinstance(one, WhiteNoise) for one in scenario.impairments):
+def _noise_choice(scenario: Scenario) -> str:
+    if any(isinstance(impairment, WhiteNoise) for impairment in scenario.impairments):
         return "white"
     return "thermal" if any(isinstance(o, ThermalNoise) for o in scenario.impairments) else "none"
 
 
-def _of_noise(scenario: Scenario) -> list[str]:
-    """Settings that say how strong the noise is, and of time."""
+def _noise_setting_paths(scenario: Scenario) -> list[str]:
+    """Return the paths of the settings of noise and frames."""
     if scenario.scene is None:
         return ["seed"]
     paths = ["seed", "n_frames"]
-    for index, one in enumerate(scenario.impairments):
-        if isinstance(one, WhiteNoise):
-            own = f"impairments.{label_of(scenario.impairments, index)}"
-            paths += [f"{own}.snr", f"{own}.target"]
+    for index, impairment in enumerate(scenario.impairments):
+        if isinstance(impairment, WhiteNoise):
+            path = f"impairments.{member_label(scenario.impairments, index)}"
+            paths += [f"{path}.snr", f"{path}.target"]
     return paths if len(paths) > 2 else [*paths, "radar.hardware.noise_factor"]

@@ -1,15 +1,15 @@
-"""Play, pause, step and rewind; and the seed that noise is drawn by."""
+"""Playback controls and the seed of the noise."""
 
 from bokeh.models import Button, Div, Row, TextInput, Toggle, UIElement
 
-from dechirp.experiment.scenario import Scenario
+from dechirp.experiments.scenario import Scenario
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
 
 class Transport(Panel):
-    """The buttons of a player, for frames."""
+    """Buttons for play, step and rewind, and the seed."""
 
     name = "transport"
 
@@ -19,10 +19,10 @@ class Transport(Panel):
         self._play = Toggle(label="Play", width=62)
         self._step = Button(label="Step", width=52)
         self._seed = TextInput(value=str(session.scenario.seed), width=64)
-        self._rewind.on_click(lambda: session.go(0))
-        self._play.on_change("active", lambda attr, old, new: self._turned())
-        self._step.on_click(lambda: session.go(session.step + 1))
-        self._seed.on_change("value", lambda attr, old, new: self._sow(new))
+        self._rewind.on_click(lambda: session.go_to_step(0))
+        self._play.on_change("active", lambda attr, old, new: self._on_play())
+        self._step.on_click(lambda: session.go_to_step(session.step + 1))
+        self._seed.on_change("value", lambda attr, old, new: self._on_seed(new))
         parts = [self._rewind, self._play, self._step, Div(text="Seed"), self._seed]
         self._root = Row(
             name=self.name,
@@ -31,30 +31,29 @@ class Transport(Panel):
             spacing=6,
             styles={"align-items": "center"},
         )
-        session.on_moment.append(lambda _: self._turn())
-        session.on_settings.append(self._take)
-        session.on_trouble.append(lambda _: self._turn())
+        session.on_frame.append(lambda _: self._update_play())
+        session.on_settings.append(self._on_settings)
+        session.on_mistakes.append(lambda _: self._update_play())
 
     @property
     def root(self) -> UIElement:
-        """The row of buttons."""
         return self._root
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: widgets inherit them."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""
 
-    def _turned(self) -> None:
+    def _on_play(self) -> None:
         if self._play.active != self.session.playing:
-            self.session.play(self._play.active)
-        self._turn()
+            self.session.set_playing(self._play.active)
+        self._update_play()
 
-    def _sow(self, text: str) -> None:
+    def _on_seed(self, text: str) -> None:
         if text != str(self.session.scenario.seed):
-            self.session.change("seed", text)
+            self.session.change_setting("seed", text)
 
-    def _turn(self) -> None:
+    def _update_play(self) -> None:
         playing = self.session.playing
         self._play.active, self._play.label = playing, "Pause" if playing else "Play"
 
-    def _take(self, scenario: Scenario) -> None:
+    def _on_settings(self, scenario: Scenario) -> None:
         self._seed.value = str(scenario.seed)

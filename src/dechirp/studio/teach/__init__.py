@@ -1,4 +1,4 @@
-"""The four phases of the reference report, as pages to play with."""
+"""Interactive lessons on the four phases of the reference report."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -6,7 +6,7 @@ from functools import partial
 
 from bokeh.document import Document
 
-from dechirp.studio.settings import Limits
+from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.teach.chirp import ChirpLesson
 from dechirp.studio.teach.doppler import DopplerLesson
 from dechirp.studio.teach.echo import EchoLesson
@@ -17,10 +17,10 @@ LESSONS = (ChirpLesson, EchoLesson, DopplerLesson, NoiseLesson)
 """In the order of the report."""
 
 
-def applications(worker: Executor, limits: Limits) -> dict[str, Callable[[Document], None]]:
-    """What makes the page of each lesson, by its address."""
+def lesson_builders(worker: Executor, limits: PageLimits) -> dict[str, Callable[[Document], None]]:
+    """Return the page builder of each lesson by address."""
 
-    def made(document: Document, number: int) -> None:
+    def build(document: Document, number: int) -> None:
         LessonPage(
             document,
             make=LESSONS[number - 1],
@@ -31,5 +31,5 @@ def applications(worker: Executor, limits: Limits) -> dict[str, Callable[[Docume
         )
 
     return {
-        f"/teach/{number}": partial(made, number=number) for number in range(1, len(LESSONS) + 1)
+        f"/teach/{number}": partial(build, number=number) for number in range(1, len(LESSONS) + 1)
     }

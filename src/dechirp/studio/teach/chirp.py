@@ -1,4 +1,4 @@
-"""Lesson 1: the chirp. What is sent, what comes back, and the beat between them."""
+"""Lesson 1: the chirp, its echo and the beat signal."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,33 +8,37 @@ import numpy as np
 from bokeh.layouts import column
 from bokeh.models import UIElement
 
+from dechirp.certificate.reference_trials import reference_radar
+from dechirp.certificate.waveform import (
+    dechirp_delayed_ramp,
+    instantaneous_frequency_hz,
+    synthesise_ramp,
+)
+from dechirp.core.text import EN_DASH
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.core.words import NONE
-from dechirp.experiment.verify.looks import radar
-from dechirp.experiment.verify.waveform import dechirped, instantaneous_frequency_hz, synthesised
 from dechirp.radar.chirp import Chirp
-from dechirp.studio.teach.lesson import Dial, Lesson, Try
+from dechirp.studio.teach.lesson import Dial, Experiment, Lesson
 from dechirp.studio.theme import Theme
-from dechirp.studio.views.drawing import Drawing
+from dechirp.studio.views.line_figure import LineFigure
 
-_MOST_POINTS = 1500
-"""Of a line: more than the pixels that a wide screen has for it."""
+_MAX_POINTS = 1500
+"""Points of a line: more than the pixels of a wide screen."""
 
 
 @dataclass(frozen=True)
-class Settings:
-    """A ramp, a target at rest, and how much of the ramp is over."""
+class ChirpSettings:
+    """Ramp, range of a static target, and elapsed part of the ramp."""
 
     bandwidth_mhz: float
     duration_us: float
     range_m: float
     elapsed: float
-    """In percent of the ramp."""
+    """Percentage of the ramp."""
 
     @property
     def chirp(self) -> Chirp:
-        """The reference chirp with that ramp; as many samples as it has time for."""
-        duration_s, reference = self.duration_us * 1e-6, radar().frame.chirp
+        """Reference chirp with that ramp and all samples that fit into it."""
+        duration_s, reference = self.duration_us * 1e-6, reference_radar().frame.chirp
         return replace(
             reference,
             slope_hz_per_s=self.bandwidth_mhz * 1e6 / duration_s,
@@ -44,57 +48,57 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """The frequencies that are sent and come back, and the beat, up to an instant."""
+class ChirpFrame:
+    """Transmitted and received frequencies and the beat signal, up to an instant."""
 
     chirp: Chirp
     now_s: float
     delay_s: float
     sent_s: np.ndarray
     sent_hz: np.ndarray
-    """Over the start of the ramp; so is that of the echo."""
+    """Frequency above the start of the ramp, as for the echo."""
     echo_s: np.ndarray
     echo_hz: np.ndarray
     beat_s: np.ndarray
     beat: np.ndarray
-    """Real part, (n,), from the arrival of the echo on."""
+    """Real part (n,) from the arrival of the echo."""
     beat_hz: float
-    """Measured on those samples; not a number before there are two."""
+    """Measured from those samples; NaN for fewer than two."""
 
 
-def seen(at: Settings) -> Seen:
-    """What has been sent and received at that instant."""
-    chirp = at.chirp
-    delay_s = 2 * at.range_m / SPEED_OF_LIGHT
-    now_s = at.elapsed / 100 * chirp.ramp_duration_s
-    # Four times the bandwidth: steps of the phase stay below half a turn.
+def compute_chirp_frame(settings: ChirpSettings) -> ChirpFrame:
+    """Compute the transmitted and received signals up to an instant."""
+    chirp = settings.chirp
+    delay_s = 2 * settings.range_m / SPEED_OF_LIGHT
+    now_s = settings.elapsed / 100 * chirp.ramp_duration_s
+    # Four times the bandwidth keeps phase steps below half a turn.
     rate_hz = 4 * chirp.ramp_bandwidth_hz
     instants_s = np.arange(max(int(now_s * rate_hz), 2)) / rate_hz
-    sent_s, sent_hz = instantaneous_frequency_hz(synthesised(chirp, instants_s), rate_hz)
-    back = sent_s + delay_s <= now_s
+    sent_s, sent_hz = instantaneous_frequency_hz(synthesise_ramp(chirp, instants_s), rate_hz)
+    is_received = sent_s + delay_s <= now_s
     samples_s = np.arange(chirp.n_samples) / chirp.sample_rate_hz
     arrived = (samples_s >= delay_s) & (samples_s <= now_s)
-    beat = dechirped(chirp, delay_s=delay_s)[arrived]
+    beat = dechirp_delayed_ramp(chirp, delay_s=delay_s)[arrived]
     _, beat_hz = instantaneous_frequency_hz(beat, chirp.sample_rate_hz)
-    return Seen(
+    return ChirpFrame(
         chirp=chirp,
         now_s=now_s,
         delay_s=delay_s,
         sent_s=sent_s,
         sent_hz=sent_hz,
-        echo_s=sent_s[back] + delay_s,
-        echo_hz=sent_hz[back],
+        echo_s=sent_s[is_received] + delay_s,
+        echo_hz=sent_hz[is_received],
         beat_s=samples_s[arrived],
         beat=beat.real,
         beat_hz=float(np.mean(beat_hz)) if beat_hz.size else np.nan,
     )
 
 
-class ChirpLesson(Lesson[Settings, Seen]):
-    """The ramps over time, and the beat signal below them."""
+class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
+    """Ramps over time with the beat signal below."""
 
     title = "The chirp"
-    says = (
+    introduction = (
         "The radar sends a ramp: a tone whose frequency rises. The echo is the same ramp, later."
         " Mixed with what is being sent by then, it leaves one low tone, the beat. Its frequency"
         " is the distance."
@@ -109,27 +113,27 @@ class ChirpLesson(Lesson[Settings, Seen]):
         "range_m": Dial("Range R of the target, m", 1, 200, 1, 50),
         "elapsed": Dial("Part of the ramp that is over, %", 1, 100, 1, 100),
     }
-    moves = ("elapsed", 1)
-    tries = (
-        Try(
+    animated_dial = ("elapsed", 1)
+    experiments = (
+        Experiment(
             "Move the target twice as far away",
             {"range_m": 100},
             "The echo comes twice as late, so the ramp has gone on twice as far: the gap between"
             " the two lines doubles, and with it the beat frequency.",
         ),
-        Try(
+        Experiment(
             "Double the bandwidth",
             {"bandwidth_mhz": 300},
             "The delay is the same, the ramp is twice as steep: the beat doubles. Count its"
             " cycles: one for each range cell, and cells are half as wide now.",
         ),
-        Try(
+        Experiment(
             "Take twice the time for the same bandwidth",
             {"duration_us": 14.6},
             "Half the slope, half the beat frequency, but twice the time to watch it: the same"
             " 50 cycles. So range cells stay 1 m wide: bandwidth alone decides.",
         ),
-        Try(
+        Experiment(
             "Send hardly any bandwidth: 20 MHz",
             {"bandwidth_mhz": 20},
             "Not seven cycles are left. A target 3 m farther would add less than half a cycle: a"
@@ -138,81 +142,79 @@ class ChirpLesson(Lesson[Settings, Seen]):
     )
 
     def __init__(self) -> None:
-        super().__init__(Settings)
-        self._ramps = Drawing(
+        super().__init__(ChirpSettings)
+        self._ramps = LineFigure(
             x="time since the start of the ramp, µs",
             y="frequency over 77 GHz, MHz",
             x_range=(0, 8),
             y_range=(0, 150),
         )
-        self._ramps.line("sent", "echo", label="sent", line_width=3)
-        self._ramps.line("echo", "threshold", label="echo", line_width=3)
-        self._ramps.bars("gap", "cursor", label="beat: the gap now", line_width=2)
-        self._ramps.marks("ends", "cursor", size=8)
-        self._ramps.texts("words", "ink", x_offset=8, text_baseline="middle")
-        self._ramps.explained("top_left")
-        self._beat = Drawing(
+        self._ramps.add_line("sent", "echo", label="sent", line_width=3)
+        self._ramps.add_line("echo", "threshold", label="echo", line_width=3)
+        self._ramps.add_vertical_lines("gap", "cursor", label="beat: the gap now", line_width=2)
+        self._ramps.add_marks("ends", "cursor", size=8)
+        self._ramps.add_texts("words", "ink", x_offset=8, text_baseline="middle")
+        self._ramps.add_legend("top_left")
+        self._beat = LineFigure(
             x="time since the start of the ramp, µs",
             y="beat signal, real part",
             x_range=(0, 8),
             y_range=(-1.2, 1.7),
         )
-        self._beat.bands("delay", "muted", label="no echo yet", alpha=0.2)
-        self._beat.line("beat", "track", line_width=1.5)
-        self._beat.explained("top_left")
+        self._beat.add_bands("delay", "muted", label="no echo yet", alpha=0.2)
+        self._beat.add_line("beat", "track", line_width=1.5)
+        self._beat.add_legend("top_left")
         self._root = column(self._ramps.figure, self._beat.figure, sizing_mode="stretch_both")
 
     @property
     def root(self) -> UIElement:
-        """Its figures."""
         return self._root
 
-    def look(self, at: Settings, number: int) -> Seen:
-        """What is seen with those settings."""
-        return seen(at)
+    def compute_frame(self, settings: ChirpSettings, number: int) -> ChirpFrame:
+        return compute_chirp_frame(settings)
 
-    def show(self, seen: Seen) -> Mapping[str, str]:
-        """Draw it, and give the numbers beside it."""
-        chirp, now_us = seen.chirp, seen.now_s * 1e6
+    def show_frame(self, frame: ChirpFrame) -> Mapping[str, str]:
+        chirp, now_us = frame.chirp, frame.now_s * 1e6
         ends_us = (0.0, chirp.ramp_duration_s * 1e6 * 1.14)
         top_mhz = chirp.ramp_bandwidth_hz / 1e6
-        self._ramps.spans(x=ends_us, y=(0.0, top_mhz * 1.05))
-        self._beat.spans(x=ends_us, y=(-1.2, 1.7))
+        self._ramps.set_limits(x=ends_us, y=(0.0, top_mhz * 1.05))
+        self._beat.set_limits(x=ends_us, y=(-1.2, 1.7))
         for name, time_s, hz in (
-            ("sent", seen.sent_s, seen.sent_hz),
-            ("echo", seen.echo_s, seen.echo_hz),
+            ("sent", frame.sent_s, frame.sent_hz),
+            ("echo", frame.echo_s, frame.echo_hz),
         ):
-            ends = [0, -1] if time_s.size else []  # they are straight, to 1 Hz
-            self._ramps.put(name, x=time_s[ends] * 1e6, y=hz[ends] / 1e6)
-        here = seen.now_s > seen.delay_s and seen.echo_s.size > 0
-        low, high = (seen.echo_hz[-1] / 1e6, seen.sent_hz[-1] / 1e6) if here else (np.nan, np.nan)
-        self._ramps.put("gap", x=[now_us], low=[low], high=[high])
-        self._ramps.put("ends", x=[now_us, now_us], y=[low, high])
-        beat_mhz = seen.beat_hz / 1e6
-        words = f"{beat_mhz:.2f} MHz" if np.isfinite(beat_mhz) else ""
-        self._ramps.put("words", x=[now_us], y=[(low + high) / 2], text=[words])
-        step = max(1, seen.beat.size // _MOST_POINTS)
-        self._beat.put("beat", x=seen.beat_s[::step] * 1e6, y=seen.beat[::step])
-        self._beat.put("delay", left=[0], right=[seen.delay_s * 1e6])
-        cycles = seen.beat.size / chirp.sample_rate_hz * beat_mhz * 1e6
-        self._ramps.called(
-            f"The echo is {seen.delay_s * 1e6:.2f} µs late:"
-            f" by then the ramp has risen {chirp.slope_hz_per_s * seen.delay_s / 1e6:.2f} MHz"
+            ends = [0, -1] if time_s.size else []  # straight lines within 1 Hz
+            self._ramps.set_data(name, x=time_s[ends] * 1e6, y=hz[ends] / 1e6)
+        has_beat = frame.now_s > frame.delay_s and frame.echo_s.size > 0
+        low, high = (
+            (frame.echo_hz[-1] / 1e6, frame.sent_hz[-1] / 1e6) if has_beat else (np.nan, np.nan)
         )
-        self._beat.called(
+        self._ramps.set_data("gap", x=[now_us], low=[low], high=[high])
+        self._ramps.set_data("ends", x=[now_us, now_us], y=[low, high])
+        beat_mhz = frame.beat_hz / 1e6
+        beat_text = f"{beat_mhz:.2f} MHz" if np.isfinite(beat_mhz) else ""
+        self._ramps.set_data("words", x=[now_us], y=[(low + high) / 2], text=[beat_text])
+        step = max(1, frame.beat.size // _MAX_POINTS)
+        self._beat.set_data("beat", x=frame.beat_s[::step] * 1e6, y=frame.beat[::step])
+        self._beat.set_data("delay", left=[0], right=[frame.delay_s * 1e6])
+        cycles = frame.beat.size / chirp.sample_rate_hz * beat_mhz * 1e6
+        self._ramps.set_title(
+            f"The echo is {frame.delay_s * 1e6:.2f} µs late:"
+            f" by then the ramp has risen {chirp.slope_hz_per_s * frame.delay_s / 1e6:.2f} MHz"
+        )
+        self._beat.set_title(
             f"The beat: one tone, {cycles:.1f} cycles so far"
             if np.isfinite(cycles)
             else "The beat: nothing, until the echo is there"
         )
-        range_m = SPEED_OF_LIGHT * seen.delay_s / 2
+        range_m = SPEED_OF_LIGHT * frame.delay_s / 2
         return {
             "slope S": f"{chirp.slope_hz_per_s / 1e12:.2f} MHz/µs",
-            "beat, measured": words or NONE,
+            "beat, measured": beat_text or EN_DASH,
             "beat, 2 S R / c": f"{chirp.beat_frequency_hz(range_m) / 1e6:.2f} MHz",
             "range cell c / 2B": f"{chirp.range_resolution_m:.2f} m",
         }
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme."""
+    def apply_theme(self, theme: Theme) -> None:
         for drawing in (self._ramps, self._beat):
-            drawing.wear(theme)
+            drawing.apply_theme(theme)

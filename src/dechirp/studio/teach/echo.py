@@ -1,4 +1,4 @@
-"""Lesson 2: the echo of a target, and its spectrum over range."""
+"""Lesson 2: the echo of a target and its range spectrum."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,61 +10,61 @@ import xarray as xr
 from bokeh.layouts import column
 from bokeh.models import UIElement
 
-from dechirp.core.units import decibels, from_decibels
-from dechirp.echoes.echo import clean_echoes
-from dechirp.experiment.verify.looks import RCS_M2, radar
-from dechirp.process.spectrum import Transform, range_profiles
+from dechirp.certificate.reference_trials import RCS_M2, reference_radar
+from dechirp.core.units import from_decibels, to_decibels
+from dechirp.processing.spectrum import Transform, range_profiles
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
-from dechirp.studio.teach.lesson import Choice, Dial, Lesson, Try
+from dechirp.simulation.simulate import simulate_ideal_echoes
+from dechirp.studio.teach.lesson import Choice, Dial, Experiment, Lesson
 from dechirp.studio.theme import Theme
-from dechirp.studio.views.drawing import Drawing
+from dechirp.studio.views.line_figure import LineFigure
 from dechirp.theory.windows import Window
 
 SHOWN_M = (35.0, 65.0)
 LOWEST_DB = -90.0
 _FINE_BINS = 16 * 2200
-"""Of the spectrum between the bins: sixteen of its points to a range cell."""
-_ALONE = "none"
-BESIDE: dict[str, tuple[float, float]] = {
+"""Bins of the interpolated spectrum: sixteen points per range cell."""
+_NO_SECOND_TARGET = "none"
+SECOND_TARGETS: dict[str, tuple[float, float]] = {
     "as strong, 1.2 m behind": (1.2, 0.0),
     "as strong, 3 m behind": (3.0, 0.0),
     "40 dB weaker, 8 m behind": (8.0, -40.0),
 }
-"""Second targets: how far behind the first, and how strong beside it, dB."""
+"""Second targets: distance behind the first in m, and relative level in dB."""
 
 
 @dataclass(frozen=True)
-class Settings:
-    """A target, one beside it, and how its samples are transformed."""
+class EchoSettings:
+    """Target, second target and transform."""
 
     range_m: float
-    beside: str
+    second_target: str
     window: Window
     padding: str
-    """Bins over samples, as a text: it is chosen from a list."""
+    """Ratio of bins to samples as text, chosen from a list."""
     n_samples: float
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """Samples of one chirp, and their spectrum."""
+class EchoFrame:
+    """Samples of one chirp and their spectrum."""
 
-    at: Settings
+    settings: EchoSettings
     chirp: Chirp
-    """With so many samples as are taken."""
+    """Chirp with the selected number of samples."""
     transform: Transform
     time_s: np.ndarray
     tapered: np.ndarray
-    """Real part of the samples under the window; an echo of the first target alone is 1."""
+    """Real part of the windowed samples; an echo of the first target alone has amplitude 1."""
     bins_m: np.ndarray
     bins: np.ndarray
-    """Power over that of the first target alone on a bin."""
+    """Power relative to the first target alone on a bin."""
     fine_m: np.ndarray
     fine: np.ndarray
-    """The same between the bins."""
+    """Interpolated power between the bins."""
 
     @property
     def peak_m(self) -> float:
@@ -73,43 +73,46 @@ class Seen:
 
 
 @cache
-def short_radar() -> Radar:
-    """The reference radar with one chirp in a frame."""
-    return replace(radar(), frame=replace(radar().frame, n_chirps=1))
+def single_chirp_radar() -> Radar:
+    """Return the reference radar with one chirp per frame."""
+    return replace(reference_radar(), frame=replace(reference_radar().frame, n_chirps=1))
 
 
-def samples(range_m: float, beside: str) -> np.ndarray:
-    """Echo of the targets in one chirp, without noise, (sample,); the first alone has power 1."""
+def echo_samples(range_m: float, second_target: str) -> np.ndarray:
+    """Return the noise-free echoes (sample,) of one chirp; the first alone has power 1."""
     first = Target(position_m=(range_m, 0.0, 0.0), rcs_m2=RCS_M2)
     targets = [first]
-    if beside != _ALONE:
-        behind_m, level_db = BESIDE[beside]
-        # What range takes of the second is given back: both are as strong as they are said to be.
+    if second_target != _NO_SECOND_TARGET:
+        behind_m, level_db = SECOND_TARGETS[second_target]
+        # Compensate the larger range of the second target to obtain the stated level.
         spread = ((range_m + behind_m) / range_m) ** 4
         rcs_m2 = RCS_M2 * spread * float(from_decibels(level_db))
         targets.append(Target(position_m=(range_m + behind_m, 0.0, 0.0), rcs_m2=rcs_m2))
-    alone, both = (
-        clean_echoes(Scene(targets=of), short_radar()).values[0, 0, 0]
-        for of in ((first,), tuple(targets))
+    first_echo, both = (
+        simulate_ideal_echoes(Scene(targets=scene_targets), single_chirp_radar()).values[0, 0, 0]
+        for scene_targets in ((first,), tuple(targets))
     )
-    return np.asarray(both / np.sqrt(np.mean(abs(alone) ** 2)))
+    return np.asarray(both / np.sqrt(np.mean(abs(first_echo) ** 2)))
 
 
-def seen(at: Settings) -> Seen:
-    """Beat signal and spectrum."""
-    n = int(at.n_samples)
-    chirp = replace(radar().frame.chirp, n_samples=n)
-    taken = samples(at.range_m, at.beside)[:n]
-    transform = Transform(window=at.window, n_points=n, n_bins=n * int(at.padding))
-    between = replace(transform, n_bins=_FINE_BINS)
-    cube = xr.DataArray(taken, dims="sample")
-    bins, fine = (range_profiles(cube, chirp, one) for one in (transform, between))
-    return Seen(
-        at=at,
+def compute_echo_frame(settings: EchoSettings) -> EchoFrame:
+    """Compute the beat signal and its spectrum."""
+    n = int(settings.n_samples)
+    chirp = replace(reference_radar().frame.chirp, n_samples=n)
+    kept_samples = echo_samples(settings.range_m, settings.second_target)[:n]
+    transform = Transform(window=settings.window, n_points=n, n_bins=n * int(settings.padding))
+    fine_transform = replace(transform, n_bins=_FINE_BINS)
+    cube = xr.DataArray(kept_samples, dims="sample")
+    bins, fine = (
+        range_profiles(cube, chirp, range_transform)
+        for range_transform in (transform, fine_transform)
+    )
+    return EchoFrame(
+        settings=settings,
         chirp=chirp,
         transform=transform,
         time_s=np.arange(n) / chirp.sample_rate_hz,
-        tapered=(taken * transform.weights).real,
+        tapered=(kept_samples * transform.weights).real,
         bins_m=bins.range.values,
         bins=abs(bins.values) ** 2,
         fine_m=fine.range.values,
@@ -117,11 +120,11 @@ def seen(at: Settings) -> Seen:
     )
 
 
-class EchoLesson(Lesson[Settings, Seen]):
-    """The beat signal over time, and its spectrum below."""
+class EchoLesson(Lesson[EchoSettings, EchoFrame]):
+    """Beat signal over time with its spectrum below."""
 
     title = "Target and range transform"
-    says = (
+    introduction = (
         "Each target leaves one tone in the beat signal. A Fourier transform sorts tones by their"
         " frequency, and that is sorting targets by range. A longer look makes finer bins."
     )
@@ -131,121 +134,125 @@ class EchoLesson(Lesson[Settings, Seen]):
     )
     knobs: ClassVar = {
         "range_m": Dial("Range of the target, m", 40, 60, 0.1, 50),
-        "beside": Choice("Second target", (_ALONE, *BESIDE), _ALONE),
+        "second_target": Choice(
+            "Second target", (_NO_SECOND_TARGET, *SECOND_TARGETS), _NO_SECOND_TARGET
+        ),
         "window": Choice("Window", ("rectangular", "hann", "blackman-harris"), "rectangular"),
         "padding": Choice("Zero padding, bins to a sample", ("1", "2", "4", "8"), "1"),
         "n_samples": Dial("Samples N taken of 2,200", 100, 2200, 25, 2200),
     }
-    moves = ("n_samples", 25)
-    tries = (
-        Try(
+    animated_dial = ("n_samples", 25)
+    experiments = (
+        Experiment(
             "Put the target between two bins",
             {"range_m": 50.5},
             "Its tone fits no bin: two bins share it, up to 3.9 dB too low, and sidelobes appear in"
             " all others. They were there before, but the bins lay on their zeros.",
         ),
-        Try(
+        Experiment(
             "The same, padded with zeros",
             {"range_m": 50.5, "padding": "8"},
             "Bins lie closer on the same curve, and one meets the peak. The lobe is as wide as"
             " before: padding adds points, not resolution.",
         ),
-        Try(
+        Experiment(
             "Two targets a cell apart, padded",
-            {"beside": "as strong, 1.2 m behind", "padding": "8"},
+            {"second_target": "as strong, 1.2 m behind", "padding": "8"},
             "One lobe or two? That depends on how their phases meet: move the range by 0.1 m and"
             " look. Only bandwidth would part them for sure.",
         ),
-        Try(
+        Experiment(
             "Hide a weak target",
-            {"range_m": 50.5, "beside": "40 dB weaker, 8 m behind"},
+            {"range_m": 50.5, "second_target": "40 dB weaker, 8 m behind"},
             "The sidelobes of the strong target lie over the weak one at 58.5 m. No threshold"
             " finds it: the transform has lost it, not the noise.",
         ),
-        Try(
+        Experiment(
             "Find it with a window",
-            {"range_m": 50.5, "beside": "40 dB weaker, 8 m behind", "window": "hann"},
+            {"range_m": 50.5, "second_target": "40 dB weaker, 8 m behind", "window": "hann"},
             "Hann fades the samples in and out, so sidelobes fall fast, and the weak target"
             " stands clear. The price: a main lobe twice as wide.",
         ),
     )
 
     def __init__(self) -> None:
-        super().__init__(Settings)
-        last_us = radar().frame.chirp.sampled_duration_s * 1e6
-        self._signal = Drawing(
+        super().__init__(EchoSettings)
+        last_us = reference_radar().frame.chirp.sampled_duration_s * 1e6
+        self._signal = LineFigure(
             x="time since the first sample, µs",
             y="beat signal, real part",
             x_range=(0, last_us * 1.01),
             y_range=(-2.1, 2.1),
         )
-        self._signal.line("samples", "track", label="samples under the window", line_width=1.2)
-        self._signal.line("window", "muted", label="window", line_width=2)
-        self._signal.explained()
-        self._spectrum = Drawing(
+        self._signal.add_line("samples", "track", label="samples under the window", line_width=1.2)
+        self._signal.add_line("window", "muted", label="window", line_width=2)
+        self._signal.add_legend()
+        self._spectrum = LineFigure(
             x="range, m",
             y="power, dB over the first target",
             x_range=SHOWN_M,
             y_range=(LOWEST_DB, 9),
         )
-        self._spectrum.bars("truth", "truth", label="where targets are", line_width=2)
-        self._spectrum.line("fine", "muted", label="between the bins", line_width=1)
-        self._spectrum.bars("stems", "echo", line_width=1)
-        self._spectrum.marks("bins", "echo", label="bins of the transform", size=5)
-        self._spectrum.explained()
+        self._spectrum.add_vertical_lines("truth", "truth", label="where targets are", line_width=2)
+        self._spectrum.add_line("fine", "muted", label="between the bins", line_width=1)
+        self._spectrum.add_vertical_lines("stems", "echo", line_width=1)
+        self._spectrum.add_marks("bins", "echo", label="bins of the transform", size=5)
+        self._spectrum.add_legend()
         self._root = column(self._signal.figure, self._spectrum.figure, sizing_mode="stretch_both")
 
     @property
     def root(self) -> UIElement:
-        """Its figures."""
         return self._root
 
-    def look(self, at: Settings, number: int) -> Seen:
-        """What is seen with those settings."""
-        return seen(at)
+    def compute_frame(self, settings: EchoSettings, number: int) -> EchoFrame:
+        return compute_echo_frame(settings)
 
-    def show(self, seen: Seen) -> Mapping[str, str]:
-        """Draw it, and give the numbers beside it."""
-        time_us = seen.time_s * 1e6
-        self._signal.put("samples", x=time_us, y=seen.tapered)
-        self._signal.put("window", x=time_us, y=seen.transform.weights)
-        fine_m, fine_db = _within(seen.fine_m, seen.fine)
-        bins_m, bins_db = _within(seen.bins_m, seen.bins)
-        self._spectrum.put("fine", x=fine_m, y=fine_db)
-        self._spectrum.put("stems", x=bins_m, low=np.full(bins_m.size, LOWEST_DB), high=bins_db)
-        self._spectrum.put("bins", x=bins_m, y=bins_db)
-        at_m = [seen.at.range_m]
-        if seen.at.beside != _ALONE:
-            at_m.append(at_m[0] + BESIDE[seen.at.beside][0])
-        self._spectrum.put("truth", x=at_m, low=[LOWEST_DB] * len(at_m), high=[9] * len(at_m))
-        cell_m = seen.chirp.range_resolution_m
-        beat_hz = seen.chirp.beat_frequency_hz(seen.at.range_m)
-        n = seen.chirp.n_samples
-        self._signal.called(f"{n:,} samples: {time_us[-1]:.1f} µs of the ramp")
-        self._spectrum.called(
-            f"Spectrum: range bins of {cell_m:.2f} m, the strongest at {seen.peak_m:.2f} m"
+    def show_frame(self, frame: EchoFrame) -> Mapping[str, str]:
+        time_us = frame.time_s * 1e6
+        self._signal.set_data("samples", x=time_us, y=frame.tapered)
+        self._signal.set_data("window", x=time_us, y=frame.transform.weights)
+        fine_m, fine_db = _shown_part_db(frame.fine_m, frame.fine)
+        bins_m, bins_db = _shown_part_db(frame.bins_m, frame.bins)
+        self._spectrum.set_data("fine", x=fine_m, y=fine_db)
+        self._spectrum.set_data(
+            "stems", x=bins_m, low=np.full(bins_m.size, LOWEST_DB), high=bins_db
         )
-        straddle = seen.transform.straddle(beat_hz / seen.chirp.sample_rate_hz)
+        self._spectrum.set_data("bins", x=bins_m, y=bins_db)
+        targets_m = [frame.settings.range_m]
+        if frame.settings.second_target != _NO_SECOND_TARGET:
+            targets_m.append(targets_m[0] + SECOND_TARGETS[frame.settings.second_target][0])
+        self._spectrum.set_data(
+            "truth", x=targets_m, low=[LOWEST_DB] * len(targets_m), high=[9] * len(targets_m)
+        )
+        cell_m = frame.chirp.range_resolution_m
+        beat_hz = frame.chirp.beat_frequency_hz(frame.settings.range_m)
+        n = frame.chirp.n_samples
+        self._signal.set_title(f"{n:,} samples: {time_us[-1]:.1f} µs of the ramp")
+        self._spectrum.set_title(
+            f"Spectrum: range bins of {cell_m:.2f} m, the strongest at {frame.peak_m:.2f} m"
+        )
+        straddle = frame.transform.straddling_loss(beat_hz / frame.chirp.sample_rate_hz)
         return {
             "beat of the target": f"{beat_hz / 1e6:.3f} MHz",
-            "strongest bin": f"{seen.peak_m:.2f} m",
+            "strongest bin": f"{frame.peak_m:.2f} m",
             "bin width c / 2B": f"{cell_m:.2f} m",
-            "lost between bins": f"{abs(float(decibels(straddle))):.1f} dB",
-            "main lobe, zero to zero": f"{2 * cell_m * _lobe_bins(seen):.1f} m",
+            "lost between bins": f"{abs(float(to_decibels(straddle))):.1f} dB",
+            "main lobe, zero to zero": f"{2 * cell_m * _half_main_lobe_bins(frame):.1f} m",
         }
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme."""
+    def apply_theme(self, theme: Theme) -> None:
         for drawing in (self._signal, self._spectrum):
-            drawing.wear(theme)
+            drawing.apply_theme(theme)
 
 
-def _within(range_m: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is shown of a spectrum, in dB, not below the lowest."""
-    shown = (range_m >= SHOWN_M[0]) & (range_m <= SHOWN_M[1])
-    return range_m[shown], np.asarray(decibels(np.maximum(power[shown], 10 ** (LOWEST_DB / 10))))
+def _shown_part_db(range_m: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the shown part of a spectrum in dB, limited from below."""
+    is_shown = (range_m >= SHOWN_M[0]) & (range_m <= SHOWN_M[1])
+    return range_m[is_shown], np.asarray(
+        to_decibels(np.maximum(power[is_shown], 10 ** (LOWEST_DB / 10)))
+    )
 
 
-def _lobe_bins(seen: Seen) -> float:
-    """Half the width of the main lobe, in bins without padding."""
-    return seen.transform.main_lobe_bins * seen.transform.n_points / seen.transform.n_bins
+def _half_main_lobe_bins(frame: EchoFrame) -> float:
+    """Return half the main-lobe width in bins without zero padding."""
+    return frame.transform.main_lobe_bins * frame.transform.n_points / frame.transform.n_bins

@@ -1,4 +1,4 @@
-"""A lesson: figures that move, a formula, knobs to turn and things to try."""
+"""Base class of lessons: animated figures, formulas, knobs and experiments."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -17,17 +17,17 @@ Setting = float | str
 
 @dataclass(frozen=True)
 class Dial:
-    """A number that is turned within bounds."""
+    """Numeric knob within bounds."""
 
     title: str
-    """With its unit."""
+    """Title with unit."""
     start: float
     end: float
     step: float
     first: float
 
     def widget(self) -> Slider:
-        """What it is turned by."""
+        """Create the slider."""
         decimals = max(0, int(np.ceil(-np.log10(self.step) - 1e-9)))
         return Slider(
             title=self.title,
@@ -39,22 +39,22 @@ class Dial:
             sizing_mode="stretch_width",
         )
 
-    def taken(self, given: Any) -> float:
-        """What a browser sent, as a number within bounds."""
-        known = isinstance(given, int | float) and np.isfinite(given)
-        return float(np.clip(given, self.start, self.end)) if known else self.first
+    def parse_value(self, value: Any) -> float:
+        """Parse a value from the browser to a number within bounds."""
+        is_number = isinstance(value, int | float) and np.isfinite(value)
+        return float(np.clip(value, self.start, self.end)) if is_number else self.first
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One of a few."""
+    """Knob with a list of options."""
 
     title: str
     options: tuple[str, ...]
     first: str
 
     def widget(self) -> Select:
-        """What it is chosen by."""
+        """Create the selection widget."""
         return Select(
             title=self.title,
             options=list(self.options),
@@ -62,75 +62,75 @@ class Choice:
             sizing_mode="stretch_width",
         )
 
-    def taken(self, given: Any) -> str:
-        """What a browser sent, as one of the options."""
-        return str(given) if given in self.options else self.first
+    def parse_value(self, value: Any) -> str:
+        """Parse a value from the browser to one of the options."""
+        return str(value) if value in self.options else self.first
 
 
 @dataclass(frozen=True)
-class Try:
-    """Something to try: what to do, which knobs that takes, and what is then seen and why."""
+class Experiment:
+    """Experiment of a lesson: instruction, knob values and explanation."""
 
-    ask: str
-    sets: Mapping[str, Setting]
-    """Knobs by name; the others go back to where they began."""
+    question: str
+    knob_values: Mapping[str, Setting]
+    """Knob values by name; other knobs return to their initial values."""
     answer: str
 
 
 class Lesson(ABC, Generic[S, T]):
     """One lesson on one page.
 
-    `look` computes what is seen, from settings alone, on the worker; `show` puts it into the
-    figures, on the loop.
+    `compute_frame` computes the results from the settings on the worker; `show_frame` draws them on
+    the event loop.
 
     Parameters
     ----------
     settings : callable
-        Makes settings of the values of the knobs, given by name.
+        Creates settings from knob values by name.
     """
 
     title: ClassVar[str]
-    says: ClassVar[str]
-    """What it is about, in a sentence or two."""
+    introduction: ClassVar[str]
+    """Introduction in one or two sentences."""
     formulas: ClassVar[tuple[tuple[str, str], ...]]
-    """Mathematics as `report.equations.svg` sets it, each with its words."""
+    """Formulas for `report.equations.equation_svg`, each with a description."""
     knobs: ClassVar[Mapping[str, Dial | Choice]]
-    moves: ClassVar[tuple[str, float]]
-    """The dial that play turns, and by how much a frame; at its end it begins again."""
-    tries: ClassVar[tuple[Try, ...]]
+    animated_dial: ClassVar[tuple[str, float]]
+    """Dial animated by play, with its step per frame; it wraps around at the end."""
+    experiments: ClassVar[tuple[Experiment, ...]]
 
     def __init__(self, settings: Callable[..., S]) -> None:
         self._settings = settings
 
-    def settings(self, values: Mapping[str, Any]) -> S:
-        """Settings from what the browser sent for each knob."""
+    def build_settings(self, values: Mapping[str, Any]) -> S:
+        """Build settings from the knob values of the browser."""
         return self._settings(
-            **{name: knob.taken(values[name]) for name, knob in self.knobs.items()}
+            **{name: knob.parse_value(values[name]) for name, knob in self.knobs.items()}
         )
 
-    def onward(self, values: Mapping[str, Any]) -> Mapping[str, float]:
-        """What play makes of the values of the knobs for the next frame: those that change."""
-        name, by = self.moves
+    def next_values(self, values: Mapping[str, Any]) -> Mapping[str, float]:
+        """Return the knob values that play changes for the next frame."""
+        name, step = self.animated_dial
         dial = self.knobs[name]
         assert isinstance(dial, Dial)
-        next_ = round((dial.taken(values[name]) + by) / dial.step) * dial.step
-        if not dial.start - dial.step / 2 <= next_ <= dial.end + dial.step / 2:
-            next_ = dial.start if by > 0 else dial.end
-        return {name: next_}
+        value = round((dial.parse_value(values[name]) + step) / dial.step) * dial.step
+        if not dial.start - dial.step / 2 <= value <= dial.end + dial.step / 2:
+            value = dial.start if step > 0 else dial.end
+        return {name: value}
 
     @property
     @abstractmethod
     def root(self) -> UIElement:
-        """Its figures."""
+        """Root element of the figures."""
 
     @abstractmethod
-    def look(self, at: S, number: int) -> T:
-        """What is seen; `number` counts frames while it plays, for noise that is new in each."""
+    def compute_frame(self, settings: S, number: int) -> T:
+        """Compute a frame; `number` counts frames of the playback and determines the noise."""
 
     @abstractmethod
-    def show(self, seen: T) -> Mapping[str, str]:
-        """Draw it; gives numbers to read beside the figures, by what they are."""
+    def show_frame(self, frame: T) -> Mapping[str, str]:
+        """Draw a frame and return the numbers to show beside the figures, by label."""
 
     @abstractmethod
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Apply the colours of a theme."""

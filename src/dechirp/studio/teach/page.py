@@ -1,4 +1,4 @@
-"""The page of a lesson: its knobs, its play button, and the loop between them and the worker."""
+"""Page of a lesson: knobs, play button and the loop with the worker."""
 
 import asyncio
 import logging
@@ -13,20 +13,20 @@ from bokeh.layouts import column
 from bokeh.models import Button, Div
 
 from dechirp.core.errors import DechirpError
-from dechirp.report.amounts import typographic
-from dechirp.report.equations import svg
-from dechirp.studio.browser import Browser, script, text_of
-from dechirp.studio.settings import Limits
-from dechirp.studio.teach.lesson import Lesson, Try
-from dechirp.studio.theme import DARK, LIGHT, of_pages, of_widgets
+from dechirp.report.check_values import apply_typography
+from dechirp.report.equations import equation_svg
+from dechirp.studio.browser_events import BrowserState, browser_script, read_studio_file
+from dechirp.studio.scenario_edits import PageLimits
+from dechirp.studio.teach.lesson import Experiment, Lesson
+from dechirp.studio.theme import DARK, LIGHT, page_style, widget_theme
 
 _FRAME_S = 1 / 15
-"""Shortest time between frames: enough to see things move, and lessons share one worker."""
+"""Shortest time between frames: sufficient for animation, as lessons share one worker."""
 
 _log = logging.getLogger(__name__)
 
-_DRAWN_WITHIN_S = 2.0
-"""A browser that has not said by then that it drew a frame is sent the next one all the same."""
+_DRAW_TIMEOUT_S = 2.0
+"""Time after which the next frame is sent without a confirmation."""
 
 
 class LessonPage:
@@ -35,15 +35,15 @@ class LessonPage:
     Parameters
     ----------
     document : Document
-        What it is put into; changed under its lock alone.
+        Document of the page; changed only under its lock.
     make : callable
-        Makes the lesson.
+        Function that creates the lesson.
     number, n_lessons : int
-        Its place among the lessons, from 1, and how many there are.
+        Number of the lesson, from 1, and number of lessons.
     worker : Executor
-        Computes what is seen, for all pages.
+        Worker that computes frames for all pages.
     limits : Limits
-        The frame rate among them.
+        Limits, among them the frame rate.
     """
 
     def __init__(
@@ -54,109 +54,119 @@ class LessonPage:
         number: int,
         n_lessons: int,
         worker: Executor,
-        limits: Limits,
+        limits: PageLimits,
     ) -> None:
         self._lesson, self._worker = make(), worker
         self._frame = 0
-        self._asked, self._playing = True, False
+        self._has_changes, self._playing = True, False
         lesson = self._lesson
-        self._browser, self._sent_s = Browser(name="browser"), 0.0
-        self._browser.on_change("dark", self._wear)
-        self._browser.on_change("play_keys", lambda attr, old, new: self._turn())
+        self._browser, self._sent_s = BrowserState(name="browser"), 0.0
+        self._browser.on_change("dark", self._on_shade)
+        self._browser.on_change("play_keys", lambda attr, old, new: self._toggle_play())
         self._knobs = {name: knob.widget() for name, knob in lesson.knobs.items()}
         for knob in self._knobs.values():
-            knob.on_change("value", self._turned)
-        self._play = _button(_PLAY, self._turn, name="play")
+            knob.on_change("value", self._on_knob)
+        self._play = _new_button(_PLAY, self._toggle_play, name="play")
         self._numbers = Div(name="numbers", css_classes=["lesson"], sizing_mode="stretch_width")
-        self._answer = Div(name="answer", text=_UNTRIED, sizing_mode="stretch_width")
+        self._answer = Div(name="answer", text=_INVITATION, sizing_mode="stretch_width")
         tries = [
-            _button(typographic(one.ask), partial(self._try, one), name=f"try_{index}")
-            for index, one in enumerate(lesson.tries)
+            _new_button(
+                apply_typography(one.question),
+                partial(self._start_experiment, one),
+                name=f"try_{index}",
+            )
+            for index, one in enumerate(lesson.experiments)
         ]
         lesson.root.name, lesson.root.tags = "figures", [self._browser]
-        lesson.wear(LIGHT)
+        lesson.apply_theme(LIGHT)
         knobs = column(*self._knobs.values(), name="knobs", sizing_mode="stretch_width")
         for root in (lesson.root, knobs, self._play, self._numbers, *tries, self._answer):
             document.add_root(root)
         document.title = f"{lesson.title} · dechirp"
-        document.theme = of_widgets()
-        document.template = text_of("teach", "lesson.html")
+        document.theme = widget_theme()
+        document.template = read_studio_file("teach", "lesson.html")
         document.template_variables.update(
             lesson=lesson,
-            says=typographic(lesson.says),
+            says=apply_typography(lesson.introduction),
             number=number,
             n_lessons=n_lessons,
-            formulas=[(svg(tex), words) for tex, words in lesson.formulas],
-            style=of_pages(),
-            script=script(),
+            formulas=[(equation_svg(tex), words) for tex, words in lesson.formulas],
+            style=page_style(),
+            script=browser_script(),
         )
-        document.add_periodic_callback(self._next, round(1000 * max(_FRAME_S, limits.frame_s)))
+        document.add_periodic_callback(
+            self._draw_next, round(1000 * max(_FRAME_S, limits.min_frame_interval_s))
+        )
 
-    def _turned(self, attr: str, old: object, new: object) -> None:
-        self._asked = True
+    def _on_knob(self, attr: str, old: object, new: object) -> None:
+        self._has_changes = True
 
-    def _turn(self) -> None:
-        """Play, or stay."""
+    def _toggle_play(self) -> None:
+        """Start or stop playback."""
         self._playing = not self._playing
         self._play.label = _PAUSE if self._playing else _PLAY
 
-    def _try(self, one: Try) -> None:
+    def _start_experiment(self, experiment: Experiment) -> None:
         for name, knob in self._lesson.knobs.items():
-            self._knobs[name].value = one.sets.get(name, knob.first)
-        self._answer.text = typographic(one.answer)
+            self._knobs[name].value = experiment.knob_values.get(name, knob.first)
+        self._answer.text = apply_typography(experiment.answer)
 
-    def _wear(self, attr: str, old: bool, dark: bool) -> None:
-        self._lesson.wear(DARK if dark else LIGHT)
+    def _on_shade(self, attr: str, old: bool, dark: bool) -> None:
+        self._lesson.apply_theme(DARK if dark else LIGHT)
 
-    async def _next(self) -> None:
-        """One frame, where there is something new to see; the loop is free while it is computed."""
-        late = monotonic() - self._sent_s > _DRAWN_WITHIN_S
-        if self._browser.drawn < self._browser.shown and not late:
+    async def _draw_next(self) -> None:
+        """Draw the next frame if anything changed; the loop is free while it is computed."""
+        is_late = monotonic() - self._sent_s > _DRAW_TIMEOUT_S
+        if self._browser.n_frames_drawn < self._browser.n_frames_sent and not is_late:
             return
         if self._playing:
             self._frame += 1
-            for name, onward in self._lesson.onward(self._values()).items():
-                self._knobs[name].value = onward
-        elif not self._asked:
+            for name, value in self._lesson.next_values(self._knob_values()).items():
+                self._knobs[name].value = value
+        elif not self._has_changes:
             return
-        self._asked = False
-        at = self._lesson.settings(self._values())
+        self._has_changes = False
+        settings = self._lesson.build_settings(self._knob_values())
         loop = asyncio.get_running_loop()
         try:
-            seen = await loop.run_in_executor(self._worker, self._lesson.look, at, self._frame)
-            self._numbers.text = _listed(self._lesson.show(seen))
-            self._browser.shown += 1
+            frame = await loop.run_in_executor(
+                self._worker, self._lesson.compute_frame, settings, self._frame
+            )
+            self._numbers.text = _numbers_html(self._lesson.show_frame(frame))
+            self._browser.n_frames_sent += 1
             self._sent_s = monotonic()
         except DechirpError as error:
-            self._stop(" ".join(f"{m.got}; needed is {m.need}. {m.fix}" for m in error.mistakes))
+            self._show_error(
+                " ".join(f"{m.value}; expected {m.expected}; {m.fix}." for m in error.mistakes)
+            )
         except Exception:
-            # The page says so and lives on; so do all others.
+            # The page shows an error and continues, as do all others.
             _log.exception("a lesson failed")
-            self._stop("This page made an error, which the log of the server tells.")
+            self._show_error("Internal error; see the log of the server.")
 
-    def _values(self) -> dict[str, Any]:
+    def _knob_values(self) -> dict[str, Any]:
         return {name: knob.value for name, knob in self._knobs.items()}
 
-    def _stop(self, why: str) -> None:
-        self._answer.text = why
+    def _show_error(self, reason: str) -> None:
+        self._answer.text = reason
         if self._playing:
-            self._turn()
+            self._toggle_play()
 
 
 _PLAY, _PAUSE = "▶ Play", "❚❚ Pause"
-_UNTRIED = "First guess what will happen. Then press, and read here what is seen, and why."
+_INVITATION = "First predict the result. Then press a button and read the explanation here."
 
 
-def _button(label: str, pressed: Callable[[], None], *, name: str) -> Button:
-    made = Button(label=label, name=name, css_classes=["lesson"], sizing_mode="stretch_width")
-    made.on_event("button_click", lambda *_: pressed())
-    return made
+def _new_button(label: str, on_press: Callable[[], None], *, name: str) -> Button:
+    button = Button(label=label, name=name, css_classes=["lesson"], sizing_mode="stretch_width")
+    button.on_event("button_click", lambda *_: on_press())
+    return button
 
 
-def _listed(numbers: Mapping[str, str]) -> str:
-    """Numbers by what they are, as HTML; both come from the lessons, not from users."""
+def _numbers_html(numbers: Mapping[str, str]) -> str:
+    """Format labelled numbers as HTML; both come from the lessons, not from users."""
     rows = (
-        f"<tr><td>{typographic(name)}</td><td>{typographic(value)}</td></tr>"
+        f"<tr><td>{apply_typography(name)}</td><td>{apply_typography(value)}</td></tr>"
         for name, value in numbers.items()
     )
     return f'<table class="follows">{"".join(rows)}</table>'

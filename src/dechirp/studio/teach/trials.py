@@ -1,4 +1,4 @@
-"""What lesson 4 shows: frames of a faint target, and how often two detectors find it."""
+"""Trials of a faint target with two detectors."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -7,46 +7,46 @@ from functools import cache, lru_cache
 import numpy as np
 import xarray as xr
 
-from dechirp.core.conventions import CUBE_AXES
-from dechirp.core.units import decibels, from_decibels
-from dechirp.experiment.verify import published, sensitivity
-from dechirp.experiment.verify.detection import report_in_noise
-from dechirp.experiment.verify.looks import (
-    REFERENCE,
-    Look,
-    column,
-    echo,
-    late_echo,
-    look_at_target,
-    radar,
-    white_noise,
+from dechirp.certificate import published, sensitivity
+from dechirp.certificate.detection import run_report_trials
+from dechirp.certificate.reference_trials import (
+    REFERENCE_TARGET,
+    TrialCondition,
+    complex_white_noise,
+    echo_after_arrival,
+    reference_radar,
+    run_target_trials,
+    trial_column,
+    unit_power_echo,
 )
-from dechirp.process.chain import Chain
-from dechirp.process.maps import power_map, threshold_map
-from dechirp.process.spectrum import noise_gain
-from dechirp.theory import intervals
+from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.units import from_decibels, to_decibels
+from dechirp.processing.chain import Chain
+from dechirp.processing.range_doppler_map import power_map, threshold_map
+from dechirp.processing.spectrum import noise_gain
+from dechirp.theory import confidence_intervals
 from dechirp.theory.windows import Window
 
 SEED = 4
-N_EACH = 4
-"""Frames of a look: the first is shown, all are counted. They take 50 ms."""
+N_FRAMES = 4
+"""Frames of a trial block: the first is shown, all are counted. They take 50 ms."""
 SNR_DB = (-48.0, -15.0)
 CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How much noise there is, and the window of the right detector."""
+class NoiseSettings:
+    """SNR and the window of the cell-averaging detector."""
 
     snr_db: float
-    """Of the echo in each sample."""
+    """SNR of the echo in each sample."""
     window: Window
     play: str
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
-    """Power along range through the target, and the threshold, over the mean noise power."""
+class RangeCut:
+    """Power and threshold along range through the target, relative to the mean noise power."""
 
     range_m: np.ndarray
     power: np.ndarray
@@ -54,139 +54,145 @@ class Cut:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """One frame, and whether the target was found in it and in some more."""
+class NoiseFrame:
+    """Cuts of one frame, and the detections in several frames."""
 
-    at: Settings
+    settings: NoiseSettings
     number: int
-    chain: Cut
-    report: Cut
-    found: np.ndarray
+    chain: RangeCut
+    report: RangeCut
+    hits: np.ndarray
     """By cell averaging of powers, in each of N_EACH frames; the cuts are of the first."""
-    found_by_report: np.ndarray
-    in_cell_db: float
-    """Ratio of the echo to the noise in its cell of the map."""
+    report_hits: np.ndarray
+    snr_in_cell_db: float
+    """SNR of the echo in its cell of the map."""
     theory_db: np.ndarray
-    """Ratios in each sample at which there is theory."""
+    """SNR values per sample at which theory is given."""
     theory: np.ndarray
     """Probability of detection, (theory_db,)."""
-    theory_of_report: np.ndarray
+    report_theory: np.ndarray
 
 
 def _generator(number: int) -> np.random.Generator:
-    """Of the noise of a look: both detectors see the same."""
+    """Return the generator of the noise of a block, the same for both detectors."""
     return np.random.default_rng((SEED, number))
 
 
-def hits(snr_db: float, window: Window, number: int) -> tuple[np.ndarray, np.ndarray]:
+def detection_hits(snr_db: float, window: Window, number: int) -> tuple[np.ndarray, np.ndarray]:
     """In which frames the target is found, (N_EACH,) each: cell averaging, the report's rule."""
-    looks = (Look(window=window, snr_db=(snr_db,)),)
-    ours = look_at_target(_generator(number), N_EACH, **REFERENCE._asdict(), looks=looks)
-    theirs = report_in_noise(_generator(number), N_EACH, snr_db=(snr_db,))
-    return column(ours, "hit")[:, 0] > 0, theirs[:, 1] > 0
+    conditions = (TrialCondition(window=window, snr_db=(snr_db,)),)
+    chain_trials = run_target_trials(
+        _generator(number), N_FRAMES, **REFERENCE_TARGET._asdict(), conditions=conditions
+    )
+    report_trials = run_report_trials(_generator(number), N_FRAMES, snr_db=(snr_db,))
+    return trial_column(chain_trials, "hit")[:, 0] > 0, report_trials[:, 1] > 0
 
 
-def chain_cut(snr_db: float, window: Window, number: int) -> Cut:
-    """What cell averaging sees of a frame along range, at the velocity of the target."""
+def chain_cut(snr_db: float, window: Window, number: int) -> RangeCut:
+    """Return power and threshold of cell averaging along range at the velocity of the target."""
     chain = Chain(range_window=window, doppler_window=window, angle=None)
-    clean = echo(*REFERENCE).values[0]
-    samples = _noisy(clean, snr_db, number)
+    clean = unit_power_echo(*REFERENCE_TARGET).values[0]
+    samples = _add_noise(clean, snr_db, number)
     cube = xr.DataArray(samples, dims=CUBE_AXES[1:])
-    power = power_map(cube, radar(), chain)
-    threshold = threshold_map(power, radar(), chain)
-    noise = chain.noise(radar())
-    mean = noise_gain(noise.over_range, noise.over_velocity, radar().frame.chirp)
-    at = power.sel(velocity=REFERENCE.velocity_m_per_s, method="nearest")
-    return Cut(
-        range_m=at.range.values,
-        power=at.values / mean,
-        threshold=threshold.sel(velocity=at.velocity).values / mean,
+    power = power_map(cube, reference_radar(), chain)
+    threshold = threshold_map(power, reference_radar(), chain)
+    noise = chain.map_noise(reference_radar())
+    mean = noise_gain(noise.range_transform, noise.doppler_transform, reference_radar().frame.chirp)
+    row_power = power.sel(velocity=REFERENCE_TARGET.velocity_m_per_s, method="nearest")
+    return RangeCut(
+        range_m=row_power.range.values,
+        power=row_power.values / mean,
+        threshold=threshold.sel(velocity=row_power.velocity).values / mean,
     )
 
 
-def report_cut(snr_db: float, number: int) -> Cut:
-    """What the report's rule sees of the same frame, its amplitudes squared."""
-    amplitude, threshold, _ = published.rule(_noisy(late_echo(), snr_db, number))
+def report_cut(snr_db: float, number: int) -> RangeCut:
+    """Return squared amplitude and threshold of the report's rule for the same frame."""
+    amplitude, threshold, _ = published.apply_report_rule(
+        _add_noise(echo_after_arrival(), snr_db, number)
+    )
     over_range, over_velocity = published.OVER_RANGE, published.OVER_VELOCITY
-    mean = noise_gain(over_range, over_velocity, radar().frame.chirp)
-    range_m, velocity = published.axes_m_and_m_per_s()
-    row = int(np.argmin(abs(velocity - REFERENCE.velocity_m_per_s)))
-    return Cut(
+    mean = noise_gain(over_range, over_velocity, reference_radar().frame.chirp)
+    range_m, velocity = published.report_axes()
+    row = int(np.argmin(abs(velocity - REFERENCE_TARGET.velocity_m_per_s)))
+    return RangeCut(
         range_m=range_m, power=amplitude[row] ** 2 / mean, threshold=threshold[row] ** 2 / mean
     )
 
 
-def _noisy(clean: np.ndarray, snr_db: float, number: int) -> np.ndarray:
-    """Samples (chirp, rx, sample) of an echo of power 1 in the noise of a look's first frame."""
+def _add_noise(clean: np.ndarray, snr_db: float, number: int) -> np.ndarray:
+    """Add the noise of the first frame of a block to an echo of power 1."""
     amplitude = np.float32(np.sqrt(from_decibels(snr_db)))
-    return np.asarray(amplitude * clean + white_noise(_generator(number), clean.shape))
+    return np.asarray(amplitude * clean + complex_white_noise(_generator(number), clean.shape))
 
 
 @cache
-def theory(window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ratios in dB, and the probability of detection by cell averaging and by the report's rule."""
+def theoretical_curves(window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return SNR in dB and the detection probabilities of cell averaging and the report's rule."""
     snr_db = np.linspace(*SNR_DB, 133)
-    ours = sensitivity.curve_of_theory(window)(snr_db)
-    return snr_db, ours, sensitivity.report_curve()(snr_db)
+    probability = sensitivity.theoretical_curve(window)(snr_db)
+    return snr_db, probability, sensitivity.report_rule_curve()(snr_db)
 
 
-def seen(at: Settings, number: int) -> Seen:
-    """One frame, with what theory expects of many."""
-    found, found_by_report = hits(at.snr_db, at.window, number)
-    theory_db, ours, theirs = theory(at.window)
-    return Seen(
-        at=at,
+def compute_noise_frame(settings: NoiseSettings, number: int) -> NoiseFrame:
+    """Compute the cuts of one frame, the detections of several, and the theory."""
+    hits, report_hits = detection_hits(settings.snr_db, settings.window, number)
+    theory_db, theory, report_theory = theoretical_curves(settings.window)
+    return NoiseFrame(
+        settings=settings,
         number=number,
-        chain=chain_cut(at.snr_db, at.window, number),
-        report=report_cut(at.snr_db, number),
-        found=found,
-        found_by_report=found_by_report,
-        in_cell_db=in_cell_db(at),
+        chain=chain_cut(settings.snr_db, settings.window, number),
+        report=report_cut(settings.snr_db, number),
+        hits=hits,
+        report_hits=report_hits,
+        snr_in_cell_db=snr_in_cell_db(settings),
         theory_db=theory_db,
-        theory=ours,
-        theory_of_report=theirs,
+        theory=theory,
+        report_theory=report_theory,
     )
 
 
-def in_cell_db(at: Settings) -> float:
-    """Ratio of the echo to the noise in its cell of the map."""
-    noise = Chain(range_window=at.window, doppler_window=at.window).noise(radar())
-    gain = sensitivity.in_map(noise.over_range, noise.over_velocity)
-    return at.snr_db + float(decibels(gain))
+def snr_in_cell_db(settings: NoiseSettings) -> float:
+    """SNR of the echo in its cell of the map."""
+    noise = Chain(range_window=settings.window, doppler_window=settings.window).map_noise(
+        reference_radar()
+    )
+    gain = sensitivity.snr_gain_in_map(noise.range_transform, noise.doppler_transform)
+    return settings.snr_db + float(to_decibels(gain))
 
 
 @lru_cache(maxsize=1024)
-def _interval(hits: int, frames: int) -> tuple[float, float]:
-    """Of a share; those of all levels take 20 ms, and all but one are as before."""
-    return intervals.binomial(hits, frames, confidence=CONFIDENCE)
+def _hit_interval(hits: int, frames: int) -> tuple[float, float]:
+    """Return the interval of a proportion, cached: those of all levels take 20 ms."""
+    return confidence_intervals.binomial_interval(hits, frames, confidence=CONFIDENCE)
 
 
-class Tally:
-    """Frames and hits at each ratio; a look that is shown again counts once."""
+class HitCounter:
+    """Counter of frames and detections by SNR; a repeated block counts once."""
 
     def __init__(self) -> None:
         self._number = -1
-        self._known: set[tuple[str, float]] = set()
-        """What was counted of the look of that number."""
+        self._counted: set[tuple[str, float]] = set()
+        """Conditions already counted in the current block."""
         self._counts: Counter[tuple[str, float, str]] = Counter()
 
-    def add(self, seen: Seen) -> None:
-        """Count the frames of a look."""
-        window, snr_db = seen.at.window, seen.at.snr_db
-        if seen.number != self._number:
-            self._number, self._known = seen.number, set()
-        if (window, snr_db) in self._known:
+    def add(self, frame: NoiseFrame) -> None:
+        """Count the frames of a block."""
+        window, snr_db = frame.settings.window, frame.settings.snr_db
+        if frame.number != self._number:
+            self._number, self._counted = frame.number, set()
+        if (window, snr_db) in self._counted:
             return
-        self._known.add((window, snr_db))
-        self._counts[window, snr_db, "frames"] += N_EACH
-        self._counts[window, snr_db, "chain"] += int(seen.found.sum())
-        self._counts[window, snr_db, "report"] += int(seen.found_by_report.sum())
+        self._counted.add((window, snr_db))
+        self._counts[window, snr_db, "frames"] += N_FRAMES
+        self._counts[window, snr_db, "chain"] += int(frame.hits.sum())
+        self._counts[window, snr_db, "report"] += int(frame.report_hits.sum())
 
-    def shares(self, window: Window, who: str) -> np.ndarray:
-        """Ratio in dB, share of hits, both ends of its interval, and frames; (n, 5)."""
+    def hit_rates(self, window: Window, detector: str) -> np.ndarray:
+        """Return SNR in dB, detection rate, both ends of its interval, and frames; (n, 5)."""
         rows = []
-        for (of, snr_db, what), n in sorted(self._counts.items()):
-            if (of, what) == (window, "frames"):
-                k = self._counts[window, snr_db, who]
-                rows.append((snr_db, k / n, *_interval(k, n), n))
+        for (counted_window, snr_db, count), n in sorted(self._counts.items()):
+            if (counted_window, count) == (window, "frames"):
+                k = self._counts[window, snr_db, detector]
+                rows.append((snr_db, k / n, *_hit_interval(k, n), n))
         return np.reshape(rows, (-1, 5))

@@ -1,1 +1,1 @@
-"""What the page shows of a moment: a family, a file a view."""
+"""Views of a frame: one file per tile."""

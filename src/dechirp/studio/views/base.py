@@ -1,22 +1,22 @@
-"""A view: a tile of the page that shows one thing of a moment."""
+"""Base class of views: tiles of the page."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
 from bokeh.models import UIElement
 
-from dechirp.studio.moment import Moment
+from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 
 
 class View(ABC):
-    """A tile. Made once a page; then it only changes data, which costs the browser little."""
+    """Tile that is created once per page and then only updates its data."""
 
     name: ClassVar[str]
-    """Its place in page.html."""
-    least_s: ClassVar[float] = 0.0
-    """Time between two shows while it plays: 0.19 makes 5 a second, for what is read."""
+    """Name of its position in page.html."""
+    min_interval_s: ClassVar[float] = 0.0
+    """Shortest time between updates during playback; 0.19 s gives 5 per second for text."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -24,19 +24,19 @@ class View(ABC):
     @property
     @abstractmethod
     def root(self) -> UIElement:
-        """What the page embeds."""
+        """Root element that the page embeds."""
 
     @abstractmethod
-    def show(self, moment: Moment) -> None:
-        """Show a moment."""
+    def show_frame(self, moment: FrameState) -> None:
+        """Show a frame."""
 
-    def tell(self, moment: Moment) -> None:  # noqa: B027 - not every view has words
-        """Put into words what is seen. While it plays this is done 5 times a second at most.
+    def update_caption(self, moment: FrameState) -> None:  # noqa: B027 - not every view has one
+        """Update title and note; at most 5 times a second during playback.
 
-        Nobody reads faster, and a page with other words is laid out again: a third of the
-        browser's work on a frame.
+        Changed text triggers a new page layout, which takes a third of the browser's time for a
+        frame.
         """
 
     @abstractmethod
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Apply the colours of a theme."""

@@ -1,98 +1,103 @@
-"""The detections of a moment as a table, strongest first."""
+"""Table of the detections of a frame, strongest first."""
+
+from collections.abc import Iterator
 
 import numpy as np
 from bokeh.models import UIElement
 
-from dechirp.core.displayed import several
-from dechirp.core.units import decibels
-from dechirp.core.words import NONE
-from dechirp.evaluate.match import Matcher
-from dechirp.studio.moment import Moment
-from dechirp.studio.pointing import Cursor
+from dechirp.core.detection_columns import BY_NAME, SHOWN_COLUMNS, std_column
+from dechirp.core.display import pluralise
+from dechirp.core.text import EN_DASH
+from dechirp.evaluation.association import Associator
+from dechirp.studio.cursor import Cursor
+from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.listed import MOST_ROWS, Head, Listed, at_cursor
-from dechirp.studio.views.places import found_on_map, strongest_first
+from dechirp.studio.views.map_markers import detections_on_map, order_by_snr
+from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at_cursor
 
-_HEADS = {
-    "range": Head("range, m", "0.000"),
-    "range_std": Head("± m", "0.0000", 45),
-    "velocity": Head("velocity, m/s", "0.000", 75),
-    "velocity_std": Head("± m/s", "0.0000", 45),
-    "azimuth": Head("azimuth, °", "0.00"),
-    "azimuth_std": Head("± °", "0.00", 45),
-    "elevation": Head("elevation, °", "0.00"),
-    "elevation_std": Head("± °", "0.00", 45),
-    "snr": Head("SNR, dB", "0.0"),
-    "target": Head("target", width=90),
-}
-_ANGLES = ("azimuth", "azimuth_std", "elevation", "elevation_std")
+
+def _column_headings() -> Iterator[tuple[str, Heading]]:
+    for column in SHOWN_COLUMNS:
+        title, form = column.title, f"0.{'0' * column.decimals}"
+        yield column.name, Heading(title, form, 75 if len(title) > 12 else 60)
+        std = std_column(column)
+        if std is not None:
+            yield std.name, Heading(f"± {column.unit_symbol}", f"0.{'0' * std.decimals}", 45)
+
+
+_HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=90)}
+_ANGLES = tuple(name for name in _HEADINGS if name in BY_NAME and BY_NAME[name].shown_unit == "deg")
 _NO_TARGET = "none"
 
 
-class Detections(View):
-    """Estimates with standard errors, and whose they are; a row that is picked moves the cursor."""
+class DetectionsView(View):
+    """Estimates with standard errors and targets; selecting a row moves the cursor."""
 
     name = "detections"
-    least_s = 0.19
+    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self.listed = Listed(self.name, _HEADS, on_pick=session.point)
+        self.table = TableTile(self.name, _HEADINGS, on_pick=session.move_cursor)
 
     @property
     def root(self) -> UIElement:
-        """What the page embeds."""
-        return self.listed.root
+        return self.table.root
 
-    def show(self, moment: Moment) -> None:
-        """Show a moment."""
-        targets = self._targets(moment)
-        columns = columns_of(moment) | {"target": targets}
-        places, _ = found_on_map(moment)
-        cursors = [Cursor(*map(float, place)) for place in zip(*places, strict=True)]
-        shown = {key: bool(np.isfinite(of).any()) for key, of in columns.items() if key in _ANGLES}
-        self.listed.show_columns(shown | {"target": moment.truth is not None})
-        self.listed.show(
-            _said(targets, moment),
+    def show_frame(self, moment: FrameState) -> None:
+        targets = self._matched_targets(moment)
+        columns = detection_columns(moment) | {"target": targets}
+        map_positions, _ = detections_on_map(moment)
+        cursors = [Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)]
+        visible = {
+            key: bool(np.isfinite(column).any())
+            for key, column in columns.items()
+            if key in _ANGLES
+        }
+        self.table.show_columns(visible | {"target": moment.truth is not None})
+        self.table.show_rows(
+            _detections_title(targets, moment),
             columns,
             cursors=cursors,
-            marked=at_cursor(places, moment),
+            selected=row_at_cursor(map_positions, moment),
         )
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: its variables reach into the table by themselves."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""
 
-    def _targets(self, moment: Moment) -> np.ndarray:
-        """Name of the target of each detection, strongest first."""
+    def _matched_targets(self, moment: FrameState) -> np.ndarray:
+        """Return the target name of each detection, strongest first."""
         scenario, truth = self.session.scenario, moment.truth
-        order = strongest_first(moment)
+        order = order_by_snr(moment)
         if truth is None or scenario.radar is None:
-            return np.full(order.size, NONE, dtype=object)
+            return np.full(order.size, EN_DASH, dtype=object)
         columns = {str(name): column.values for name, column in moment.detections.items()}
-        target = Matcher(truth, scenario.radar, scenario.scene).targets(columns)[order]
+        target = Associator(truth, scenario.radar, scenario.scene).nearest_targets(columns)[order]
         names = np.array([*truth.target.values.tolist(), _NO_TARGET], dtype=object)
         return np.asarray(names[target])
 
 
-def columns_of(moment: Moment) -> dict[str, np.ndarray]:
-    """Columns of the detections, strongest first: angles in degrees, the ratio in dB."""
-    found, order = moment.detections, strongest_first(moment)
-    columns = {key: found[key].values[order] for key in _HEADS if key in found}
-    columns |= {key: np.degrees(columns[key]) for key in _ANGLES}
-    return columns | {"snr": decibels(columns["snr"])}
+def detection_columns(moment: FrameState) -> dict[str, np.ndarray]:
+    """Return the columns of the detections, strongest first: angles in degrees, SNR in dB."""
+    detections, order = moment.detections, order_by_snr(moment)
+    return {
+        key: BY_NAME[key].to_shown_unit(detections[key].values[order])
+        for key in _HEADINGS
+        if key in detections and key in BY_NAME
+    }
 
 
-def _said(targets: np.ndarray, moment: Moment) -> str:
-    """How many there are, and how many of them are of targets."""
+def _detections_title(targets: np.ndarray, moment: FrameState) -> str:
+    """Return the numbers of detections and of detected targets as a title."""
     n = targets.size
-    said = "Nothing detected" if n == 0 else several(n, "detection")
-    if n > MOST_ROWS:
-        said = f"The strongest {MOST_ROWS} of {said}"
+    title = "Nothing detected" if n == 0 else pluralise(n, "detection")
+    if n > MAX_ROWS:
+        title = f"The strongest {MAX_ROWS} of {title}"
     if moment.truth is None:
-        return said
+        return title
     names = moment.truth.target.values.tolist()
-    n_found = len(set(targets.tolist()) & set(names))
-    said += f": {n_found} of {several(len(names), 'target')} found" if names else ""
-    return f"{said}, {int(np.sum(targets == _NO_TARGET))} of no target" if n else said
+    n_detected = len(set(targets.tolist()) & set(names))
+    title += f": {n_detected} of {pluralise(len(names), 'target')} found" if names else ""
+    return f"{title}, {int(np.sum(targets == _NO_TARGET))} of no target" if n else title

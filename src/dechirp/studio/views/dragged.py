@@ -1,47 +1,47 @@
-"""Where a target has to start, so that it is where somebody put it."""
+"""Initial position of a dragged target."""
 
 import numpy as np
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.scene.rotations import into, out_of
+from dechirp.scene.rotations import from_local_axes, to_local_axes
 from dechirp.scene.scene import Scene
 
 
-def start_m(
-    scene: Scene, name: str, place_m: tuple[float, float], time_s: float
+def initial_position_m(
+    scene: Scene, name: str, position_m: tuple[float, float], time_s: float
 ) -> tuple[float, float, float]:
-    """Position at time zero, in coordinates of the scene, of a target that is at a place later.
+    """Return the position at time zero of a target that is at a given position later.
 
     Parameters
     ----------
-    place_m : (2,)
-        x and y at the time, seen from the radar then; the height over the radar's plane stays.
+    position_m : (2,)
+        x and y at that time in coordinates of the radar; the height above the radar is kept.
     time_s : float
-        Of the frame that is shown.
+        Time of the shown frame.
 
     Raises
     ------
     InvalidSetting
-        If the target goes through waypoints: with its start alone, its way would bend.
+        If the target has waypoints: moving only the first one would bend its trajectory.
     """
-    target = scene.target(name)
+    target = scene.find_target(name)
     if target.waypoints:
         raise InvalidSetting(
             f"scene.targets.{name}.position",
-            got="dragged, of a target that goes through waypoints",
-            need="a target that goes on by its velocity",
-            fix="Change its waypoints in the settings file, or take them out.",
+            value="dragged, of a target with waypoints",
+            expected="a target with constant velocity",
+            fix="change its waypoints in the settings file, or remove them",
         )
     at_s = np.array([time_s])
     axes = scene.ego.axes(at_s)
-    from_radar_m = scene.from_radar_m(at_s, np.array([scene.names.index(name)]))
-    seen_m = into(axes, from_radar_m)
-    put_m = np.array([[[*place_m, seen_m[0, 0, 2]]]])
-    moved_m = out_of(axes, put_m - seen_m)[0, 0]
-    x, y, z = (np.array(target.position_m) + moved_m).tolist()
+    from_radar_m = scene.offsets_from_radar_m(at_s, np.array([scene.names.index(name)]))
+    old_m = to_local_axes(axes, from_radar_m)
+    new_m = np.array([[[*position_m, old_m[0, 0, 2]]]])
+    displacement_m = from_local_axes(axes, new_m - old_m)[0, 0]
+    x, y, z = (np.array(target.position_m) + displacement_m).tolist()
     return x, y, z
 
 
-def written(position_m: tuple[float, float, float]) -> str:
-    """A position as settings have it, to a tenth of a millimetre."""
-    return f"[{', '.join(f'{one:.4f} m' for one in position_m)}]"
+def format_position(position_m: tuple[float, float, float]) -> str:
+    """Format a position for settings, to a tenth of a millimetre."""
+    return f"[{', '.join(f'{coordinate:.4f} m' for coordinate in position_m)}]"

@@ -1,16 +1,16 @@
-"""The range-Doppler map: what was found and what is there, in cells of range and velocity."""
+"""Range-Doppler map view with detections and targets."""
 
-from dechirp.core.displayed import several
-from dechirp.core.words import TIMES, number
-from dechirp.report.figures.parts import cell_width, edges
-from dechirp.studio.moment import Moment
-from dechirp.studio.pointing import Cursor
+from dechirp.core.display import pluralise
+from dechirp.core.text import TIMES_SIGN, format_number
+from dechirp.report.figures.common import axis_edges, cell_width
+from dechirp.studio.cursor import Cursor
+from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
+from dechirp.studio.views.map_markers import detections_on_map, truth_on_map
 from dechirp.studio.views.map_view import MapView
-from dechirp.studio.views.places import found_on_map, true_on_map
 
 
-class RangeDoppler(MapView):
+class RangeDopplerView(MapView):
     """Power over velocity and range, with the cursor as a cross."""
 
     name = "range_doppler"
@@ -20,26 +20,23 @@ class RangeDoppler(MapView):
             session, title="Range-Doppler map", x="range, m", y="velocity, m/s (receding +)"
         )
 
-    def show(self, moment: Moment) -> None:
-        """Show a moment."""
+    def show_frame(self, moment: FrameState) -> None:
         range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
-        self.put(edges(range_m), edges(velocity_m_per_s))
-        self.draw(moment.power.values, units=str(moment.samples.attrs.get("units", "")))
-        found, _ = found_on_map(moment)
-        truth, _ = true_on_map(moment)
-        self.mark(self.found, *found)
-        self.mark(self.truth, *truth)
-        self.point(*moment.cursor)
+        self.set_extent(axis_edges(range_m), axis_edges(velocity_m_per_s))
+        self.draw_power(moment.power.values, units=str(moment.samples.attrs.get("units", "")))
+        detections, _ = detections_on_map(moment)
+        truth, _ = truth_on_map(moment)
+        self.draw_marks(self.detections, *detections)
+        self.draw_marks(self.truth, *truth)
+        self.draw_cursor(*moment.cursor)
 
-    def tell(self, moment: Moment) -> None:
-        """Put into words what is seen."""
+    def update_caption(self, moment: FrameState) -> None:
         range_m, velocity_m_per_s = moment.power.range.values, moment.power.velocity.values
-        n_found = moment.detections.sizes["detection"]
-        self.figure.title.text = f"Range-Doppler map: {several(n_found, 'detection')}"
+        n_detections = moment.detections.sizes["detection"]
+        self.figure.title.text = f"Range-Doppler map: {pluralise(n_detections, 'detection')}"
         width_m, width_m_per_s = cell_width(range_m), cell_width(velocity_m_per_s)
-        cell = f"{number(width_m, 2)} m {TIMES} {number(width_m_per_s, 2)} m/s"
+        cell = f"{format_number(width_m, 2)} m {TIMES_SIGN} {format_number(width_m_per_s, 2)} m/s"
         self.note.text = f"a cell: {cell}   {self.legend}"
 
-    def cursor_at(self, x: float, y: float) -> Cursor:
-        """Where all views look when somebody points here."""
+    def cursor_at_position(self, x: float, y: float) -> Cursor:
         return Cursor(x, y)

@@ -1,4 +1,4 @@
-"""The scene from above: x forward is up, y left is left; targets can be dragged."""
+"""Top view of the scene: x forward is up, y left is left; targets can be dragged."""
 
 from functools import partial
 
@@ -6,209 +6,216 @@ import numpy as np
 from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, Tap
 from bokeh.models import UIElement
 
-from dechirp.core.displayed import several
+from dechirp.core.display import pluralise
 from dechirp.core.errors import InvalidSetting, Mistake
-from dechirp.core.words import TIMES, number
-from dechirp.experiment.scenario import Scenario
-from dechirp.report.figures.ground import magnified, round_down
-from dechirp.scene.folding import Place, on_map
+from dechirp.core.text import TIMES_SIGN, format_number
+from dechirp.experiments.scenario import Scenario
+from dechirp.report.figures.top_view import ellipse_magnification, round_down_to_1_2_5
+from dechirp.scene.aliasing import RangeVelocity, map_position
 from dechirp.scene.scene import Scene as Targets
-from dechirp.studio.browser import on_place
-from dechirp.studio.moment import Moment
-from dechirp.studio.pointing import Cursor
+from dechirp.studio.browser_events import on_position_event
+from dechirp.studio.cursor import Cursor
+from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.dragged import start_m, written
-from dechirp.studio.views.drawn import joined
-from dechirp.studio.views.ground import Ground, arc_m, put
-from dechirp.studio.views.places import ranges_alone, with_directions
-from dechirp.studio.views.standing import standing
-from dechirp.studio.views.tails import Tails
+from dechirp.studio.views.dragged import format_position, initial_position_m
+from dechirp.studio.views.figure_style import join_lines
+from dechirp.studio.views.ground import TopView, arc_m, move_marks
+from dechirp.studio.views.map_markers import detections_with_azimuth, ranges_without_azimuth
+from dechirp.studio.views.standing import target_positions
+from dechirp.studio.views.tails import TrackTails
 
-_MOST_ELLIPSES, _MOST_ARCS = 60, 20
-_FEW = 15  # detections that are drawn large
-_NEAR = 0.08  # of the reach: so near a pointer holds a target
-_LARGER = 0.3  # of the widest ellipse, which is drawn so much wider than is usual: a tenth aside
-_ARROW = 0.25  # of the reach: the way of the fastest
+_MAX_ELLIPSES, _MAX_ARCS = 60, 20
+_MAX_LARGE_MARKS = 15  # detections drawn large
+_PICK_DISTANCE = 0.08  # of the largest range: distance at which a pointer picks a target
+_ELLIPSE_SCALE = 0.3  # of the widest error ellipse, drawn larger than in reports
+_ARROW_LENGTH = 0.25  # of the largest range: arrow length of the fastest target
 
 
-class Scene(View):
-    """Targets, detections and tracks about the radar; a tap puts the cursor."""
+class SceneView(View):
+    """Targets, detections and tracks around the radar; a tap moves the cursor."""
 
     name = "scene"
-    least_s = 0.19
+    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self.ground = Ground(self.name)
-        self._there = standing(Targets(), 0.0)
-        self._tails = Tails()
-        self._shown: tuple[float, float] | None = None
-        """Span of ranges and field of view that the picture was fitted to."""
-        self._times = 0.0
-        """How much larger than they are errors are drawn; 0: not chosen yet."""
-        self._held: tuple[str, tuple[float, float]] | None = None
-        """The target that is dragged, and its x and y."""
-        self._is_let_go = False
-        self._said = ""
-        """What the marks mean that were drawn last."""
-        for event, heard in (
-            (PanStart, self._hold),
+        self.top_view = TopView(self.name)
+        self._positions = target_positions(Targets(), 0.0)
+        self._tails = TrackTails()
+        self._fitted: tuple[float, float] | None = None
+        """Range span and field of view that the figure was fitted to."""
+        self._error_magnification = 0.0
+        """Magnification of the error ellipses; 0: not chosen yet."""
+        self._dragged: tuple[str, tuple[float, float]] | None = None
+        """Name of the dragged target with its x and y."""
+        self._is_released = False
+        self._legend = ""
+        """Legend of the marks that were drawn last."""
+        for event, handler in (
+            (PanStart, self._start_drag),
             (Pan, self._drag),
             (PanEnd, self._drag),
-            (Tap, self._point),
+            (Tap, self._move_cursor),
         ):
-            on_place(self.ground.figure, event, heard)
-        self.ground.figure.on_event(PanEnd, lambda _: self._let_go())
-        self.ground.figure.on_event(DoubleTap, lambda _: session.point(None))
-        session.on_settings.append(self._settle)
-        session.on_trouble.append(self._give_up)
+            on_position_event(self.top_view.figure, event, handler)
+        self.top_view.figure.on_event(PanEnd, lambda _: self._release())
+        self.top_view.figure.on_event(DoubleTap, lambda _: session.move_cursor(None))
+        session.on_settings.append(self._on_settings)
+        session.on_mistakes.append(self._cancel_drag)
 
     @property
     def root(self) -> UIElement:
-        """What the page embeds."""
-        return self.ground.figure
+        return self.top_view.figure
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme."""
-        self.ground.wear(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        self.top_view.apply_theme(theme)
 
-    def show(self, moment: Moment) -> None:
-        """Show a moment."""
+    def show_frame(self, moment: FrameState) -> None:
         scene = None if moment.truth is None else self.session.scenario.scene
-        self._there = standing(scene or Targets(), moment.time_s)
-        self._fit(moment)
-        marks = [self._show_targets(), self._show_found(moment), self._show_tracks(moment)]
-        self._said = "   ".join(mark for mark in marks if mark)
+        self._positions = target_positions(scene or Targets(), moment.time_s)
+        self._fit_range(moment)
+        marks = [self._show_targets(), self._show_detections(moment), self._show_tracks(moment)]
+        self._legend = "   ".join(mark for mark in marks if mark)
         half_rad = moment.chain.field_of_view.azimuth_rad
-        put(self.ground.cursor, arc_m(moment.cursor.range_m, half_rad))
+        move_marks(self.top_view.cursor, arc_m(moment.cursor.range_m, half_rad))
 
-    def tell(self, moment: Moment) -> None:
-        """Put into words what is seen."""
-        words = [] if moment.truth is None else [several(len(self._there.names), "target")]
-        words.append(f"{moment.detections.sizes['detection']} detected")
+    def update_caption(self, moment: FrameState) -> None:
+        parts = [] if moment.truth is None else [pluralise(len(self._positions.names), "target")]
+        parts.append(f"{moment.detections.sizes['detection']} detected")
         if moment.tracks:
-            words.append(several(len(moment.tracks), "track"))
-        self.ground.figure.title.text = f"From above: {', '.join(words)}"
-        self.ground.note.text = self._said
+            parts.append(pluralise(len(moment.tracks), "track"))
+        self.top_view.figure.title.text = f"From above: {', '.join(parts)}"
+        self.top_view.note.text = self._legend
 
-    def _fit(self, moment: Moment) -> None:
-        """Take all that there is into the picture, and leave it so until more is needed."""
-        seen_m = moment.detections.range.values
+    def _fit_range(self, moment: FrameState) -> None:
+        """Fit all targets and detections into the figure; keep it until more space is needed."""
+        ranges_m = moment.detections.range.values
         if moment.truth is not None:
-            seen_m = np.hypot(*self._there.places_m.T)
-        farthest_m = float(seen_m.max(initial=0.0))
+            ranges_m = np.hypot(*self._positions.positions_m.T)
+        farthest_m = float(ranges_m.max(initial=0.0))
         span_m = float(moment.power.range[-1])
-        shown = span_m, moment.chain.field_of_view.azimuth_rad
-        fits = shown == self._shown and farthest_m <= self.ground.reach_m
-        if fits or self._held is not None:
+        fitted = span_m, moment.chain.field_of_view.azimuth_rad
+        fits = fitted == self._fitted and farthest_m <= self.top_view.max_range_m
+        if fits or self._dragged is not None:
             return
-        self._shown, self._times = shown, 0.0
-        reach_m = max(min(2 * farthest_m or span_m, span_m), 1.15 * farthest_m)
-        self.ground.fit(reach_m, moment.chain.field_of_view.azimuth_rad)
+        self._fitted, self._error_magnification = fitted, 0.0
+        new_range_m = max(min(2 * farthest_m or span_m, span_m), 1.15 * farthest_m)
+        self.top_view.set_range(new_range_m, moment.chain.field_of_view.azimuth_rad)
 
     def _show_targets(self) -> str:
-        there, reach_m = self._there, self.ground.reach_m
-        places_m = there.places_m.copy()
-        if self._held is not None and self._held[0] in there.names:
-            places_m[there.names.index(self._held[0])] = self._held[1]
-        fastest = float(np.hypot(*there.velocities_m_per_s.T).max(initial=0.0))
-        while_s = round_down(_ARROW * reach_m / fastest) if fastest > 0 else 0.0
-        ends_m = places_m + while_s * there.velocities_m_per_s
-        self.ground.stand(there.names, places_m[:, ::-1], ends_m[:, ::-1])
-        put(self.ground.points, there.points_m[:, ::-1])
-        if not there.names:
+        targets, reach_m = self._positions, self.top_view.max_range_m
+        positions_m = targets.positions_m.copy()
+        if self._dragged is not None and self._dragged[0] in targets.names:
+            positions_m[targets.names.index(self._dragged[0])] = self._dragged[1]
+        fastest = float(np.hypot(*targets.velocities_m_per_s.T).max(initial=0.0))
+        arrow_time_s = (
+            round_down_to_1_2_5(_ARROW_LENGTH * reach_m / fastest) if fastest > 0 else 0.0
+        )
+        ends_m = positions_m + arrow_time_s * targets.velocities_m_per_s
+        self.top_view.draw_targets(targets.names, positions_m[:, ::-1], ends_m[:, ::-1])
+        move_marks(self.top_view.scatterers, targets.scatterers_m[:, ::-1])
+        if not targets.names:
             return ""
-        return f"● true, → way in {number(while_s)} s" if while_s else "● true"
+        return f"● true, → motion in {format_number(arrow_time_s)} s" if arrow_time_s else "● true"
 
-    def _show_found(self, moment: Moment) -> str:
-        seen, rest_m = with_directions(moment), ranges_alone(moment)
-        put(self.ground.found, seen.places_m[:, ::-1])
-        self.ground.found.glyph.size = 13 if len(seen.range_m) <= _FEW else 7
-        if not self._times and len(seen.range_m):
-            across_m = float(np.nanmax(seen.range_m * seen.azimuth_std_rad))
-            self._times = magnified(across_m * _LARGER, 2 * self.ground.reach_m)
-        ellipses_m = seen.places_m[:, :, None] + self._times * seen.ellipses_m()
-        lines = [line[::-1].T for line in ellipses_m[:_MOST_ELLIPSES]]
+    def _show_detections(self, moment: FrameState) -> str:
+        detections, other_ranges_m = detections_with_azimuth(moment), ranges_without_azimuth(moment)
+        move_marks(self.top_view.detections, detections.positions_m[:, ::-1])
+        self.top_view.detections.glyph.size = (
+            13 if len(detections.range_m) <= _MAX_LARGE_MARKS else 7
+        )
+        if not self._error_magnification and len(detections.range_m):
+            max_error_m = float(np.nanmax(detections.range_m * detections.azimuth_std_rad))
+            self._error_magnification = ellipse_magnification(
+                max_error_m * _ELLIPSE_SCALE, 2 * self.top_view.max_range_m
+            )
+        ellipses_m = (
+            detections.positions_m[:, :, None]
+            + self._error_magnification * detections.error_ellipses_m()
+        )
+        lines = [line[::-1].T for line in ellipses_m[:_MAX_ELLIPSES]]
         half_rad = moment.chain.field_of_view.azimuth_rad
-        arcs = [arc_m(range_m, half_rad) for range_m in rest_m[:_MOST_ARCS]]
-        put(self.ground.errors, joined([*lines, *arcs]))
+        arcs = [arc_m(range_m, half_rad) for range_m in other_ranges_m[:_MAX_ARCS]]
+        move_marks(self.top_view.errors, join_lines([*lines, *arcs]))
         if lines:
-            return f"○ detected, errors {TIMES}{number(self._times)}"
+            return f"○ detected, errors {TIMES_SIGN}{format_number(self._error_magnification)}"
         return "arcs: detected, no direction" if arcs else ""
 
-    def _show_tracks(self, moment: Moment) -> str:
-        self._tails.grow(moment)
+    def _show_tracks(self, moment: FrameState) -> str:
+        self._tails.add_frame(moment)
         ends = [(track.state[2], track.state[0]) for track in moment.tracks]
-        put(self.ground.tracks, np.array(ends).reshape(-1, 2))
-        put(self.ground.tails, joined(self._tails.lines_m))
+        move_marks(self.top_view.tracks, np.array(ends).reshape(-1, 2))
+        move_marks(self.top_view.tails, join_lines(self._tails.lines_m))
         return "◇ track" if ends else ""
 
-    # Pointing and dragging.
+    # Cursor and dragging.
 
-    def _near(self, x: float, y: float) -> int | None:
-        """The target at a place of the picture, if there is one."""
-        away_m = np.hypot(*(self._there.places_m - (y, x)).T)
-        if not away_m.size or away_m.min() > _NEAR * self.ground.reach_m:
+    def _target_near(self, x: float, y: float) -> int | None:
+        """Return the index of the target near a position, None without one."""
+        distance_m = np.hypot(*(self._positions.positions_m - (y, x)).T)
+        if not distance_m.size or distance_m.min() > _PICK_DISTANCE * self.top_view.max_range_m:
             return None
-        return int(away_m.argmin())
+        return int(distance_m.argmin())
 
-    def _point(self, x: float, y: float) -> None:
-        moment, near = self.session.moment, self._near(x, y)
+    def _move_cursor(self, x: float, y: float) -> None:
+        moment, target = self.session.frame_state, self._target_near(x, y)
         if moment is None:
             return
         cursor = Cursor(float(np.hypot(x, y)), moment.cursor.velocity_m_per_s)
-        if near is not None and moment.truth is not None:
-            there = (moment.truth[of].values.ravel()[near] for of in ("range", "velocity"))
-            cursor = Cursor(*map(float, on_map(Place(*there), moment.radar)))
-        self.session.point(cursor)
+        if target is not None and moment.truth is not None:
+            coordinates = (
+                moment.truth[column].values.ravel()[target] for column in ("range", "velocity")
+            )
+            cursor = Cursor(*map(float, map_position(RangeVelocity(*coordinates), moment.radar)))
+        self.session.move_cursor(cursor)
 
-    def _hold(self, x: float, y: float) -> None:
-        near = self._near(x, y)
-        if near is not None:
-            self._held, self._is_let_go = (self._there.names[near], (y, x)), False
+    def _start_drag(self, x: float, y: float) -> None:
+        target = self._target_near(x, y)
+        if target is not None:
+            self._dragged, self._is_released = (self._positions.names[target], (y, x)), False
 
     def _drag(self, x: float, y: float) -> None:
-        moment, scene = self.session.moment, self.session.scenario.scene
-        if self._held is None or self._is_let_go or moment is None or scene is None:
+        moment, scene = self.session.frame_state, self.session.scenario.scene
+        if self._dragged is None or self._is_released or moment is None or scene is None:
             return
-        name, _ = self._held
-        if name not in scene.names:  # taken out meanwhile
-            self._held = None
+        name, _ = self._dragged
+        if name not in scene.names:  # removed meanwhile
+            self._dragged = None
             return
-        path = f"scene.targets.{label(scene, name)}.position"
+        path = f"scene.targets.{target_label(scene, name)}.position"
         try:
-            at_m = start_m(scene, name, (y, x), moment.time_s)
+            position_m = initial_position_m(scene, name, (y, x), moment.time_s)
         except InvalidSetting as error:
-            self._held = None
-            self.session.edit(path, partial(_refuse, error))
+            self._dragged = None
+            self.session.queue_edit(path, partial(_raise_error, error))
             return
-        self._held = name, (y, x)
+        self._dragged = name, (y, x)
         self._show_targets()
-        self.session.change(path, written(at_m))
+        self.session.change_setting(path, format_position(position_m))
 
-    def _let_go(self) -> None:
-        self._is_let_go = True
+    def _release(self) -> None:
+        self._is_released = True
 
-    def _settle(self, _: Scenario) -> None:
-        """Settings have changed: errors have another size, and what was let go has arrived."""
-        self._times = 0.0
-        if self._is_let_go:
-            self._held = None
+    def _on_settings(self, _: Scenario) -> None:
+        """Reset the magnification and end a released drag after a change of settings."""
+        self._error_magnification = 0.0
+        if self._is_released:
+            self._dragged = None
 
-    def _give_up(self, mistakes: tuple[Mistake, ...]) -> None:
-        if mistakes and self._held is not None:
-            self._held = None
+    def _cancel_drag(self, mistakes: tuple[Mistake, ...]) -> None:
+        if mistakes and self._dragged is not None:
+            self._dragged = None
             self._show_targets()
 
 
-def label(scene: Targets, name: str) -> str:
-    """What a path of settings calls a target by: its name, or its place in the list."""
-    place = scene.names.index(name)
-    own = scene.targets[place].name
-    return str(place) if own is None or "." in own else own
+def target_label(scene: Targets, name: str) -> str:
+    """Return the name of a target in a setting path: its name or its index."""
+    index = scene.names.index(name)
+    own_name = scene.targets[index].name
+    return str(index) if own_name is None or "." in own_name else own_name
 
 
-def _refuse(error: InvalidSetting, _: Scenario) -> Scenario:
+def _raise_error(error: InvalidSetting, _: Scenario) -> Scenario:
     raise error

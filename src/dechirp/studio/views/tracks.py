@@ -1,87 +1,89 @@
-"""The tracks of a moment as a table, and where they go."""
+"""Table of the tracks of a frame."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from bokeh.models import UIElement
 
-from dechirp.core.displayed import several
-from dechirp.scene.folding import Place, folded, on_map
-from dechirp.studio.moment import Moment
-from dechirp.studio.pointing import Cursor
+from dechirp.core.display import pluralise
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, map_position
+from dechirp.studio.cursor import Cursor
+from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.listed import MOST_ROWS, Head, Listed, at_cursor
-from dechirp.tracking.live import Track
+from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at_cursor
+from dechirp.tracking.online import Track
 
-_HEADS = {
-    "number": Head("track", "0", 40),
-    "status": Head("status", width=70),
-    "age": Head("frames", "0", 45),
-    "range": Head("range, m", "0.00"),
-    "velocity": Head("velocity, m/s", "0.00", 75),
-    "x": Head("ahead, m", "0.00"),
-    "x_std": Head("± m", "0.00", 50),
-    "y": Head("left, m", "0.00"),
-    "y_std": Head("± m", "0.00", 50),
-    "vx": Head("ahead, m/s", "0.00"),
-    "vx_std": Head("± m/s", "0.00", 50),
-    "vy": Head("left, m/s", "0.00"),
-    "vy_std": Head("± m/s", "0.00", 50),
+_HEADINGS = {
+    "number": Heading("track", "0", 40),
+    "status": Heading("status", width=70),
+    "age": Heading("frames", "0", 45),
+    "range": Heading("range, m", "0.00"),
+    "velocity": Heading("velocity, m/s", "0.00", 75),
+    "x": Heading("ahead, m", "0.00"),
+    "x_std": Heading("± m", "0.00", 50),
+    "y": Heading("left, m", "0.00"),
+    "y_std": Heading("± m", "0.00", 50),
+    "vx": Heading("ahead, m/s", "0.00"),
+    "vx_std": Heading("± m/s", "0.00", 50),
+    "vy": Heading("left, m/s", "0.00"),
+    "vy_std": Heading("± m/s", "0.00", 50),
 }
 
 
-class Tracks(View):
-    """States with standard errors, confirmed ones first; a row that is picked moves the cursor."""
+class TracksView(View):
+    """States with standard errors, confirmed tracks first; selecting a row moves the cursor."""
 
     name = "tracks"
-    least_s = 0.19
+    min_interval_s = 0.19
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self.listed = Listed(self.name, _HEADS, on_pick=session.point)
+        self.table = TableTile(self.name, _HEADINGS, on_pick=session.move_cursor)
 
     @property
     def root(self) -> UIElement:
-        """What the page embeds."""
-        return self.listed.root
+        return self.table.root
 
-    def show(self, moment: Moment) -> None:
-        """Show a moment."""
-        tracks = sorted(moment.tracks, key=lambda one: (one.status != "confirmed", one.number))
-        columns = columns_of(tracks)
-        seen = folded(Place(columns["range"], columns["velocity"]), moment.radar)
-        places = on_map(seen, moment.radar)
-        self.listed.show(
-            self._said(tracks),
+    def show_frame(self, moment: FrameState) -> None:
+        tracks = sorted(
+            moment.tracks, key=lambda track: (track.status != "confirmed", track.number)
+        )
+        columns = track_columns(tracks)
+        apparent = alias_range_velocity(
+            RangeVelocity(columns["range"], columns["velocity"]), moment.radar
+        )
+        map_positions = map_position(apparent, moment.radar)
+        self.table.show_rows(
+            self._title(tracks),
             columns,
-            cursors=[Cursor(*map(float, place)) for place in zip(*places, strict=True)],
-            marked=at_cursor(places, moment),
+            cursors=[Cursor(*map(float, place)) for place in zip(*map_positions, strict=True)],
+            selected=row_at_cursor(map_positions, moment),
         )
 
-    def wear(self, theme: Theme) -> None:
-        """Take the colours of a theme: its variables reach into the table by themselves."""
+    def apply_theme(self, theme: Theme) -> None:
+        """Do nothing: the widgets inherit the colours of the page."""
 
-    def _said(self, tracks: Sequence[Track]) -> str:
+    def _title(self, tracks: Sequence[Track]) -> str:
         if self.session.scenario.tracker is None:
             return "No tracks: the settings have no tracker (Processing)"
-        n_confirmed = sum(one.status == "confirmed" for one in tracks)
+        n_confirmed = sum(track.status == "confirmed" for track in tracks)
         n_tentative = len(tracks) - n_confirmed
-        said = f"{several(n_confirmed, 'track')} confirmed, {n_tentative} tentative"
-        return said if len(tracks) <= MOST_ROWS else f"{said}: the first {MOST_ROWS}"
+        text = f"{pluralise(n_confirmed, 'track')} confirmed, {n_tentative} tentative"
+        return text if len(tracks) <= MAX_ROWS else f"{text}: the first {MAX_ROWS}"
 
 
-def columns_of(tracks: Sequence[Track]) -> dict[str, np.ndarray]:
-    """Columns of tracks: states as they are, and what a radar sees of them."""
-    x, vx, y, vy = np.reshape([one.state for one in tracks], (-1, 4)).T
-    variance = np.reshape([np.diag(one.covariance) for one in tracks], (-1, 4))
+def track_columns(tracks: Sequence[Track]) -> dict[str, np.ndarray]:
+    """Return the columns of tracks: states, and their range and velocity."""
+    x, vx, y, vy = np.reshape([track.state for track in tracks], (-1, 4)).T
+    variance = np.reshape([np.diag(track.covariance) for track in tracks], (-1, 4))
     x_std, vx_std, y_std, vy_std = np.sqrt(variance).T
     range_m = np.hypot(x, y)
     return {
-        "number": np.array([one.number for one in tracks], dtype=int),
-        "status": np.array([one.status for one in tracks], dtype=object),
-        "age": np.array([one.age for one in tracks], dtype=int),
+        "number": np.array([track.number for track in tracks], dtype=int),
+        "status": np.array([track.status for track in tracks], dtype=object),
+        "age": np.array([track.age for track in tracks], dtype=int),
         "range": range_m,
         "velocity": (x * vx + y * vy) / np.maximum(range_m, 1e-9),
         "x": x,

@@ -1,0 +1,89 @@
+# Written by tests/test_api.py.
+
+from dechirp import theory as theory
+from dechirp.certificate.certificate import verify as verify
+from dechirp.core.errors import DechirpError as DechirpError
+from dechirp.core.errors import InvalidFile as InvalidFile
+from dechirp.core.errors import InvalidSetting as InvalidSetting
+from dechirp.core.errors import NotEnoughMemory as NotEnoughMemory
+from dechirp.core.errors import RecordingError as RecordingError
+from dechirp.core.findings import Finding as Finding
+from dechirp.core.findings import PhysicsWarning as PhysicsWarning
+from dechirp.evaluation import score as _scores
+from dechirp.evaluation import track_metrics as track_metrics
+from dechirp.experiments.inspection import inspect as inspect
+from dechirp.experiments.run import Result as Result
+from dechirp.experiments.run import run as run
+from dechirp.experiments.scenario import Scenario as Scenario
+from dechirp.experiments.scenario import load as load
+from dechirp.experiments.scenario import reference as reference
+from dechirp.experiments.streaming import process_stream as process_stream
+from dechirp.experiments.study import study as _studies
+from dechirp.experiments.study.parsing import load_study as load_study
+from dechirp.experiments.study.run import run_study as run_study
+from dechirp.experiments.study.study import Study as Study
+from dechirp.experiments.tune import tune as _tuning
+from dechirp.experiments.tune.parsing import load_tune as load_tune
+from dechirp.experiments.tune.run import run_tune as run_tune
+from dechirp.experiments.tune.tune import Tune as Tune
+from dechirp.experiments.twin.twin import twin as twin
+from dechirp.processing import angle as angle
+from dechirp.processing import cfar as cfar
+from dechirp.processing import fixed_point as fixed_point
+from dechirp.processing import mitigation as mitigation
+from dechirp.processing import slow_time as slow_time
+from dechirp.processing.angle.aperture import FieldOfView as FieldOfView
+from dechirp.processing.angle_maps import angle_spectrum as angle_spectrum
+from dechirp.processing.angle_maps import range_azimuth_map as range_azimuth_map
+from dechirp.processing.calibration.calibrate import calibrate as calibrate
+from dechirp.processing.cfar.base import Cells as Cells
+from dechirp.processing.cfar.base import Cfar as Cfar
+from dechirp.processing.chain import Chain as Chain
+from dechirp.processing.cluster import Dbscan as Dbscan
+from dechirp.processing.cluster import cluster as cluster
+from dechirp.processing.detect import detect as detect
+from dechirp.processing.range_doppler_map import power_map as power_map
+from dechirp.processing.range_doppler_map import threshold_map as threshold_map
+from dechirp.processing.spectrogram import spectrogram as spectrogram
+from dechirp.radar import devices as devices
+from dechirp.radar import modulations as modulations
+from dechirp.radar import multiplexing as multiplexing
+from dechirp.radar import patterns as patterns
+from dechirp.radar.array import Array as Array
+from dechirp.radar.calibration import Calibration as Calibration
+from dechirp.radar.chirp import Chirp as Chirp
+from dechirp.radar.design.design import design as design
+from dechirp.radar.design.requirements import Requirements as Requirements
+from dechirp.radar.devices.lookup import device as device
+from dechirp.radar.frame import Frame as Frame
+from dechirp.radar.hardware import Hardware as Hardware
+from dechirp.radar.radar import Radar as Radar
+from dechirp.recordings.convert import write as write
+from dechirp.recordings.in_memory import recording_from_cube as recording_from_cube
+from dechirp.recordings.live.growing_file import follow as follow
+from dechirp.recordings.live.replay import replay as replay
+from dechirp.recordings.live.udp import listen as listen
+from dechirp.recordings.recording import Recording as Recording
+from dechirp.recordings.recording import open as open
+from dechirp.results.object_lists import files as _object_lists
+from dechirp.results.object_lists.object_list import object_list as object_list
+from dechirp.scene import bodies as bodies
+from dechirp.scene.ego import Ego as Ego
+from dechirp.scene.scene import Scene as Scene
+from dechirp.scene.target import Target as Target
+from dechirp.scene.truth import truth as truth
+from dechirp.scene.waypoints import Waypoint as Waypoint
+from dechirp.simulation import impairments as impairments
+from dechirp.simulation.engine import Engine as Engine
+from dechirp.simulation.simulate import simulate as simulate
+from dechirp.tracking.batch import track as track
+from dechirp.tracking.ego import EgoMotion as EgoMotion
+from dechirp.tracking.ego import ego_motion as ego_motion
+from dechirp.tracking.online import LiveTracker as LiveTracker
+from dechirp.tracking.tracker import Tracker as Tracker
+
+object_lists = _object_lists
+scores = _scores
+studies = _studies
+tuning = _tuning
+__version__: str

@@ -1,0 +1,146 @@
+"""Claims on detection in noise: at -24 dB, and the lowest SNR."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from dechirp.certificate import published
+from dechirp.certificate.claim import Check, Claim, proportion_check
+from dechirp.certificate.reference_trials import (
+    REFERENCE_TARGET,
+    complex_white_noise,
+    echo_after_arrival,
+    trial_column,
+    window_label,
+)
+from dechirp.certificate.sensitivity import (
+    DETECTION_PROBABILITY,
+    REQUIRED_SNR_DB,
+    chain_required_snr,
+    fit_snr_limit,
+    report_required_snr,
+    report_rule_curve,
+    report_threshold,
+    theoretical_curve,
+)
+from dechirp.certificate.shared_trials import error_trials_by_snr, limit_trials_by_window
+from dechirp.certificate.trials import Job, trials_for_probability
+from dechirp.core.units import from_decibels, to_decibels
+
+REPORT_SNRS_DB = (-25.0, -24.75, -24.5, -24.25, -24.0, -23.75)
+
+
+def trial_jobs(n_trials: int) -> dict[str, Job]:
+    """Return the jobs that run the report's rule, with at least `n_trials` trials each."""
+    n_decision_trials = trials_for_probability(1.0, at_least=DETECTION_PROBABILITY)
+    return {
+        "report": Job(
+            work=run_report_trials,
+            n_trials=max(n_trials, 50 * len(REPORT_SNRS_DB)),
+            arguments={"snr_db": REPORT_SNRS_DB},
+        ),
+        "report at its limit": Job(
+            work=run_report_trials,
+            n_trials=max(n_trials, n_decision_trials),
+            arguments={"snr_db": (published.LOWEST_SNR_DB,)},
+        ),
+    }
+
+
+def run_report_trials(
+    rng: np.random.Generator, n_trials: int, *, snr_db: tuple[float, ...]
+) -> np.ndarray:
+    """Apply the report's rule to the reference target in noise; columns (n_trials, 2).
+
+    The columns are the SNR in dB and the hit (0 or 1). As in the report, samples before the echo
+    arrives contain only noise, and the SNR refers to the mean power of all samples. A hit is a
+    strongest detection within 2 m and 5 m/s of the target, four and two cells.
+    """
+    samples = echo_after_arrival()
+    trials = np.empty((n_trials, 2))
+    for trial in range(n_trials):
+        level_db = snr_db[trial % len(snr_db)]
+        frame = np.float32(np.sqrt(from_decibels(level_db))) * samples
+        frame += complex_white_noise(rng, samples.shape)
+        range_m, velocity = published.find_strongest_detection(frame)
+        is_hit = (
+            abs(range_m - REFERENCE_TARGET.range_m) < 2.0
+            and abs(velocity - REFERENCE_TARGET.velocity_m_per_s) < 5.0
+        )
+        trials[trial] = level_db, is_hit
+    return trials
+
+
+def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
+    """Return the claims on detection."""
+    return _detection_claim(results), _snr_limit_claim(results)
+
+
+def _detection_claim(results: Mapping[str, np.ndarray]) -> Claim:
+    chain_hits = trial_column(error_trials_by_snr(results)[published.LOWEST_SNR_DB], "hit")
+    report_hits = results["report at its limit"][:, 1]
+    check = proportion_check(
+        "detected by the chain",
+        chain_hits,
+        at_least=DETECTION_PROBABILITY,
+        limit=float(theoretical_curve("hann")(np.array(published.LOWEST_SNR_DB))),
+    )
+    return Claim(
+        id="detection_at_minus24db",
+        claim="The car is detected at an SNR of -24 dB per sample.",
+        checks=(
+            replace(check, published="detected"),
+            Check(
+                name="detected by the report's rule, for comparison",
+                unit="1",
+                measured=float(report_hits.mean()),
+                limit=float(report_rule_curve()(np.array(published.LOWEST_SNR_DB))),
+                trials=report_hits.size,
+            ),
+        ),
+        note=f"The report's rule, whose SNR limit this is, detects it in {report_hits.mean():.0%}"
+        " of"
+        f" the frames, the chain in {chain_hits.mean():.0%}.",
+    )
+
+
+def _snr_limit_claim(results: Mapping[str, np.ndarray]) -> Claim:
+    checks: list[Check] = []
+    for window, trials in limit_trials_by_window(results).items():
+        limit_fit = fit_snr_limit(trials, theoretical_curve(window))
+        checks.append(
+            Check(
+                name=window_label(window),
+                unit="dB",
+                published=published.LOWEST_SNR_DB if not checks else None,
+                measured=limit_fit.limit_db,
+                low=limit_fit.low_db,
+                high=limit_fit.high_db,
+                at_most=REQUIRED_SNR_DB[window],
+                limit=limit_fit.theory_db,
+                trials=limit_fit.trials,
+            )
+        )
+    report_fit = fit_snr_limit(results["report"], report_rule_curve())
+    checks.append(
+        Check(
+            name="the report's rule, for comparison",
+            unit="dB",
+            measured=report_fit.limit_db,
+            low=report_fit.low_db,
+            high=report_fit.high_db,
+            limit=report_fit.theory_db,
+            trials=report_fit.trials,
+        )
+    )
+    snr_ratio = report_required_snr() / chain_required_snr()
+    return Claim(
+        id="snr_limit",
+        claim="The SNR limit for a detection probability of 0.9 meets the requirement.",
+        checks=tuple(checks),
+        note="The report's rule uses amplitudes as powers: 15 dB above the mean amplitude is"
+        f" {float(to_decibels(report_threshold())):.1f} dB above the mean power, so the rule needs"
+        f" {float(to_decibels(snr_ratio)):.1f} dB more SNR than a false-alarm probability of 1e-6"
+        " requires.",
+    )

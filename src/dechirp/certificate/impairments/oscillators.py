@@ -1,0 +1,181 @@
+"""Measurements of oscillator impairments: phase noise, PLL, non-linear ramps and slope drift."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import j0, j1
+
+from dechirp.certificate.impairments.measurement import MeasuredPair, Measurement, Quantity
+from dechirp.certificate.impairments.reference_radar import (
+    N_SAMPLES,
+    RAMP_S,
+    RATE_HZ,
+    SLOPE_HZ_PER_S,
+    beat_frequency_hz,
+    fit_phase_polynomial,
+    impairment_radar,
+    round_trip_s,
+    sample_times_s,
+    simulate_samples,
+    stationary_scene,
+    tone_power_w,
+)
+from dechirp.core.units import from_decibels, to_decibels
+from dechirp.simulation.impairments.phase_noise import PhaseNoise
+from dechirp.simulation.impairments.pll import Pll
+from dechirp.simulation.impairments.polynomial_nonlinearity import PolynomialNonlinearity
+from dechirp.simulation.impairments.sinusoidal_nonlinearity import SinusoidalNonlinearity
+from dechirp.simulation.impairments.slope_drift import SlopeDrift
+
+_RANGE_M = 40.0
+_MASK_HZ = (1e5, 1e6, 3e6)
+_MASK_DB = (-90.0, -96.0, -110.0)
+_BANDS_HZ = ((4e5, 1.2e6), (1.4e6, 2.8e6), (3.2e6, 4.6e6))
+
+
+def _mask_per_hz(offset_hz: np.ndarray) -> np.ndarray:
+    """Interpolate the mask linearly in dB over the logarithm of the offset."""
+    return from_decibels(np.interp(np.log(offset_hz), np.log(_MASK_HZ), _MASK_DB))
+
+
+def _measure_phase_noise(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+    """Measure the noise density beside the carrier in each band, relative to it, in 1 Hz."""
+    radar = impairment_radar(256)
+    noise = PhaseNoise(
+        offset_hz=_MASK_HZ, level_per_hz=tuple(float(from_decibels(level)) for level in _MASK_DB)
+    )
+    echo = simulate_samples(stationary_scene(_RANGE_M), radar=radar)[0, :, 0]
+    relative_noise = (
+        simulate_samples(stationary_scene(_RANGE_M), noise, radar=radar, rng=rng)[0, :, 0] / echo
+        - 1
+    )
+    weights = np.hanning(N_SAMPLES + 1)[:-1]
+    density = np.mean(abs(np.fft.fft(relative_noise * weights)) ** 2, axis=0)
+    density /= RATE_HZ * np.sum(weights**2)
+    offset_hz = abs(np.fft.fftfreq(N_SAMPLES, 1 / RATE_HZ))
+    results = []
+    for low_hz, high_hz in _BANDS_HZ:
+        band = (offset_hz >= low_hz) & (offset_hz < high_hz)
+        residual_factor = 4 * np.sin(np.pi * offset_hz[band] * round_trip_s(_RANGE_M)) ** 2
+        formula = np.mean(_mask_per_hz(offset_hz[band]) * residual_factor)
+        results.append((float(to_decibels(density[band].mean())), float(to_decibels(formula))))
+    return results
+
+
+_GAIN_CHANGE, _LOOP_HZ = -0.4, 0.5e6
+
+
+def _measure_pll(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+    """Measure the frequency error of the settled loop from the phase error of an echo."""
+    loop = Pll(natural_frequency_hz=_LOOP_HZ, gain_change=(_GAIN_CHANGE,))
+    scene = stationary_scene(_RANGE_M)
+    ratio = (simulate_samples(scene, loop) / simulate_samples(scene))[
+        0, :, 0, sample_times_s() > 20e-6
+    ]
+    residual_hz = np.angle(np.mean(ratio)) / (2 * np.pi * round_trip_s(_RANGE_M))
+    # The tuning curve is B (u + c u^2 / 2) / (1 + c / 2), u = t / T.
+    curvature = SLOPE_HZ_PER_S / RAMP_S * _GAIN_CHANGE / (1 + _GAIN_CHANGE / 2)
+    return ((float(residual_hz), curvature / (2 * np.pi * _LOOP_HZ) ** 2),)
+
+
+_ERROR_HZ = 400e3
+
+
+def _measure_polynomial_error(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+    """Measure the beat-frequency shift by a slope error and the sweep by a quadratic error."""
+    scene = stationary_scene(_RANGE_M)
+    clean = simulate_samples(scene)[0, 0, 0]
+    results = []
+    for order in (1, 2):
+        nonlinearity = PolynomialNonlinearity(error_hz=(*[0.0] * order, _ERROR_HZ))
+        leading_coefficient, *_ = fit_phase_polynomial(
+            simulate_samples(scene, nonlinearity)[0, 0, 0] / clean, order
+        )
+        formula = order * _ERROR_HZ / RAMP_S**order * round_trip_s(_RANGE_M)
+        results.append((leading_coefficient * order / (2 * np.pi), formula))
+    return results
+
+
+_DEVIATION_HZ, _RIPPLE_BINS = 300e3, 40
+
+
+def _measure_sinusoidal_error(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+    """Measure the paired echoes relative to the echo."""
+    rate_hz = _RIPPLE_BINS * RATE_HZ / N_SAMPLES
+    ripple = SinusoidalNonlinearity(deviation_hz=_DEVIATION_HZ, rate_hz=rate_hz)
+    results = simulate_samples(stationary_scene(_RANGE_M), ripple)[0, 0, 0]
+    beta = 2 * _DEVIATION_HZ / rate_hz * np.sin(np.pi * rate_hz * round_trip_s(_RANGE_M))
+    formula_db = float(2 * to_decibels(abs(j1(beta) / j0(beta))))
+    middle_hz = beat_frequency_hz(_RANGE_M)
+    echo = tone_power_w(results, middle_hz)
+    return [
+        (float(to_decibels(tone_power_w(results, middle_hz + side * rate_hz) / echo)), formula_db)
+        for side in (-1, 1)
+    ]
+
+
+_DRIFT_PER_S = 8e-4
+
+
+def _measure_slope_drift(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+    """Measure the range drift of an echo per second."""
+    radar = replace(impairment_radar(8), frame=replace(impairment_radar(8).frame, period_s=1.0))
+    drift = SlopeDrift(relative_drift=_DRIFT_PER_S)
+    results = simulate_samples(stationary_scene(_RANGE_M), drift, radar=radar, n_frames=4)[:, 0, 0]
+    clean = simulate_samples(stationary_scene(_RANGE_M), radar=radar)[0, 0, 0]
+    beats_hz = [fit_phase_polynomial(row / clean)[0] / (2 * np.pi) for row in results]
+    range_m = radar.frame.chirp.range_m(1.0) * np.array(beats_hz)
+    return ((float(np.mean(np.diff(range_m))), _RANGE_M * _DRIFT_PER_S),)
+
+
+MEASUREMENTS = (
+    Measurement(
+        kind="phase-noise",
+        claim="The phase-noise density beside an echo is the oscillator mask times 4 sin²(π f τ).",
+        quantities=tuple(
+            Quantity(
+                name=f"density in 1 Hz, {low / 1e6:.1f} to {high / 1e6:.1f} MHz from an echo at"
+                " 40 m" + (", noise floor of the mask" if low > _MASK_HZ[-1] else ""),
+                unit="dB",
+                tolerance=0.25,
+            )
+            for low, high in _BANDS_HZ
+        ),
+        measure=_measure_phase_noise,
+        n_trials=32,
+    ),
+    Measurement(
+        kind="pll",
+        claim="The residual frequency error of a settled loop is the curvature of the tuning curve"
+        " over the square of the natural angular frequency.",
+        quantities=(Quantity(name="frequency error late in the ramp", unit="Hz", tolerance=300.0),),
+        measure=_measure_pll,
+    ),
+    Measurement(
+        kind="polynomial-nonlinearity",
+        claim="The beat frequency shifts by the delay times the derivative of the frequency error.",
+        quantities=(
+            Quantity(name="slope error: shift of the beat frequency", unit="Hz", tolerance=10.0),
+            Quantity(
+                name="quadratic error: sweep of the beat frequency", unit="Hz/s", tolerance=1e6
+            ),
+        ),
+        measure=_measure_polynomial_error,
+    ),
+    Measurement(
+        kind="sinusoidal-nonlinearity",
+        claim="A sinusoidal ramp error produces paired echoes of J1(β)/J0(β) relative to the echo.",
+        quantities=(
+            Quantity(name="paired echo below the echo", unit="dB", tolerance=0.1),
+            Quantity(name="paired echo above the echo", unit="dB", tolerance=0.1),
+        ),
+        measure=_measure_sinusoidal_error,
+    ),
+    Measurement(
+        kind="slope-drift",
+        claim="A slope drift shifts the range of an echo by the range times the relative drift.",
+        quantities=(Quantity(name="range drift in one second", unit="m", tolerance=1e-4),),
+        measure=_measure_slope_drift,
+    ),
+)

@@ -1,0 +1,129 @@
+"""`dechirp list`: families of members that settings select by `kind`."""
+
+import sys
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from dechirp.cli.options import Json
+
+if TYPE_CHECKING:
+    from dechirp.core.families import Family
+
+# Written out, so that a shell completes them without the package behind them.
+FamilyName: TypeAlias = Literal[
+    "angle",
+    "body",
+    "cfar",
+    "device",
+    "format",
+    "impairment",
+    "mitigation",
+    "modulation",
+    "multiplexing",
+    "pattern",
+    "score",
+    "writer",
+]
+
+
+def list_members(
+    family: FamilyName | None = None,
+    /,
+    *,
+    as_json: Json = False,
+) -> int:
+    """List the members that settings select by kind: detectors, impairments, formats.
+
+    Parameters
+    ----------
+    family
+        Family to list; all by default.
+    """
+    from dechirp.results.tables import json_text
+
+    bases = base_classes()
+    wanted = {name: bases[name] for name in bases if family in (None, name)}
+    members = {name: member_settings(base) for name, base in wanted.items()}
+    if as_json:
+        print(json_text({"families": members}), end="")
+    else:
+        _show_members(members)
+    for name, base in wanted.items():
+        for kind, reason in base.failed_plugins().items():
+            print(f"{name}: plugin {kind} cannot be loaded: {reason}", file=sys.stderr)
+    return 0
+
+
+def base_classes() -> dict[str, "type[Family]"]:
+    """Return the base class of each family, from every `base.py` outside the studio."""
+    import importlib
+    from pathlib import Path
+
+    import dechirp
+    from dechirp.core.families import Family
+
+    root = Path(dechirp.__path__[0])
+    for file in sorted(root.rglob("base.py")):
+        *packages, name = file.relative_to(root).with_suffix("").parts
+        if packages[0] != "studio":  # needs the extra `web` and takes seconds to import
+            importlib.import_module(".".join(["dechirp", *packages, name]))
+    return {
+        base.group.removeprefix("dechirp."): base
+        for base in sorted(Family.__subclasses__(), key=lambda base: base.group)
+    }
+
+
+def member_settings(base: "type[Family]") -> dict[str, Any]:
+    """Return the help and settings of each member by kind, as a settings file writes them."""
+    from dechirp.config.fields import describe_slot, field_docstrings, list_settings
+    from dechirp.core.families import Family
+
+    settings_by_kind = {}
+    for kind, member in base.members().items():
+        assert issubclass(member, Family)
+        help_by_field = field_docstrings(member)
+        settings_by_kind[kind] = {
+            "help": (member.__doc__ or "").partition("\n")[0],
+            "experimental": member.experimental,
+            "settings": {
+                name: {
+                    "expected": describe_slot(setting.slot),
+                    "required": setting.is_required,
+                    "default": _format_default(setting.default, setting.slot.unit),
+                    "help": help_by_field[setting.field],
+                }
+                for name, setting in list_settings(member).items()
+            },
+        }
+    return settings_by_kind
+
+
+def _format_default(default: Any, unit: str | None) -> Any:
+    from dechirp.config.dumping import to_yaml_data
+    from dechirp.config.quantities import format_exact_quantity
+
+    return (
+        format_exact_quantity(default, unit)
+        if isinstance(default, float)
+        else to_yaml_data(default, unit)
+    )
+
+
+def _show_members(families: dict[str, Any]) -> None:
+    from rich.padding import Padding
+    from rich.text import Text
+
+    from dechirp.cli.console import open_console
+
+    screen = open_console()
+    for family, members in families.items():
+        screen.print(Text(family, "bold underline"))
+        for kind, member in members.items():
+            mark = " (experimental)" if member["experimental"] else ""
+            screen.print(
+                Padding(Text.assemble((kind, "bold"), f"{mark}  {member['help']}"), (0, 2))
+            )
+            for name, setting in member["settings"].items():
+                default = "null" if setting["default"] is None else setting["default"]
+                requirement = "required" if setting["required"] else f"default {default}"
+                line = f"{name}: {setting['expected']} ({requirement}). {setting['help']}"
+                screen.print(Padding(line, (0, 6)))

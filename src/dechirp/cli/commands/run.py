@@ -1,0 +1,179 @@
+"""`dechirp run`: detections and a report from a scenario or a recording."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from dechirp.cli.options import NO_OPTIONS, Json, Pdf, Quiet, RecordingOptions
+
+if TYPE_CHECKING:
+    from dechirp.experiments.run import Result
+
+
+def run(
+    source: Path | None = None,
+    /,
+    *,
+    out: Path = Path("dechirp-run"),
+    objects: list[Path] | None = None,
+    follow: Annotated[bool, Parameter(show_default=False)] = False,
+    idle: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    pdf: Pdf = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    seed: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
+    options: RecordingOptions = NO_OPTIONS,
+) -> int:
+    """Simulate a scenario or read a recording, detect, and write a report.
+
+    Parameters
+    ----------
+    source
+        Scenario (YAML), recording (file or folder), or UDP address that receives the packets of a
+        DCA1000, as udp://127.0.0.1:4098; the reference scenario by default.
+    out
+        Folder for the results. Existing results in it are replaced as a whole.
+    objects
+        File for the object list (tracks if available, else clusters or detections): .blf, .asc,
+        .log (CAN FD), .osi, .pcd, .ply, .csv or .parquet; may be repeated.
+    follow
+        Continue with new frames while the recording, a DCA1000 .bin, is being written, until
+        Ctrl-C, SIGTERM or the time --idle without data.
+    idle
+        Time without new data after which a file or address ends, as 5s; 10 s by default.
+    seed
+        Seed of the noise; replaces the seed of the scenario.
+    changes
+        PATH=VALUE changes a setting, as radar.frame.n_chirps=64; may be repeated.
+    """
+    from dechirp.cli.console import progress_bar
+    from dechirp.cli.scenario_source import build_scenario
+    from dechirp.cli.stream import is_live_source, process_live
+    from dechirp.core.errors import DechirpError
+    from dechirp.experiments.run import run as run_scenario
+    from dechirp.report.pdf import check_pdf
+    from dechirp.results.results import check_output_folder
+
+    check_output_folder(out)
+    if pdf:
+        check_pdf()
+    _check_object_files(objects or ())
+    scenario = build_scenario(
+        source,
+        changes=changes or [],
+        radar=options.radar,
+        frames=options.frames,
+        seed=seed,
+        metadata=options.metadata(),
+    )
+    if is_live_source(scenario, follow=follow, idle=idle):
+        result = process_live(scenario, idle=idle, quiet=quiet)
+    else:
+        with progress_bar("steps", quiet=quiet) as report:
+            result = run_scenario(scenario, progress=report)
+    if objects:
+        try:
+            result = _write_object_lists(result, objects)
+        except DechirpError:  # a full disk: keep the results of the run
+            write_run(result, source=source, out=out, objects=(), with_pdf=pdf)
+            raise
+    document = write_run(result, source=source, out=out, objects=objects or (), with_pdf=pdf)
+    if as_json:
+        print(document, end="")
+    elif not quiet:
+        show_run(result, out, objects or ())
+    return 0
+
+
+def _check_object_files(files: Sequence[Path]) -> None:
+    """Raise `DechirpError` if an object list cannot be written to one of the files."""
+    from dechirp.cli.errors import name_options
+    from dechirp.core.errors import DechirpError
+    from dechirp.results.object_lists.files import check_output_path
+
+    for file in files:
+        try:
+            check_output_path(file)
+        except DechirpError as error:
+            raise name_options(error, dict.fromkeys(("path", "objects"), "--objects")) from None
+
+
+def _write_object_lists(result: "Result", files: Sequence[Path]) -> "Result":
+    """Write the object list to each file; return the result with the findings on it."""
+    from dechirp.core.findings import collect_findings
+    from dechirp.experiments.run import build_result_object_list
+    from dechirp.results.object_lists.files import write_objects
+
+    with collect_findings() as findings:
+        objects = build_result_object_list(result)
+        for file in files:
+            write_objects(objects, file)
+    return replace(result, findings=(*result.findings, *findings))
+
+
+def write_run(
+    result: "Result",
+    *,
+    source: Path | None,
+    out: Path,
+    objects: Sequence[Path],
+    with_pdf: bool = False,
+) -> str:
+    """Write the results of a run and return the JSON document."""
+    from dechirp.cli.run_document import run_document
+    from dechirp.config.dumping import dump
+    from dechirp.recordings.recording import Recording
+    from dechirp.report.page import render_report
+    from dechirp.report.pdf import html_to_pdf
+    from dechirp.results.results import result_paths, write_results
+    from dechirp.results.tables import json_text
+
+    started = perf_counter()
+    simulated = result.scenario.scene is not None
+    yaml = dump(result.scenario, without=() if simulated else ("n_frames", "impairments"))
+    page = render_report(result, yaml=yaml)
+    pdf_bytes = html_to_pdf(page) if with_pdf else None
+    timing_s = {**result.timing_s, "report": perf_counter() - started}
+    object_tables = {"ego": result.ego, "clusters": result.clusters, "tracks": result.tracks}
+    tables = {name: table for name, table in object_tables.items() if table is not None}
+    files = result_paths(out, tables, has_pdf=with_pdf) | {file.name: file for file in objects}
+    document_values = run_document(result, source=source, files=files, timing_s=timing_s)
+    texts = {"report.html": page, "scenario.yaml": yaml, "run.json": json_text(document_values)}
+    contents = result.source.contents if isinstance(result.source, Recording) else None
+    write_results(
+        out,
+        texts,
+        frames=result.frames(),
+        n_frames=result.n_kept,
+        radar=result.radar,
+        detections=result.detections,
+        truth=result.truth,
+        other_tables=tables,
+        pdf=pdf_bytes,
+        device=contents.device if contents else None,
+        iq=contents.iq if contents else None,
+    )
+    return texts["run.json"]
+
+
+def show_run(result: "Result", out: Path, objects: Sequence[Path]) -> None:
+    """Print the results on standard output, with the paths of the files."""
+    from dechirp.cli.console import finding_paragraphs, open_console
+    from dechirp.cli.run_output import detections_table, missed_targets, object_output
+
+    screen = open_console()
+    screen.print(detections_table(result, at_most=20, width=screen.width))
+    for part in object_output(result, at_most=20, width=screen.width):
+        screen.print(part)
+    for line in missed_targets(result):
+        screen.print(line)
+    for paragraph in finding_paragraphs(result.findings):
+        screen.print(paragraph)
+    for file in objects:
+        screen.print(f"Object list: {file}", soft_wrap=True)
+    screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)

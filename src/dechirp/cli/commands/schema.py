@@ -1,0 +1,40 @@
+"""`dechirp schema`: JSON Schema of a settings file, for editors."""
+
+from typing import Literal, TypeAlias
+
+SettingsKind: TypeAlias = Literal["scenario", "study", "tune", "radar", "requirements"]
+
+
+def schema(kind: SettingsKind = "scenario", /) -> int:
+    """Print the JSON Schema of a settings file, for editors.
+
+    Editors use it to check a file during editing and to complete names and kinds.
+
+    Parameters
+    ----------
+    kind
+        Kind of file: scenario, study, tune, radar (for --radar) or requirements (for design).
+    """
+    from dechirp.config.schema import Schema, build_schema
+    from dechirp.experiments.scenario import READERS, Scenario
+    from dechirp.experiments.study.schema import study_schema
+    from dechirp.experiments.tune.schema import tune_schema
+    from dechirp.radar.calibration import Calibration
+    from dechirp.radar.design.requirements import Requirements
+    from dechirp.radar.radar import Radar
+    from dechirp.results.tables import json_text
+
+    document_schema: Schema
+    match kind:
+        case "scenario":
+            document_schema = build_schema(Scenario, read_from_path=READERS)
+        case "study":
+            document_schema = study_schema()
+        case "tune":
+            document_schema = tune_schema()
+        case "radar":
+            document_schema = build_schema(Radar, read_from_path=[Calibration])
+        case "requirements":
+            document_schema = build_schema(Requirements)
+    print(json_text(document_schema), end="")
+    return 0

@@ -1,0 +1,273 @@
+"""`dechirp study`: Monte Carlo trials over swept settings, with intervals and theory."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from dechirp.cli.options import IntegerText, Json, Pdf, Quiet, parse_integer
+
+if TYPE_CHECKING:
+    from dechirp.experiments.study.ledger import Ledger
+    from dechirp.experiments.study.plan import Plan
+    from dechirp.experiments.study.run import ReplayedTrial, StudyOutcome
+    from dechirp.experiments.study.study import Study
+
+
+def study(
+    file: Path,
+    /,
+    *,
+    workers: IntegerText = None,
+    scheduler: str | None = None,
+    cluster: str | None = None,
+    trial: IntegerText = None,
+    out: Path = Path("dechirp-study"),
+    pdf: Pdf = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    seed: IntegerText = None,
+    changes: Annotated[list[str] | None, Parameter(name="--set")] = None,
+) -> int:
+    """Run Monte Carlo trials over swept settings and compare the results with theory.
+
+    An interrupted study is resumed by the same call. The exit status is 1 unless every
+    requirement of the file is met with the required confidence.
+
+    Parameters
+    ----------
+    file
+        Study file (YAML): swept settings, number of trials and requirements.
+    workers
+        Number of processes on this machine, one per core by default; or workers of the cluster.
+    scheduler
+        Address of a running Dask scheduler, as tcp://host:8786.
+    cluster
+        slurm: start workers as jobs of this cluster.
+    trial
+        Replay this one trial and report it as `dechirp run` does; --set selects the point.
+    out
+        Folder for the results and the progress so far; dechirp-trial for one trial.
+    seed
+        Seed of all trials; replaces the seed of the file.
+    changes
+        PATH=VALUE changes a setting of the scenario, or fixes a swept setting to one value; may
+        be repeated.
+    """
+    from dechirp.cli.study_output import live_progress
+    from dechirp.experiments.study.executors import workers_from_options
+    from dechirp.experiments.study.parsing import load_study
+    from dechirp.experiments.study.plan import Plan
+    from dechirp.experiments.study.run import conclude_study, open_ledger, run_trials
+    from dechirp.experiments.study.trial import study_layout
+    from dechirp.report.pdf import check_pdf
+
+    n_workers = None if workers is None else parse_integer("--workers", workers, 1, 10_000)
+    first_seed = None if seed is None else parse_integer("--seed", seed, 0, 2**63 - 1)
+    number = None if trial is None else parse_integer("--trial", trial, 0, 2**53)
+    if pdf:
+        check_pdf()
+    settings = load_study(file, changes or [], seed=first_seed)
+    if number is not None:
+        folder = Path("dechirp-trial") if out == Path("dechirp-study") else out
+        return _replay_trial(settings, number, folder, with_pdf=pdf, as_json=as_json, quiet=quiet)
+    _check_study_folder(out)
+    plan = Plan.from_study(settings)
+    with ExitStack() as resources:
+        with workers_from_options(workers=n_workers, scheduler=scheduler, cluster=cluster) as pool:
+            ledger = resources.enter_context(open_ledger(settings, out))
+            if settings.keep and not (quiet or as_json):
+                _print_data_set_size(plan)
+            with live_progress(plan, study_layout(plan), ledger, quiet=quiet) as on_progress:
+                run_trials(plan, ledger, pool, on_progress)
+        outcome = conclude_study(plan, ledger)
+        text = _write_study(outcome, ledger, file, out, with_pdf=pdf)
+    if as_json:
+        print(text, end="")
+    elif not quiet:
+        _show_study(outcome, [*pool.findings, *outcome.environment_findings], out)
+    from dechirp.experiments.study.requirements import exit_status
+
+    return exit_status(outcome.verdicts)
+
+
+def _check_study_folder(out: Path) -> None:
+    """Raise `DechirpError` unless the folder is absent, empty or from an earlier study."""
+    from dechirp.core.atomic_files import check_replaceable
+    from dechirp.experiments.study.ledger import LEDGER_FILES
+    from dechirp.experiments.study.ledger_reader import LEDGER_NAME
+
+    check_replaceable(
+        out,
+        marker=LEDGER_NAME,
+        own_names={*_STUDY_FILES, *LEDGER_FILES, *_DATA_SET_FILES, *_PDF_FILES},
+    )
+
+
+_STUDY_FILES = ("report.html", "study.yaml", "study.json", "points.parquet", "trials.parquet")
+_DATA_SET_FILES = ("data.zarr", "datasheet.html")
+_PDF_FILES = ("report.pdf", "datasheet.pdf")
+
+
+def _print_data_set_size(plan: "Plan") -> None:
+    """Print the largest possible size of the data set before the trials start."""
+    from dechirp.cli.console import open_console
+    from dechirp.experiments.study.data_set import data_bytes, format_bytes
+
+    n_items = plan.n_points * plan.study.trials.at_most
+    open_console().print(
+        f"Data set: at most {n_items} items, {format_bytes(data_bytes(plan))} of samples and maps"
+        " before compression."
+    )
+
+
+def _write_study(
+    outcome: "StudyOutcome", ledger: "Ledger", source: Path, out: Path, *, with_pdf: bool
+) -> str:
+    """Write the results next to the ledger and return the JSON document."""
+    import datetime
+
+    import dechirp
+    from dechirp.cli.study_output import study_document
+    from dechirp.core.atomic_files import write_text_atomically
+    from dechirp.experiments.study.dumping import dump_study
+    from dechirp.experiments.study.ledger_reader import LEDGER_NAME
+    from dechirp.experiments.study.results import iter_trial_sums, write_points, write_trials
+    from dechirp.report.pdf import write_pdf
+    from dechirp.report.study.page import StudyOrigin, render_study_page
+    from dechirp.results.tables import json_text
+
+    study = outcome.result.study
+    data_set = _DATA_SET_FILES if study.keep else ()
+    pdfs = _PDF_FILES[: 2 if study.keep else 1] if with_pdf else ()
+    yaml = dump_study(study)
+    metadata = {"dechirp": dechirp.__version__, "study": yaml}
+    write_points(outcome.result, out / "points.parquet", metadata=metadata)
+    write_trials(
+        outcome.result.layout, iter_trial_sums(ledger), out / "trials.parquet", metadata=metadata
+    )
+    n_trials = int(outcome.result.trials.sum())
+    text = json_text(
+        study_document(
+            outcome.result,
+            outcome.verdicts,
+            version=dechirp.__version__,
+            n_done=n_trials,
+            n_total=n_trials,
+            files={name: out / name for name in (*_STUDY_FILES, LEDGER_NAME, *data_set, *pdfs)},
+        )
+    )
+    page = render_study_page(
+        outcome.result,
+        outcome.verdicts,
+        yaml=yaml,
+        origin=StudyOrigin(
+            date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            source=str(source),
+            digests=tuple(_source_digests(source, ledger.identity)),
+            environments=tuple(ledger.environments),
+            seconds=ledger.total_seconds(),
+        ),
+    )
+    texts = {"study.yaml": yaml, "study.json": text, "report.html": page}
+    if data_set:
+        texts["datasheet.html"] = _render_datasheet(study, out)
+    for name, content in texts.items():
+        write_text_atomically(out / name, content)
+    for name in _PDF_FILES:
+        html = texts.get(name.replace(".pdf", ".html"))
+        write_pdf(out / name, html if with_pdf else None)
+    return text
+
+
+def _render_datasheet(study: "Study", out: Path) -> str:
+    from dechirp.report.data_set import render_data_set_page
+    from dechirp.results.data_set import read_data_set, total_bytes
+
+    folder = out / "data.zarr"
+    return render_data_set_page(study, read_data_set(folder), n_bytes=total_bytes(folder))
+
+
+def _source_digests(source: Path, identity: dict[str, str]) -> Sequence[tuple[str, str]]:
+    """Return the SHA-256 of the study file, of the resolved study and of the files it names."""
+    import hashlib
+
+    run = "".join(identity[part] for part in ("study", "scenario"))
+    named_files = [
+        (key.removeprefix("file "), sum_) for key, sum_ in identity.items() if "file " in key
+    ]
+    return [
+        (str(source), hashlib.sha256(source.read_bytes()).hexdigest()),
+        ("resolved study and scenario", hashlib.sha256(run.encode()).hexdigest()),
+        *named_files,
+    ]
+
+
+def _show_study(outcome: "StudyOutcome", shown_findings: Sequence[Any], out: Path) -> None:
+    from dechirp.cli.console import finding_paragraphs, open_console
+    from dechirp.cli.study_output import omitted_points, points_table, requirement_paragraphs
+
+    screen = open_console()
+    screen.print(points_table(outcome.result, width=screen.width))
+    for line in omitted_points(outcome.result):
+        screen.print(line)
+    for paragraph in requirement_paragraphs(outcome.verdicts, outcome.result):
+        screen.print(paragraph)
+    point_findings = dict.fromkeys(finding for _, finding in outcome.result.findings)
+    for paragraph in finding_paragraphs([*shown_findings, *point_findings]):
+        screen.print(paragraph)
+    n_failed = len(outcome.result.failures)
+    if n_failed:
+        screen.print(f"{n_failed} trials failed; the report names them.")
+    screen.print(f"Report: {out / 'report.html'}", soft_wrap=True)
+    if outcome.result.study.keep:
+        screen.print(f"Data set: {out / 'data.zarr'}, {out / 'datasheet.html'}", soft_wrap=True)
+
+
+def _replay_trial(
+    study: "Study", trial: int, out: Path, *, with_pdf: bool, as_json: bool, quiet: bool
+) -> int:
+    """Run one trial alone, and show it as `dechirp run` does."""
+    from dechirp.cli.commands.run import show_run, write_run
+    from dechirp.core.errors import InvalidSetting
+    from dechirp.experiments.study.plan import Plan
+    from dechirp.experiments.study.run import replay_trial
+    from dechirp.results.results import check_output_folder
+    from dechirp.results.tables import json_text
+
+    plan = Plan.from_study(study)
+    if plan.n_points != 1:
+        varied_paths = [axis.path for axis in plan.axes if len(axis.texts) > 1]
+        raise InvalidSetting(
+            "--trial",
+            value=f"given for {plan.n_points} points",
+            expected="one point",
+            fix="select it with " + " ".join(f"--set {path}=VALUE" for path in varied_paths),
+        )
+    check_output_folder(out)
+    replay_result = replay_trial(study, trial)
+    text = write_run(replay_result.result, source=None, out=out, objects=(), with_pdf=with_pdf)
+    if as_json:
+        print(json_text(_trial_document(replay_result, plan, text)), end="")
+    elif not quiet:
+        show_run(replay_result.result, out, ())
+    return 0
+
+
+def _trial_document(replay: "ReplayedTrial", plan: Any, text: str) -> dict[str, Any]:
+    """Return the document of a run with the contribution of the trial to each score."""
+    import json
+
+    from dechirp.experiments.study.trial import study_layout
+
+    layout = study_layout(plan)
+    sums = {
+        score.label(): {
+            name or "all": layout.score_sums(replay.sums[None], score.label(), name)[0].tolist()
+            for name in (layout.subjects[layout.score_index(score.label())] or (None,))
+        }
+        for score in layout.scores
+    }
+    return {**json.loads(text), "trial": replay.trial, "sums": sums}

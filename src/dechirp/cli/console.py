@@ -1,0 +1,70 @@
+"""Terminal output: tables, findings and progress bars."""
+
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from dechirp.core.findings import Finding
+
+_STYLES = {"note": "cyan", "warning": "yellow", "error": "red"}
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """Raise the error for `main` to handle."""
+        raise BrokenPipeError
+
+
+def open_console() -> Console:
+    """Return a console on standard output, with colours on a terminal."""
+    return _Console(highlight=False, markup=False, emoji=False)
+
+
+def new_table(title: str, *, left: Iterable[str] = (), right: Iterable[str] = ()) -> Table:
+    """Create a table with left-aligned columns of text, then right-aligned columns of numbers."""
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),  # seven columns of numbers in 80 characters
+        pad_edge=False,
+    )
+    for name in left:
+        table.add_column(name)
+    for name in right:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def finding_paragraphs(findings: Iterable[Finding]) -> Iterator[Text]:
+    """Yield a paragraph for each finding."""
+    for finding in findings:
+        yield Text.assemble((finding.level, _STYLES[finding.level]), f": {finding}")
+
+
+class ProgressCallback(Protocol):
+    """Callback for the progress of a long run."""
+
+    def __call__(self, done: int, total: int, /) -> None:
+        """Report the number of finished parts and the total."""
+
+
+@contextmanager
+def progress_bar(label: str, *, quiet: bool) -> Iterator[ProgressCallback | None]:
+    """Show a progress bar on standard error; None if quiet or not on a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(label, *columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, visible=False)
+        yield lambda n_done, total: bar.update(
+            task, completed=n_done, total=total, visible=total > 1
+        )

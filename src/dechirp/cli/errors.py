@@ -1,0 +1,131 @@
+"""Error messages of the command line."""
+
+import json
+import re
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, replace
+from typing import Any, Literal, get_args, get_origin
+
+from cyclopts import (
+    App,
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    RepeatArgumentError,
+    UnknownCommandError,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
+
+from dechirp.config.quoting import quote_text
+from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
+from dechirp.core.errors import DechirpError, InvalidFile, Mistake
+
+_JSON_KEYS = ("file", "line", "column", "setting", "value", "expected", "fix")
+_EXPECTED_BY_TYPE: dict[Any, str] = {
+    int: "an integer",
+    float: "a number",
+    bool: "no value",
+}
+
+
+def print_errors(mistakes: Iterable[Mistake], *, as_json: bool) -> None:
+    """Print each mistake on standard error, or all as one JSON document on standard output."""
+    if not as_json:
+        for mistake in mistakes:
+            print(mistake, file=sys.stderr)
+        return
+    documents = [asdict(mistake) for mistake in mistakes]
+    print(
+        json.dumps(
+            {"errors": [{key: document[key] for key in _JSON_KEYS} for document in documents]},
+            indent=2,
+        )
+    )
+
+
+def name_options(error: DechirpError, option_by_setting: Mapping[str, str]) -> DechirpError:
+    """Return the same error with option names in place of the settings that they set."""
+    mistakes = []
+    for mistake in error.mistakes:
+        option = option_by_setting.get(mistake.setting)
+        if option is not None and mistake.file in (None, "--set"):
+            # Whole words only: `frame` is not part of `n_frames`.
+            name = re.compile(rf"(?<![\w.]){re.escape(mistake.setting)}(?!\w)")
+            fix = name.sub(option, mistake.fix)
+            mistake = replace(  # noqa: PLW2901
+                mistake, setting=option, fix=fix, file=None, line=None, column=None
+            )
+        mistakes.append(mistake)
+    return InvalidFile(*mistakes)
+
+
+def call_errors(error: CycloptsError) -> list[Mistake]:
+    """Convert an error of the command-line parser to mistakes."""
+    setting = _option_name(error)
+    help_fix = f"see {' '.join(['dechirp', *(error.command_chain or ())])} --help"
+    match error:
+        case UnknownCommandError(unused_tokens=[token, *_], app=App() as app):
+            commands = [word for word in app if not word.startswith("-")]
+            mistake = Mistake(
+                setting="command",
+                value=quote_text(token),
+                expected=f"one of {', '.join(commands)}",
+                fix=did_you_mean(token, commands),
+            )
+        case UnknownOptionError(token=token):
+            options = [
+                word
+                for argument in error.argument_collection
+                for word in argument.names
+                if word.startswith("--")
+            ]
+            option = token.keyword or token.value
+            mistake = Mistake(
+                setting=quote_text(option),
+                value="not an option of this command",
+                expected=f"one of {', '.join(options)}" if options else "no options",
+                fix=did_you_mean(option, options, CHOOSE_OR_OMIT) if options else help_fix,
+            )
+        case UnusedCliTokensError(unused_tokens=list() as tokens):
+            mistake = Mistake(
+                setting="command line",
+                value=f"unexpected argument {quote_text(' '.join(tokens))}",
+                expected="no further argument",
+                fix=f"quote names with spaces, or {help_fix}",
+            )
+        case CoercionError(token=token, target_type=kind) if token is not None:
+            choices = [str(c) for c in get_args(kind)] if get_origin(kind) is Literal else []
+            expected = (
+                f"one of {', '.join(choices)}"
+                if choices
+                else _EXPECTED_BY_TYPE.get(kind, f"{kind}")
+            )
+            fix = did_you_mean(token.value, choices) if choices else help_fix
+            mistake = Mistake(
+                setting=setting, value=quote_text(token.value), expected=expected, fix=fix
+            )
+        case RepeatArgumentError():
+            mistake = Mistake(
+                setting=setting, value="given twice", expected="one value", fix="keep one of them"
+            )
+        case MissingArgumentError():
+            mistake = Mistake(setting=setting, value="no value", expected="a value", fix=help_fix)
+        case _:
+            mistake = Mistake(
+                setting="command line",
+                value=quote_text(str(error)),
+                expected="a call as shown by --help",
+                fix=help_fix,
+            )
+    return [mistake]
+
+
+def _option_name(error: CycloptsError) -> str:
+    """Return the option as the user wrote it, else its first name."""
+    token = getattr(error, "token", None)
+    keyword = getattr(token, "keyword", None) or getattr(error, "keyword", None)
+    if keyword:
+        return str(keyword)
+    return error.argument.name if error.argument is not None else "command line"

@@ -1,0 +1,53 @@
+"""JSON document of a run."""
+
+from pathlib import Path
+from typing import Any
+
+import dechirp
+from dechirp.cli.scenario_source import format_source
+from dechirp.config.dumping import to_json_data
+from dechirp.core.table_columns import dataset_to_records
+from dechirp.experiments.run import Result
+from dechirp.radar.radar import Radar
+
+
+def run_document(
+    result: Result, *, source: Path | None, files: dict[str, Path], timing_s: dict[str, float]
+) -> dict[str, Any]:
+    """Return the results of a run without its samples, in plain values; None if not estimated."""
+    return {
+        "version": dechirp.__version__,
+        "seed": result.scenario.seed,
+        "source": "reference" if source is None else format_source(source),
+        "radar": radar_document(result.radar),
+        "frames": result.n_frames,
+        "detections": dataset_to_records(result.detections),
+        **{
+            name: None if table is None else dataset_to_records(table)
+            for name, table in (
+                ("clusters", result.clusters),
+                ("tracks", result.tracks),
+                ("truth", result.truth),
+            )
+        },
+        "findings": [to_json_data(finding) for finding in result.findings],
+        "timing_s": timing_s,
+        "files": {name: str(path) for name, path in files.items()},
+    }
+
+
+def radar_document(radar: Radar) -> dict[str, Any]:
+    """Return settings and derived values of a radar; velocities are None for a single chirp."""
+    frame, chirp = radar.frame.for_frame(0), radar.frame.chirp
+    has_velocity = frame.n_chirps > 1
+    derived = {
+        "sampled_bandwidth_hz": chirp.sampled_bandwidth_hz,
+        "wavelength_m": chirp.wavelength_m,
+        "range_resolution_m": chirp.range_resolution_m,
+        "max_range_m": chirp.max_range_m,
+        "velocity_resolution_m_per_s": frame.velocity_resolution_m_per_s if has_velocity else None,
+        "max_velocity_m_per_s": frame.max_velocity_m_per_s if has_velocity else None,
+        "frame_duration_s": frame.duration_s,
+        "integration_gain": radar.integration_gain,
+    }
+    return {**to_json_data(radar), "derived": derived}

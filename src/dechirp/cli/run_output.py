@@ -1,0 +1,163 @@
+"""Terminal output of a run: tables of detections and tracks, with the truth if known."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+from rich.cells import cell_len
+from rich.table import Table
+
+from dechirp.cli.console import new_table
+from dechirp.core.detection_columns import SHOWN_COLUMNS, std_column
+from dechirp.core.text import EN_DASH, decimals_for_std, format_fixed
+from dechirp.evaluation.association import associate_detections
+from dechirp.experiments.run import Result
+from dechirp.report import objects_section
+
+# Columns dropped first on a narrow terminal: true values before measured ones.
+_FIRST_DROPPED = (
+    *(
+        c.heading
+        for c in SHOWN_COLUMNS
+        if c.name not in ("range", "velocity", "azimuth", "elevation", "snr")
+    ),
+    *("true elevation", "SNR", "true azimuth", "true velocity", "true range"),
+    *("elevation", "azimuth", "frame"),
+)
+
+
+def detections_table(result: Result, *, at_most: int, width: int) -> Table:
+    """Return a table of the strongest detections, with the columns that fit the width."""
+    order = np.argsort(-result.detections.snr.values, kind="stable")
+    n_all = order.size
+    strongest = result.detections.isel(detection=order[:at_most])
+    title, n_shown = f"{n_all} detection{'' if n_all == 1 else 's'}", min(n_all, at_most)
+    if n_shown < n_all:
+        title += f", the {n_shown} strongest (complete list: detections.csv)"
+    columns = _detection_cells(result, strongest)
+    for name in _FIRST_DROPPED:
+        if _table_width(columns) > width:
+            columns.pop(name, None)
+    table = new_table(title, right=[_column_heading(name) for name in columns])
+    for cells in zip(*columns.values(), strict=True):
+        table.add_row(*cells)
+    return table
+
+
+_TITLES = {column.heading: column.title for column in SHOWN_COLUMNS}
+
+
+def _column_heading(name: str) -> str:
+    return "true" if name.startswith("true ") else _TITLES.get(name, name)
+
+
+def _table_width(columns: dict[str, list[str]]) -> int:
+    cells = ([_column_heading(name), *column] for name, column in columns.items())
+    return sum(2 + max(map(cell_len, column)) for column in cells)  # with two spaces between
+
+
+def _detection_cells(result: Result, detections: xr.Dataset) -> dict[str, list[str]]:
+    """Return the cells of each column, from the left; angles only if any was estimated."""
+    columns: dict[str, list[str]] = {}
+    if result.n_frames > 1:
+        columns["frame"] = [str(frame) for frame in detections.frame.values.tolist()]
+    target = None if result.truth is None else _matched_targets(result, detections)
+    for column in SHOWN_COLUMNS:
+        values = column.to_shown_unit(detections[column.name].values)
+        std = std_column(column)
+        if std is None:
+            columns[column.heading] = [
+                format_fixed(one, column.decimals) for one in values.tolist()
+            ]
+            continue
+        if column.shown_unit == "deg" and not np.isfinite(values).any():
+            continue
+        # Millimetres and hundredths of a degree: more digits are in detections.csv.
+        stds = std.to_shown_unit(detections[std.name].values)
+        decimals = [min(decimals_for_std(one), column.decimals) for one in stds.tolist()]
+        columns[column.heading] = [
+            f"{format_fixed(value, n)} ± {format_fixed(error, n)}"
+            if np.isfinite(value)
+            else EN_DASH
+            for value, error, n in zip(values.tolist(), stds.tolist(), decimals, strict=True)
+        ]
+        if result.truth is not None and target is not None and column.name in result.truth:
+            frame = detections.frame.values
+            true = _truth_of_detections(result.truth[column.name], target, frame)
+            columns[f"true {column.heading}"] = [
+                format_fixed(one, n)
+                for one, n in zip(column.to_shown_unit(true).tolist(), decimals, strict=True)
+            ]
+    if result.truth is not None and target is not None:
+        names = result.truth.target.values
+        columns["target"] = [
+            str(names[value]) if value >= 0 else EN_DASH for value in target.tolist()
+        ]
+    return columns
+
+
+def _truth_of_detections(truth: xr.DataArray, target: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """Return the truth of the target of each detection, NaN for unmatched detections."""
+    values = np.full(len(target), np.nan)
+    is_matched = target >= 0
+    frame_index = truth.indexes["frame"].get_indexer(frame[is_matched])
+    values[is_matched] = truth.transpose("target", "frame").values[target[is_matched], frame_index]
+    return values
+
+
+_TRACK_HEADINGS = {
+    "number": "track",
+    "frames": "frames",
+    "x": "x, m",
+    "y": "y, m",
+    "vx": "vx, m/s",
+    "vy": "vy, m/s",
+    "target": "target",
+}
+
+
+def object_output(result: Result, *, at_most: int, width: int) -> Iterator[Table | str]:
+    """Yield a table of tracks and sentences on ego motion, clusters and tracks."""
+    tracks = objects_section.track_rows(result, at_most)
+    if tracks and result.tracks is not None:
+        n_all = result.tracks.sizes["track"]
+        title = f"{n_all} track{'' if n_all == 1 else 's'}, last state"
+        if len(tracks) < n_all:
+            title += f": the first {len(tracks)} (complete list: tracks.csv)"
+        columns = {head: [row[name] for row in tracks] for name, head in _TRACK_HEADINGS.items()}
+        if result.truth is None:
+            del columns["target"]
+        for name in ("frames", "target"):
+            if _table_width(columns) > width:
+                columns.pop(name, None)
+        table = new_table(title, right=columns)
+        for cells in zip(*columns.values(), strict=True):
+            table.add_row(*cells)
+        yield table
+    summary = " ".join(
+        [*objects_section.describe_objects(result), objects_section.summarise_track_targets(result)]
+    ).strip()
+    if summary:
+        yield summary
+
+
+def missed_targets(result: Result) -> Iterator[str]:
+    """Yield a line for each target without a detection in any frame."""
+    truth = result.truth
+    if truth is None:
+        return
+    hits = set(_matched_targets(result, result.detections).tolist())
+    for index, name in enumerate(truth.target.values.tolist()):
+        if index not in hits:
+            first = truth.isel(target=index, frame=0)
+            place = (
+                f"{format_fixed(float(first.range), 1)} m,"
+                f" {format_fixed(float(first.velocity), 1)} m/s"
+            )
+            yield f"Not detected: {name}, at {place} in the first frame."
+
+
+def _matched_targets(result: Result, detections: xr.Dataset) -> np.ndarray:
+    assert result.truth is not None
+    scene = result.scenario.scene
+    return associate_detections(detections, result.truth, result.radar, scene).target

@@ -1,0 +1,191 @@
+"""Scenario of a call of `run`, from its source and options."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from dechirp.cli.errors import name_options
+from dechirp.config import loading
+from dechirp.config.dumping import dump
+from dechirp.config.quoting import quote_text
+from dechirp.config.validation import Readers
+from dechirp.core.errors import DechirpError, InvalidFile, Mistake
+from dechirp.experiments.scenario import READERS, RecordingSource, Scenario, load, reference
+from dechirp.radar.devices.lookup import device as known_device
+from dechirp.radar.radar import Radar
+from dechirp.recordings.live.udp import is_udp_address
+from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.settings.calibration import read_calibration
+from dechirp.recordings.settings.read import read_radar
+
+_OPTIONS = {
+    "Scenario.n_frames": "--frames",
+    "RecordingSource.frames": "--frames",
+}
+
+
+def build_scenario(
+    source: Path | None,
+    *,
+    changes: Sequence[str],
+    radar: Path | None,
+    frames: str | None,
+    seed: str | None,
+    metadata: Mapping[str, Any],
+) -> Scenario:
+    """Build the scenario of a settings file or recording; by default the reference scenario.
+
+    Parameters
+    ----------
+    source : Path, optional
+        A scenario if its suffix is `.yaml` or `.yml`; else a recording.
+    changes : sequence of str
+        PATH=VALUE, the values of `--set`.
+    radar, frames, seed
+        Values of the options of these names.
+    metadata : mapping
+        Options for a recording: `device`, `format`, `axes`, `encoding`, `iq`, `calibration`.
+
+    Raises
+    ------
+    DechirpError
+        If a file or an option is invalid.
+    """
+    options = _OPTIONS
+    if seed is not None:
+        changes, options = [*changes, f"seed={seed}"], {**options, "seed": "--seed"}
+    try:
+        scenario = _load_source(source, changes, radar, metadata)
+        recording = scenario.recording
+        if recording is None:
+            return _limit_simulated_frames(scenario, frames, metadata)
+        if frames is not None:
+            metadata = {**metadata, "frames": parse_frames(frames)}
+        if "calibration" in metadata:
+            metadata = {**metadata, "calibration": read_calibration(metadata["calibration"])}
+        if radar is not None and not _has_radar_changes(changes):
+            # A vendor's file also describes the sample layout, which the radar does not contain.
+            scenario, metadata = (
+                replace(scenario, radar=None),
+                {**metadata, "settings_path": str(radar.absolute())},
+            )
+        return replace(scenario, recording=replace(recording, **metadata))
+    except DechirpError as error:
+        raise name_options(error, options) from None
+
+
+def _load_source(
+    source: Path | None, changes: Sequence[str], radar: Path | None, metadata: Mapping[str, Any]
+) -> Scenario:
+    """Load the source with the changes applied to the radar of its file, if any."""
+    if radar is not None:
+        changes = [f"radar={_quote_path(radar)}", *changes]
+    if source is None:
+        return reference(changes)
+    if source.suffix.lower() in (".yaml", ".yml"):
+        return load(source, changes)
+    if is_udp_address(str(source)):
+        return _address_scenario(source, changes, radar)
+    path, iq, opened_radar, layout = source.absolute(), None, None, None
+    chip = known_device(metadata["device"]) if "device" in metadata else None
+    if _has_radar_changes(changes):
+        # Changes need a radar to start from. Its file also describes the sample layout.
+        recording = open_recording(source, **{"radar": radar, **metadata})
+        iq, opened_radar = recording.contents.iq, recording.radar
+        if recording.contents.settings_path is not None:
+            layout = str(recording.contents.settings_path.absolute())
+        if radar is None:
+            changes = [f"radar={_quote_path(path)}", *changes]
+
+    def read_radar_file(file: Path) -> Radar:
+        return opened_radar if opened_radar is not None and file == path else read_radar(file, chip)
+
+    scenario = Scenario(
+        name=source.stem, recording=RecordingSource(path=str(path), iq=iq, settings_path=layout)
+    )
+    return (
+        _apply_changes(scenario, changes, {**READERS, Radar: read_radar_file})
+        if changes
+        else scenario
+    )
+
+
+def format_source(source: Path) -> str:
+    """Return a source as the user wrote it; a path has lost one slash of an address."""
+    return re.sub(r"^udp:[/\\]+", "udp://", str(source), flags=re.IGNORECASE)
+
+
+def _address_scenario(source: Path, changes: Sequence[str], radar: Path | None) -> Scenario:
+    """Return the scenario of a UDP address."""
+    layout = None if radar is None else str(radar.absolute())
+    scenario = Scenario(
+        name="live", recording=RecordingSource(path=format_source(source), settings_path=layout)
+    )
+    return _apply_changes(scenario, changes, READERS) if changes else scenario
+
+
+def _quote_path(path: Path) -> str:
+    return json.dumps(str(path.absolute()), ensure_ascii=False)
+
+
+def _apply_changes(scenario: Scenario, changes: Sequence[str], readers: Readers) -> Scenario:
+    text = dump(scenario)
+    try:
+        return loading.parse_settings(text, Scenario, file="", overrides=changes, readers=readers)
+    except InvalidFile as error:
+        # Places in generated text have no meaning to the user.
+        raise InvalidFile(
+            *(
+                m if m.file else replace(m, file=None, line=None, column=None)
+                for m in error.mistakes
+            )
+        ) from None
+
+
+def _has_radar_changes(changes: Sequence[str]) -> bool:
+    return any(change.lstrip().startswith("radar.") for change in changes)
+
+
+def _limit_simulated_frames(
+    scenario: Scenario, frames: str | None, metadata: Mapping[str, Any]
+) -> Scenario:
+    """Set the number of simulated frames; refuse options that belong to recordings."""
+    mistakes = [
+        Mistake(
+            setting=f"--{name}",
+            value="given for a simulated scene",
+            expected="no such option: it applies to recordings",
+            fix="remove it, or name the recording",
+        )
+        for name in metadata
+    ]
+    if mistakes:
+        raise InvalidFile(*mistakes)
+    if frames is None:
+        return scenario
+    first, stop = parse_frames(frames)
+    if first:
+        raise _frames_error(frames, expected="a number of frames to simulate")
+    return replace(scenario, n_frames=stop)
+
+
+def parse_frames(text: str) -> tuple[int, int]:
+    """Parse `N` or `A:B` to the first frame and the one after the last."""
+    match = re.fullmatch(r"(?:(\d{1,9}):)?(\d{1,9})", text.strip(), re.ASCII)
+    if match is None:
+        raise _frames_error(text, expected="a number of frames, as 10, or a range, as 20:30")
+    return int(match[1] or 0), int(match[2])
+
+
+def _frames_error(text: str, *, expected: str) -> InvalidFile:
+    return InvalidFile(
+        Mistake(
+            setting="--frames",
+            value=quote_text(text),
+            expected=expected,
+            fix="count frames from 0; 20:30 excludes frame 30",
+        )
+    )

@@ -1,0 +1,287 @@
+"""Atomic files and folders: written under a hidden name, then renamed."""
+
+import os
+import re
+import shutil
+import uuid
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
+
+_FILE_MANAGER_FILES = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
+
+
+def check_replaceable(out: Path, *, marker: str, own_names: Collection[str]) -> None:
+    """Raise `DechirpError` unless a folder is absent, empty, or an earlier result.
+
+    Parameters
+    ----------
+    out : Path
+        Folder to replace completely.
+    marker : str
+        Name of a file that identifies an earlier result.
+    own_names : collection of str
+        Names that a result may contain; any other file belongs to the user.
+    """
+    try:
+        if not out.exists() and not out.is_symlink():
+            _check_writable(out)
+            return
+        if not out.is_dir():
+            raise _refusal(out, value="a file", fix="name a folder")
+        working_folder = Path.cwd()
+        if out.resolve() in (working_folder, *working_folder.parents):
+            raise _refusal(
+                out,
+                value="the working folder, or one of its parents",
+                fix="name a folder inside it: the output folder is replaced completely",
+            )
+        names = {file.name for file in out.iterdir()} - _FILE_MANAGER_FILES
+        foreign_names = sorted(names - set(own_names))
+        if names and (foreign_names or marker not in names):
+            raise _refusal(
+                out,
+                value=f"a folder with {foreign_names[0] if foreign_names else f'no {marker}'}",
+                fix="name another folder, or empty it: the output folder is replaced completely",
+            )
+        _check_writable(out)
+    except OSError as error:
+        raise _unwritable_error(out, error) from None
+
+
+@contextmanager
+def atomic_folder(out: Path) -> Iterator[Path]:
+    """Yield an empty folder that replaces `out` at the end.
+
+    After an error `out` is unchanged and the new folder is removed.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be written, or the disk is full.
+    """
+    target = out.resolve()
+    new_folder = _hidden_sibling(target)
+    backup = new_folder.with_name(f"{new_folder.name}.before")
+    try:
+        _restore_backup(target)
+        new_folder.mkdir(parents=True)
+        yield new_folder
+        if target.exists():
+            target.rename(backup)
+        new_folder.rename(target)
+    except OSError as error:
+        raise _unwritable_error(out, error) from None
+    finally:
+        if backup.exists() and not target.exists():
+            backup.rename(target)
+        shutil.rmtree(backup, ignore_errors=True)
+        shutil.rmtree(new_folder, ignore_errors=True)
+
+
+def _restore_backup(target: Path) -> None:
+    """Restore the folder that a process left behind when killed between its two renames."""
+    pattern = re.compile(rf"{re.escape(f'.{target.name}.')}[0-9a-f]{{8}}\.before")
+    siblings = target.parent.iterdir() if target.parent.is_dir() else ()
+    for backup in [folder for folder in siblings if pattern.fullmatch(folder.name)]:
+        if not target.exists():
+            backup.rename(target)
+        shutil.rmtree(backup, ignore_errors=True)
+        shutil.rmtree(backup.with_suffix(""), ignore_errors=True)
+
+
+@contextmanager
+def atomic_file(out: Path) -> Iterator[Path]:
+    """Yield the path of a new file that replaces `out` at the end.
+
+    After an error `out` is unchanged and the new file is removed.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be written, or the disk is full.
+    """
+    target = out.resolve()
+    new_file = _hidden_sibling(target)
+    try:
+        try:
+            if target.is_dir():
+                raise IsADirectoryError(None, "a folder")
+            yield new_file
+            new_file.replace(target)
+        finally:
+            new_file.unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable_error(out, error) from None
+
+
+@contextmanager
+def atomic_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
+    """Yield paths of new files that replace `outs` together at the end.
+
+    A path that is not written leaves no file. After an error all earlier files are unchanged and
+    the new ones are removed.
+
+    The first is the file that readers need to open the others: it is removed first and placed
+    last. Files of two runs therefore never mix, and a killed process leaves no first file; the
+    earlier files then remain as hidden files `.name.0123abcd.before`.
+
+    Raises
+    ------
+    DechirpError
+        If one is a folder, they cannot be written, or the disk is full.
+    """
+    if folder := next((out for out in outs if out.is_dir()), None):
+        raise _refusal(folder, value="a folder", fix="name a file")
+    targets = [out.resolve() for out in outs]
+    new_files = [_hidden_sibling(target) for target in targets]
+    backups = [new_file.with_name(f"{new_file.name}.before") for new_file in new_files]
+    placed: list[Path] = []
+    is_done = False
+    try:
+        yield tuple(new_files)
+        for target, backup in zip(targets, backups, strict=True):
+            if target.exists():
+                target.rename(backup)
+        for target, new_file in reversed(list(zip(targets, new_files, strict=True))):
+            if new_file.exists():
+                new_file.rename(target)
+                placed.append(target)
+        is_done = True
+    except OSError as error:
+        raise _unwritable_error(outs[0], error) from None
+    finally:
+        if not is_done:
+            for target in placed:
+                target.unlink(missing_ok=True)
+            for target, backup in zip(targets, backups, strict=True):
+                if backup.exists():
+                    backup.rename(target)
+        for file in (*new_files, *backups):
+            with suppress(OSError):  # absent, or its folder is a file
+                file.unlink()
+
+
+def write_text_atomically(out: Path, text: str) -> None:
+    """Write a text file that replaces an earlier one.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be written, or the disk is full.
+    """
+    with atomic_file(out) as new_file:
+        new_file.write_bytes(encode_utf8(text))
+
+
+def encode_utf8(text: str) -> bytes:
+    """Encode as UTF-8, with JSON escapes for undecodable bytes of file names."""
+    return text.encode("utf-8", "backslashreplace")
+
+
+def check_file_name(path: object, suffixes: Collection[str]) -> Path:
+    """Return a path that ends in one of the suffixes, or raise `InvalidSetting`."""
+    if not isinstance(path, str | Path):
+        raise InvalidSetting("path", value=repr(path), expected="a path", fix="give it as a text")
+    suffix = Path(path).suffix
+    if "\0" in str(path) or suffix.lower() not in suffixes:
+        raise InvalidSetting(
+            "path",
+            value=f"{str(path)!r}, {f'with the suffix {suffix}' if suffix else 'without a suffix'}",
+            expected=f"one that ends in {', '.join(suffixes)}",
+            fix="name it after the format that you want",
+        )
+    return Path(path)
+
+
+@contextmanager
+def atomic_output_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path that replaces `path` on success.
+
+    On any error, `path` keeps its content.
+
+    Raises
+    ------
+    InvalidSetting
+        If it is a folder, cannot be written, or the disk is full.
+    """
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
+    try:
+        try:
+            if target.is_dir():
+                raise IsADirectoryError(None, "a folder")
+            yield temporary
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable_output(path, error) from None
+
+
+def check_output_writable(path: Path) -> None:
+    """Raise `InvalidSetting` unless the file can be written; call this before a long run."""
+    target = Path(os.path.realpath(path))
+    trial = target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
+    try:
+        if target.is_dir():
+            raise IsADirectoryError(None, "a folder")
+        trial.touch(exist_ok=False)
+        trial.unlink()
+    except OSError as error:
+        raise _unwritable_output(path, error) from None
+
+
+def _check_writable(out: Path) -> None:
+    """Create and remove a trial folder: access rights alone are wrong for /proc."""
+    target = Path(os.path.realpath(out))
+    # A link that realpath leaves unresolved points to itself; no folder fits in it.
+    existing_parent = next(
+        parent for parent in target.parents if parent.exists() or parent.is_symlink()
+    )
+    trial = (
+        existing_parent / f"{_hidden_sibling(target).name}.trying"
+    )  # as long as the longest name of a result
+    try:
+        trial.mkdir()
+    except OSError as error:
+        reason = f"{existing_parent} cannot be written to: {error.strerror}"
+        raise OSError(error.errno, reason) from None
+    finally:
+        with suppress(OSError):
+            trial.rmdir()
+
+
+def _hidden_sibling(path: Path) -> Path:
+    """Return a hidden, unique name in the same folder."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+
+
+def _unwritable_error(out: Path, error: OSError) -> DechirpError:
+    return _refusal(
+        out,
+        value=f"not writable ({error.strerror or error})",
+        fix="name a writable folder with free space",
+    )
+
+
+def _refusal(out: Path, *, value: str, fix: str) -> DechirpError:
+    return DechirpError(
+        Mistake(
+            setting="--out",
+            value=f"{out}, {value}",
+            expected="a new name, or earlier results to replace",
+            fix=fix,
+        )
+    )
+
+
+def _unwritable_output(path: Path, error: OSError) -> InvalidSetting:
+    return InvalidSetting(
+        "path",
+        value=f"{path}, not writable ({error.strerror or error})",
+        expected="a file in an existing folder",
+        fix="name a writable folder with free space",
+    )

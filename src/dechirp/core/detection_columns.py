@@ -1,0 +1,221 @@
+"""Columns of detections: the one table that every reader and writer of detections uses.
+
+A new column takes one row in `TABLE` and the line of `processing.frame.detection_columns` that
+computes it: files, tables, reports, the studio, data sets and object lists follow the table.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.units import from_decibels, to_decibels
+
+_SUFFIXES = {"m": "_m", "m/s": "_m_per_s", "s": "_s", "rad": "_rad", "deg": "_deg", "dB": "_db"}
+_SYMBOLS = {"deg": "°"}
+
+
+class DetectionColumn(NamedTuple):
+    """Column of a table of detections. Datasets hold SI units, radians and power ratios."""
+
+    name: str
+    unit: str
+    """SI unit; 1 for ratios, counts and probabilities."""
+    long_name: str
+    shown_unit: str = ""
+    """Unit in files and tables where it differs: deg for rad, dB for power ratios."""
+    heading: str = ""
+    """Heading in tables for people, without the unit; the column is left out where empty."""
+    decimals: int = 3
+    """Decimals in tables for people, at most."""
+    cluster: Literal["first", "mean", "sum", "strongest"] | None = None
+    """Value of a cluster: of its first detection, the mean weighted by SNR, the sum, or of the
+    strongest detection with a known value. None leaves the column out."""
+    has_extent: bool = False
+    """Whether clusters have a column with its largest less its smallest value."""
+    is_integer: bool = False
+    """Whether files write known values as integers."""
+    in_object_lists: bool = False
+    """Whether object lists of detections and clusters keep it."""
+
+    @property
+    def file_name(self) -> str:
+        """Name in files, with the unit: `range_m`, `azimuth_deg`, `snr_db`."""
+        return self.name + _SUFFIXES.get(self.shown_unit or self.unit, "")
+
+    @property
+    def extent_name(self) -> str:
+        """Name of the extent in files: `range_extent_m`."""
+        return f"{self.name}_extent{self.file_name.removeprefix(self.name)}"
+
+    @property
+    def unit_symbol(self) -> str:
+        """Unit as tables for people show it."""
+        unit = self.shown_unit or self.unit
+        return _SYMBOLS.get(unit, "" if unit == "1" else unit)
+
+    @property
+    def title(self) -> str:
+        """Heading with the unit: "range, m"."""
+        return f"{self.heading}, {self.unit_symbol}" if self.unit_symbol else self.heading
+
+    def to_shown_unit(self, values: np.ndarray) -> np.ndarray:
+        """Convert values in SI units to the unit that files and tables show."""
+        if self.shown_unit == "deg":
+            return np.degrees(values)
+        if self.shown_unit == "dB":
+            with np.errstate(divide="ignore"):  # no signal at all is minus infinity
+                return np.asarray(to_decibels(values))
+        return values
+
+    def from_shown_unit(self, values: np.ndarray) -> np.ndarray:
+        """Convert values in the unit that files and tables show to SI units."""
+        if self.shown_unit == "deg":
+            return np.radians(values)
+        return from_decibels(values) if self.shown_unit == "dB" else values
+
+
+TABLE = (
+    DetectionColumn("frame", "1", "number of the frame", cluster="first"),
+    DetectionColumn("time", "s", "instant to which the estimates refer", cluster="first"),
+    DetectionColumn(
+        *("range", "m", "distance from the origin of the array"),
+        heading="range",
+        cluster="mean",
+        has_extent=True,
+    ),
+    DetectionColumn(
+        *("velocity", "m/s", "rate of change of range, aliased where ambiguity_number is unknown"),
+        heading="velocity",
+        cluster="mean",
+        has_extent=True,
+    ),
+    DetectionColumn(
+        *("azimuth", "rad", "angle to the left of boresight", "deg"),
+        heading="azimuth",
+        decimals=2,
+        cluster="mean",
+        has_extent=True,
+    ),
+    DetectionColumn(
+        *("elevation", "rad", "angle above the horizontal", "deg"),
+        heading="elevation",
+        decimals=2,
+        cluster="mean",
+    ),
+    DetectionColumn(
+        *("snr", "1", "signal-to-noise ratio after integration over samples, chirps and channels"),
+        shown_unit="dB",
+        heading="SNR",
+        decimals=1,
+        cluster="sum",
+        in_object_lists=True,
+    ),
+    DetectionColumn("range_std", "m", "standard error of range", decimals=4),
+    DetectionColumn("velocity_std", "m/s", "standard error of velocity", decimals=4),
+    DetectionColumn("azimuth_std", "rad", "standard error of azimuth", "deg", decimals=2),
+    DetectionColumn("elevation_std", "rad", "standard error of elevation", "deg", decimals=2),
+    DetectionColumn(
+        *("ambiguity_number", "1", "number of unambiguous velocity spans added"),
+        cluster="strongest",
+        is_integer=True,
+    ),
+    DetectionColumn("ambiguity_confidence", "1", "probability of that ambiguity number"),
+)
+"""Columns of detections in the order of their datasets. `x_std` is the standard error of `x`."""
+
+BY_NAME: Mapping[str, DetectionColumn] = {column.name: column for column in TABLE}
+UNITS: Mapping[str, str] = {column.name: column.unit for column in TABLE}
+"""SI unit of each column."""
+SHOWN_COLUMNS = tuple(column for column in TABLE if column.heading)
+"""Columns of tables for people, each with its standard error where there is one."""
+
+
+def std_column(column: DetectionColumn) -> DetectionColumn | None:
+    """Return the column with the standard error of another one, if there is one."""
+    return BY_NAME.get(f"{column.name}_std")
+
+
+def to_dataset(columns: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """Label columns by name as a dataset over `detection`, in the order of the table.
+
+    Columns that the table does not have follow without units.
+    """
+    names = [name for name in UNITS if name in columns]
+    names += [name for name in columns if name not in UNITS]
+    return xr.Dataset(
+        {
+            name: ("detection", columns[name], {"units": UNITS[name]} if name in UNITS else {})
+            for name in names
+        }
+    )
+
+
+def to_columns(
+    detections: xr.Dataset, required: Sequence[str], optional: Sequence[str] = ()
+) -> dict[str, np.ndarray]:
+    """Return columns of detections as floats, (n,) each; NaN for missing optional ones.
+
+    Raises
+    ------
+    InvalidSetting
+        If it is no dataset over `detection`, a required column is missing, or one is not numeric.
+    """
+    check_type("detections", detections, xr.Dataset, fix="pass what `detect` returns")
+    missing = [name for name in required if name not in detections]
+    if missing or "detection" not in detections.dims:
+        raise InvalidSetting(
+            "detections",
+            value=f"without {', '.join(missing) or 'the axis detection'}",
+            expected=f"a dataset over `detection`, with {', '.join(required)}",
+            fix="pass what `detect` returns",
+        )
+    unknown = np.full(detections.sizes["detection"], np.nan)
+    return {
+        name: _to_floats(detections[name]) if name in detections else unknown
+        for name in (*required, *optional)
+    }
+
+
+def check_columns(
+    columns: Mapping[str, np.ndarray], rules: Mapping[str, tuple[np.ndarray, str]]
+) -> None:
+    """Raise `InvalidSetting` about the first column with an invalid row.
+
+    `rules` maps a column to the mask of its valid rows, (n,), and a description of valid values.
+    """
+    for name, (is_valid, expected) in rules.items():
+        if not is_valid.all():
+            n_invalid = (~is_valid).sum()
+            raise InvalidSetting(
+                f"detections.{name}",
+                value=f"{columns[name][~is_valid][0]} in {n_invalid} of {is_valid.size}",
+                expected=expected,
+                fix="leave these detections out",
+            )
+
+
+def is_frame_number(numbers: np.ndarray) -> np.ndarray:
+    """Return the mask of valid frame numbers: integers from 0."""
+    return np.asarray((numbers >= 0) & (numbers == np.floor(numbers)))
+
+
+def check_type(name: str, argument: object, expected: type[Any], *, fix: str) -> None:
+    """Raise `InvalidSetting` unless an argument is an instance of a class."""
+    if not isinstance(argument, expected):
+        raise InvalidSetting(
+            name, value=f"a {type(argument).__name__}", expected=f"a {expected.__name__}", fix=fix
+        )
+
+
+def _to_floats(column: xr.DataArray) -> np.ndarray:
+    if column.dims != ("detection",) or column.dtype.kind not in "iuf":
+        raise InvalidSetting(
+            f"detections.{column.name}",
+            value=f"{column.dtype} over {', '.join(map(str, column.dims)) or 'no axis'}",
+            expected="a number for each detection",
+            fix="pass what `detect` returns",
+        )
+    return np.asarray(column.values, dtype=float)

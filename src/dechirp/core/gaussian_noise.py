@@ -1,0 +1,159 @@
+r"""White Gaussian noise from a counter-based generator.
+
+Such a generator computes its n-th number from n alone, so any thread can draw any part of a cube,
+and compiled loops draw sixteen numbers at once. Philox4x32-10 turns a counter of 128 bits and a
+key of 64 bits into four words of 32 bits; two of them, x and y, give one pair of normal numbers
+(Box & Muller 1958)
+
+.. math:: \sqrt{-2 \ln u}\,(\cos, \sin)\,2 \pi v, \quad u = (x + (y_0 + 1/2) / 2^8) / 2^{32}
+
+with y_0 the lowest 8 bits of y, and v its other 24 bits at the middle of their steps. So u has 40
+bits: no amplitude exceeds sqrt(82 ln 2) = 7.54 standard deviations of a component, which one
+sample in 2e12 would. If u is near 1, 1 - u is computed directly, so that small amplitudes are as
+accurate as large ones.
+
+Logarithm, sine and cosine are single-precision polynomials (Moshier, Cephes) without table or
+branch, which the compiler vectorises: 2 ns per complex sample, a tenth of the time of NumPy's
+ziggurat. Amplitudes have relative errors of 3e-7, phases errors of 2e-7 rad.
+
+References
+----------
+J. K. Salmon, M. A. Moraes, R. O. Dror and D. E. Shaw, Parallel random numbers: as easy as 1, 2,
+3, SC'11. G. E. P. Box and M. E. Muller, A note on the generation of random normal deviates,
+Annals of Mathematical Statistics 29(2), 1958.
+"""
+
+import numba
+import numpy as np
+
+from dechirp.core.threads import run_in_threads
+
+BLOCK = 2**11
+"""Normal numbers of one call of `philox` and `add_gaussian_pairs`: 8 KiB, which fit into L1."""
+# Counters of a block: each gives four words, and these give four numbers.
+_COUNTERS = np.uint64(BLOCK // 4)
+# Numbers of one thread's job.
+_PIECE = 2**18
+
+_LOW, _32 = np.uint64(2**32 - 1), np.uint64(32)
+_TIMES_0, _TIMES_1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
+_PLUS_0, _PLUS_1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
+_ROUNDS = 10
+
+
+def add_white_noise(samples: np.ndarray, power_w: float, rng: np.random.Generator) -> None:
+    """Add circular Gaussian noise to each sample, in place.
+
+    Parameters
+    ----------
+    samples : array, complex or real, single or double precision
+        Contiguous, of any shape. Real samples get real noise.
+    power_w : float
+        Mean power of the noise in one sample, W.
+    rng : Generator
+        For single precision it supplies two words of 64 bits, the key and the upper half of the
+        counter; for double precision, whose noise NumPy draws, it supplies seeds.
+
+    Notes
+    -----
+    The noise does not depend on the number of threads: in double precision each piece of 2^18
+    numbers has its own generator.
+    """
+    real = np.empty(0, samples.dtype).real.dtype.type
+    std = real(np.sqrt(power_w / 2 if np.iscomplexobj(samples) else power_w))
+    parts = samples.reshape(-1, copy=False).view(real)
+    firsts = range(0, parts.size, _PIECE)
+    if real is np.float32:
+        key, upper = rng.integers(2**64, size=2, dtype=np.uint64)
+
+        def add_piece(first: int) -> None:
+            _add_noise(parts[first : first + _PIECE], np.uint64(first // 4), upper, key, std)
+    else:
+        # Drawn, not spawned, so that generators of equal state give equal noise.
+        seeds = rng.integers(2**63, size=(len(firsts), 2))
+
+        def add_piece(first: int) -> None:
+            piece = parts[first : first + _PIECE]
+            piece_rng = np.random.default_rng(seeds[first // _PIECE])
+            piece += std * piece_rng.standard_normal(piece.size, dtype=real)
+
+    run_in_threads(min(numba.get_num_threads(), len(firsts)), add_piece, firsts)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def philox(first: np.uint64, upper: np.uint64, key: np.uint64, words: np.ndarray) -> None:
+    """Fill `words` (4, n) uint32 with Philox4x32-10 words from consecutive counters, in place.
+
+    Row i holds the i-th word of each counter (Salmon et al. 2011); `first` is the lower half of
+    the first counter, `upper` the upper half of all.
+    """
+    for i in range(np.uint64(words.shape[1])):
+        counter = first + i
+        c0, c1, c2, c3 = counter & _LOW, counter >> _32, upper & _LOW, upper >> _32
+        k0, k1 = key & _LOW, key >> _32
+        for _ in range(_ROUNDS):
+            # Only the lower half of a 64-bit lane enters a product: one instruction.
+            p0, p1 = _TIMES_0 * (c0 & _LOW), _TIMES_1 * (c2 & _LOW)
+            c0, c1 = (p1 >> _32) ^ c1 ^ k0, p1 & _LOW
+            c2, c3 = (p0 >> _32) ^ c3 ^ k1, p0 & _LOW
+            k0, k1 = (k0 + _PLUS_0) & _LOW, (k1 + _PLUS_1) & _LOW
+        words[0, i], words[1, i] = c0, c1
+        words[2, i], words[3, i] = c2, c3
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def add_gaussian_pairs(numbers: np.ndarray, x: np.ndarray, y: np.ndarray, std: np.float32) -> None:
+    """Add a pair for each word of x and y, (n,) uint32, to `numbers` (2n,) float32, in place.
+
+    The squared amplitude is -2 ln u = -2 (e ln 2 + ln m), 1/sqrt 2 <= m < sqrt 2. The phase is
+    an angle within a quarter turn about an axis, from 22 bits of y, and the axis and sign from
+    the other bits.
+    """
+    one = np.float32
+    for i in range(np.uint64(x.size)):
+        low = one(np.int32(y[i] & np.uint32(255)))
+        up = one(x[i]) + (low + one(0.5)) * one(2.0**-8)
+        down = one(np.uint32(~x[i])) + (one(255.5) - low) * one(2.0**-8)
+        # Exponent and mantissa of u 2^32 from its bits; those of sqrt 1/2 are 0x3F3504F3.
+        bits = one(up).view(np.int32)
+        e = np.int32(np.int32(bits - np.int32(0x3F3504F3)) >> np.int32(23))
+        m = np.int32(bits - np.int32(e << np.int32(23))).view(np.float32)
+        z = one(-(2.0**-32)) * down if e == 32 else m - one(1)
+        exponent = one(np.int32(e - np.int32(32)))
+        log = one(1.1676998740e-1) + z * (one(-1.1514610310e-1) + z * one(7.0376836292e-2))
+        log = one(1.4249322787e-1) + z * (one(-1.2420140846e-1) + z * log)
+        log = one(2.0000714765e-1) + z * (one(-1.6668057665e-1) + z * log)
+        log = one(3.3333331174e-1) + z * (one(-2.4999993993e-1) + z * log)
+        # ln 2 in two parts: the product of the first with an integer is exact.
+        log = z * z * (z * log - one(0.5)) + exponent * one(-2.12194440e-4)
+        log = exponent * one(0.693359375) + (z + log)
+        size = std * np.sqrt(one(-2) * log)
+        turn = np.int32((y[i] >> np.uint32(8)) & np.uint32(2**22 - 1))
+        angle = (one(np.int32(turn - np.int32(2**21))) + one(0.5)) * one(np.pi * 2.0**-23)
+        q = angle * angle
+        sine = one(-1.6666654611e-1) + q * (one(8.3321608736e-3) + q * one(-1.9515295891e-4))
+        sine = angle + angle * q * sine
+        cosine = one(4.166664568e-2) + q * (one(-1.388731625e-3) + q * one(2.443315712e-5))
+        cosine = one(1) + q * (q * cosine - one(0.5))
+        is_across = y[i] & np.uint32(2**30) != 0
+        size = -size if y[i] & np.uint32(2**31) else size
+        numbers[np.uint64(2) * i] += size * (sine if is_across else cosine)
+        numbers[np.uint64(2) * i + np.uint64(1)] += size * (cosine if is_across else sine)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_noise(
+    parts: np.ndarray, first: np.uint64, upper: np.uint64, key: np.uint64, std: np.float32
+) -> None:
+    """Add noise to numbers, block by block, starting with the counter `first`."""
+    words = np.empty((4, _COUNTERS), np.uint32)
+    x, y = words[:2].reshape(-1), words[2:].reshape(-1)
+    for start in range(0, parts.size, BLOCK):
+        philox(first + np.uint64(start // 4), upper, key, words)
+        block = parts[start : start + BLOCK]
+        if block.size == BLOCK:
+            add_gaussian_pairs(block, x, y, std)
+        else:
+            full_block = np.zeros(BLOCK, np.float32)
+            add_gaussian_pairs(full_block, x, y, std)
+            block += full_block[: block.size]

@@ -1,0 +1,98 @@
+"""Detections, truth, clusters and tracks as rows of a table: in files and in notebooks."""
+
+import math
+from itertools import combinations_with_replacement
+from typing import TypeAlias
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.detection_columns import TABLE
+from dechirp.core.units import to_decibels
+
+Cell: TypeAlias = str | int | float | None
+
+COLUMNS = {
+    **{column.file_name: column.name for column in TABLE},
+    "cluster": "cluster",
+    "motion": "motion",
+    "label": "label",
+}
+"""Variable of a dataset behind each column. Datasets hold SI, radians and ratios."""
+
+_OF_CLUSTERS = {
+    **{column: name for column, name in COLUMNS.items() if name not in {"cluster", "label"}},
+    **{column.extent_name: f"{column.name}_extent" for column in TABLE if column.has_extent},
+    "n_detections": "n_detections",
+}
+
+_INTEGERS = frozenset(column.file_name for column in TABLE if column.is_integer)
+
+_STATE = {"x_m": "x", "y_m": "y", "vx_m_per_s": "vx", "vy_m_per_s": "vy"}
+_OF_TRACKS = {"track": "track", "frame": "frame", "time_s": "time", "status": "status", **_STATE}
+_PAIRS = tuple(combinations_with_replacement(_STATE.values(), 2))
+
+_OF_EGO = {
+    "frame": "frame",
+    "time_s": "time",
+    **{f"{name}_m_per_s": name for name in ("vx", "vy", "vx_std", "vy_std")},
+    "n_static": "n_static",
+}
+
+_COLUMNS = {
+    ("cluster",): _OF_CLUSTERS,
+    ("frame",): _OF_EGO,
+    ("frame", "target"): {**COLUMNS, "target": "target"},
+}
+"""Of datasets over these axes, where they have others than detections."""
+
+_AXES = ("track", "frame", "target", "detection", "cluster")
+"""Rows run along these, the last one fastest."""
+
+
+def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
+    """Return the cells of each column, None for missing estimates; truth also has `target`.
+
+    Tracks have only the rows in which they exist, and their covariance in columns such as
+    `covariance_x_vy`, in SI units.
+    """
+    dims = [name for name in _AXES if name in dataset.dims]
+    if dims == ["track", "frame"]:
+        return _track_columns(dataset)
+    wanted = _COLUMNS.get(tuple(dims), COLUMNS)
+    rows = dataset.stack(row=dims, create_index=False)
+    n_rows = rows.sizes["row"]
+    return {
+        column: _to_cells(column, rows[name].values) if name in rows.variables else [None] * n_rows
+        for column, name in wanted.items()
+    }
+
+
+def _track_columns(tracks: xr.Dataset) -> dict[str, list[Cell]]:
+    rows = tracks.stack(row=["track", "frame"], create_index=False).transpose("row", ...)
+    present = rows.isel(row=np.flatnonzero(rows["status"].values != ""))
+    covariance = present["covariance"]
+    return {
+        **{column: _to_cells(column, present[name].values) for column, name in _OF_TRACKS.items()},
+        **{
+            f"covariance_{a}_{b}": _to_cells("", covariance.sel(state=a, other_state=b).values)
+            for a, b in _PAIRS
+        },
+    }
+
+
+def dataset_to_records(dataset: xr.Dataset) -> list[dict[str, Cell]]:
+    """Return a mapping from column to cell for each row."""
+    table = dataset_to_columns(dataset)
+    return [dict(zip(table, cells, strict=True)) for cells in zip(*table.values(), strict=True)]
+
+
+def _to_cells(column: str, values: np.ndarray) -> list[Cell]:
+    if column.endswith("_db"):
+        with np.errstate(divide="ignore"):  # no signal at all is minus infinity
+            values = to_decibels(values)
+    elif column.endswith("_deg"):
+        values = np.degrees(values)
+    cells = [None if isinstance(c, float) and not math.isfinite(c) else c for c in values.tolist()]
+    # Integers are floats in datasets, beside NaN where none is known.
+    return [None if c is None else int(c) for c in cells] if column in _INTEGERS else cells

@@ -1,1 +1,0 @@
-"""What hardware does to the echoes: a family."""

@@ -1,1 +1,0 @@
-"""Compiled sums over targets and samples."""

@@ -1,0 +1,107 @@
+"""False-alarm probability of a chain, in a cell and in a whole frame."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import brentq
+
+from dechirp.processing.cfar.base import Cfar, MapNoise
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.chain import Chain
+from dechirp.processing.range_doppler_map import residual_noise
+from dechirp.processing.spectrum import Transform, independent_rows
+from dechirp.radar.radar import Radar
+from dechirp.theory.alarm_clusters import NeighbourCorrelation, local_maximum_fraction
+
+# Rows of the cell under test at which the law of an offset is computed; it is smooth between them.
+_N_SAMPLED_ROWS = 5
+_MIN_PROBABILITY = 1e-60
+# Above this number in a training window, false alarms occur in clusters: neighbouring cells share
+# training cells that are low by chance.
+_MAX_ALARMS_PER_WINDOW = 0.01
+
+
+def cell_false_alarm_probability(radar: Radar, chain: Chain) -> float:
+    """Return the probability that noise exceeds the threshold of a cell.
+
+    The design value; for an offset the exact law of independent cells or, for cell averaging, of
+    cells
+    correlated by windows and zero padding; NaN for other estimators, which have no law. The mean
+    over all ranges, since there are more training cells at the ends.
+    """
+    noise = chain.map_noise(radar)
+    if chain.cfar.false_alarm_probability is not None:
+        return chain.cfar.false_alarm_probability
+    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    return _offset_false_alarm_probability(chain.cfar, noise, rows.stop - rows.start)
+
+
+def frame_false_alarm_probability(radar: Radar, chain: Chain) -> float:
+    """Return the probability of a detection in a frame of noise.
+
+    .. math:: 1 - e^{-N p q}
+
+    over N cells, with p of a cell and q the fraction of the cells over threshold that exceed their
+    neighbours, see `theory.alarm_clusters`. NaN if mitigation correlates the cells differently, or
+    if
+    more than 0.01 false alarms are expected in a training window: they then occur in clusters, so
+    fewer frames have any.
+    """
+    noise, p = chain.map_noise(radar), cell_false_alarm_probability(radar, chain)
+    cfar = chain.cfar
+    n_in_ring = len(cfar.training_window.offsets(cfar.training_window.half_range)) * p
+    if not n_in_ring <= _MAX_ALARMS_PER_WINDOW or residual_noise(radar, chain) is not None:
+        return np.nan
+    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    n_cells = (rows.stop - rows.start) * noise.doppler_transform.n_bins
+    neighbours = NeighbourCorrelation(
+        in_range=_bin_correlations(noise.range_transform),
+        in_velocity=_bin_correlations(noise.doppler_transform),
+    )
+    q = local_maximum_fraction(p, neighbours, n_summed=noise.n_channels)
+    return float(-np.expm1(-n_cells * p * q))
+
+
+def _bin_correlations(transform: Transform) -> tuple[complex, complex]:
+    _, lag_one, lag_two = transform.noise_correlation(3)[:, 0].tolist()
+    return complex(lag_one), complex(lag_two)
+
+
+@lru_cache(maxsize=64)
+def _offset_false_alarm_probability(cfar: Cfar, noise: MapNoise, n_rows: int) -> float:
+    half_range = cfar.training_window.half_range
+    sampled_rows = np.unique(
+        np.linspace(0, half_range, min(half_range + 1, _N_SAMPLED_ROWS)).round().astype(int)
+    )
+    probabilities = [_false_alarm_probability_at_row(cfar, noise, int(row)) for row in sampled_rows]
+    rows = cfar.training_window.box_rows(n_rows)
+    log_probabilities = np.interp(
+        np.minimum(rows, 2 * half_range - rows), sampled_rows, np.log(probabilities)
+    )
+    return float(np.mean(np.exp(log_probabilities)))
+
+
+def _false_alarm_probability_at_row(cfar: Cfar, noise: MapNoise, row: int) -> float:
+    """Return the probability in a row of the training window whose factor is the offset."""
+    box, n_channels, offset = (
+        cfar.training_window.noise_box(noise, row),
+        noise.n_channels,
+        cfar.offset,
+    )
+    assert offset is not None
+    closed = cfar.estimator.independent_cells_factor(0.1, box.offsets, n_channels=n_channels)
+    if not isinstance(cfar.estimator, CellAveraging) and (not box.is_white or closed is None):
+        return np.nan
+
+    def missing(log_pfa: float) -> float:
+        factor = cfar.estimator.threshold_factor(float(np.exp(log_pfa)), box, n_channels=n_channels)
+        return float(np.log(factor.value / offset))
+
+    high, low = np.log(0.5), np.log(0.1)
+    if missing(high) > 0:
+        return np.nan
+    while missing(low) < 0:
+        high, low = low, 1.5 * low
+        if low < np.log(_MIN_PROBABILITY):
+            return np.nan
+    return float(np.exp(brentq(missing, low, high, xtol=1e-9)))

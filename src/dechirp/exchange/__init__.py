@@ -1,1 +1,0 @@
-"""Recordings for other tools: writers of files, and from one format to another."""

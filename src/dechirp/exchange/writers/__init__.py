@@ -1,1 +1,0 @@
-"""Formats that recordings are written in."""

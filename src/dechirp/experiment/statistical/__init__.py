@@ -1,1 +1,0 @@
-"""Detections drawn from what theory says of cells and estimates, without samples."""

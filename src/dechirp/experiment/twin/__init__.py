@@ -1,1 +1,0 @@
-"""A recording and its simulation side by side."""

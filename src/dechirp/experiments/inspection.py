@@ -1,0 +1,149 @@
+"""Inspection of a recording: its format, its radar, its first map, and its defects."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import xarray as xr
+
+from dechirp.core.errors import DechirpError
+from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.chain import Chain
+from dechirp.processing.quality.findings import recording_findings as judged
+from dechirp.processing.quality.measures import measure_frame
+from dechirp.processing.range_doppler_map import power_map
+from dechirp.radar.calibration import Calibration
+from dechirp.radar.devices.base import Device
+from dechirp.radar.devices.lookup import device as known_device
+from dechirp.radar.radar import Radar
+from dechirp.recordings.recognise import recognise_formats
+from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import open as open_recording
+from dechirp.recordings.settings.calibration import read_calibration
+from dechirp.recordings.settings.read import read_radar
+
+_FRAME_SETTINGS = ("radar.frame.n_chirps", "radar.frame.period")
+
+
+@frozen_dataclass
+class Inspection:
+    """Contents and findings of a recording."""
+
+    path: Path
+    formats: tuple[str, ...]
+    """Formats that match its content; a single one if that is certain."""
+    recording: Recording | None
+    """None if its format is known but it cannot be read yet; the findings list what is missing."""
+    power: xr.DataArray | None
+    """Map of the first frame, (velocity, range); None without samples."""
+    findings: tuple[Finding, ...]
+
+
+def inspect(
+    path: str | Path,
+    *,
+    radar: Radar | str | Path | None = None,
+    device: str | None = None,
+    format: str | None = None,
+    axes: Sequence[str] | str | None = None,
+    encoding: str | None = None,
+    iq: str | None = None,
+    calibration: Calibration | str | Path | None = None,
+    frames: tuple[int, int] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Inspection:
+    """Inspect a recording frame by frame, holding one frame at a time.
+
+    Parameters
+    ----------
+    path, radar, device, format, axes, encoding, iq, calibration, frames
+        As in `open`. With a device, its rules are checked as well; those of whole
+        frames only if the frame period is known.
+    progress : callable, optional
+        Called with the number of finished frames and of all frames.
+
+    Raises
+    ------
+    RecordingError
+        If the content matches no format, or given settings cannot be read. Missing settings of a
+        known format are findings.
+    InvalidFile
+        If the given settings have mistakes.
+    InvalidSetting
+        If no device of that name is known.
+    """
+    path = Path(path)
+    options = {"axes": axes, "encoding": encoding, "iq": iq}
+    kinds = recognise_formats(
+        path, format, given=[name for name, option in options.items() if option is not None]
+    )
+    # Mistakes in given names or files are errors, not findings on the recording.
+    chip = None if device is None else known_device(device)
+    if isinstance(radar, str | Path):
+        read_radar(radar, chip)
+    if isinstance(calibration, str | Path):
+        calibration = read_calibration(calibration)
+    try:
+        recording = open_recording(
+            path,
+            radar=radar,
+            device=device,
+            format=format,
+            axes=axes,
+            encoding=encoding,
+            iq=iq,
+            calibration=calibration,
+        )
+    except DechirpError as error:
+        return _unreadable_inspection(path, kinds, error)
+    if frames is not None:
+        recording = recording.select_frames(*frames)
+    power, findings = None, recording.findings
+    try:
+        if recording.sizes:
+            power, findings = _inspect_samples(recording, progress)
+    except DechirpError as error:
+        return _unreadable_inspection(path, kinds, error)
+    if chip is not None and recording.contents.radar is not None:
+        findings += _broken_device_rules(chip, recording.radar)
+    return Inspection(
+        path=path, formats=(recording.format,), recording=recording, power=power, findings=findings
+    )
+
+
+def _inspect_samples(
+    recording: Recording, progress: Callable[[int, int], None] | None
+) -> tuple[xr.DataArray, tuple[Finding, ...]]:
+    """Compute the map of the first frame, and findings on the samples of all frames."""
+    power, measures = None, []
+    for frame in recording.frames():
+        if power is None:
+            power = power_map(frame.isel(frame=0), recording.radar, Chain())
+        measures.append(measure_frame(frame, recording.radar))
+        if progress is not None:
+            progress(len(measures), recording.n_frames)
+    assert power is not None  # a recording has a frame
+    sample_findings = judged(xr.concat(measures, "frame"), recording.radar)
+    warned_settings = [
+        finding.setting for finding in recording.findings if finding.level == "warning"
+    ]
+    if "iq" in warned_settings:  # the reader has checked the sign of beat frequencies
+        sample_findings = tuple(
+            finding for finding in sample_findings if finding.setting != "recording.iq"
+        )
+    return power, recording.findings + sample_findings
+
+
+def _broken_device_rules(chip: Device, radar: Radar) -> tuple[Finding, ...]:
+    """Return the rules of a chip that the radar of a recording breaks."""
+    broken = chip.find_broken_rules(radar, demo=False)
+    if radar.frame.period_s is not None:
+        return broken
+    # Without a frame period, the chirps may have been frames of one chirp.
+    return tuple(rule for rule in broken if rule.setting not in _FRAME_SETTINGS)
+
+
+def _unreadable_inspection(path: Path, kinds: tuple[str, ...], error: DechirpError) -> Inspection:
+    """Return an inspection that lists what is missing to read the recording."""
+    missing = tuple(Finding.from_mistake(mistake, level="error") for mistake in error.mistakes)
+    return Inspection(path=path, formats=kinds, recording=None, power=None, findings=missing)

@@ -1,0 +1,453 @@
+"""Run of one experiment: simulate or read samples, and process them."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.accessor import preview_table
+from dechirp.core.detection_columns import to_dataset
+from dechirp.core.display import Displayable, Table, pluralise
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.findings import Finding, collect_findings, findings_table
+from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.link_budget import added_noise_w, link_budget
+from dechirp.experiments.object_stage import run_object_stage
+from dechirp.experiments.scenario import Scenario, check_chain, check_object_stage, setting_prefix
+from dechirp.processing import near_field
+from dechirp.processing.cfar.base import Cfar
+from dechirp.processing.chain import Chain
+from dechirp.processing.chain_findings import chain_findings
+from dechirp.processing.detect import FrameProcessor
+from dechirp.processing.frame import FrameResult
+from dechirp.processing.mitigation.apply import RemovedEcho, mitigation_findings
+from dechirp.processing.peaks import MAX_PEAKS
+from dechirp.processing.range_doppler_map import label_power, power_map, threshold_map
+from dechirp.radar.budget import BudgetLine
+from dechirp.radar.radar import Radar
+from dechirp.recordings.recording import Recording
+from dechirp.recordings.recording import open as open_recording
+from dechirp.results.object_lists.object_list import object_list
+from dechirp.scene.truth import truth
+from dechirp.simulation.simulate import simulate
+from dechirp.tracking.online import LiveTracker
+
+
+@frozen_dataclass
+class Result(Displayable):
+    """Results of one experiment."""
+
+    scenario: Scenario
+    radar: Radar
+    source: xr.DataArray | Recording
+    """The simulated cube, or the recording; of a stream the cube of its first frame."""
+    first_frame: int
+    """Number of the first processed frame, whose maps are kept."""
+    power: xr.DataArray
+    """Range-Doppler map of the first frame, (velocity, range)."""
+    threshold: xr.DataArray
+    """Threshold of each cell of that map."""
+    detections: xr.Dataset
+    ego: xr.Dataset | None = None
+    """Ego motion over frames, from the detections; None if not requested."""
+    clusters: xr.Dataset | None = None
+    """None if not requested, as for tracks."""
+    tracks: xr.Dataset | None = None
+    truth: xr.Dataset | None
+    """None for a recording."""
+    budget: tuple[BudgetLine, ...] | None
+    """Link budget of the first target; None for a recording."""
+    findings: tuple[Finding, ...]
+    timing_s: dict[str, float]
+    times_s: tuple[float, ...]
+    """Middle of each frame, from the first to the last."""
+
+    @property
+    def cube(self) -> xr.DataArray:
+        """All kept samples, (frame, chirp, rx, sample); a recording is decoded on access.
+
+        Raises
+        ------
+        NotEnoughMemory
+            If those of a recording would not fit; `frames` needs one frame at a time.
+        """
+        if isinstance(self.source, Recording):
+            return self.source.cube
+        return self.source
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames, from the first to the last."""
+        return len(self.times_s)
+
+    @property
+    def n_kept(self) -> int:
+        """Number of frames whose samples are kept: of a stream the first alone."""
+        return self.source.sizes["frame"]
+
+    def _summary(self) -> str:
+        parts = [pluralise(self.n_frames, "frame")]
+        tables = {"detection": self.detections, "cluster": self.clusters, "track": self.tracks}
+        parts += [
+            pluralise(table.sizes[name], name)
+            for name, table in tables.items()
+            if table is not None
+        ]
+        parts += [pluralise(len(self.findings), "finding")] if self.findings else []
+        return f"{self.scenario.name}: {', '.join(parts)}"
+
+    def _tables(self) -> Iterable[Table]:
+        yield findings_table(self.findings)
+        yield preview_table(self.detections, "Detections")
+        if self.tracks is not None:
+            yield preview_table(self.tracks, "Tracks")
+
+    def frames(self) -> Iterator[xr.DataArray]:
+        """Yield the kept frames as cubes of one frame each; recordings are decoded on the fly."""
+        return _iter_frames(self.source)
+
+
+def run(
+    scenario: Scenario,
+    *,
+    rng: np.random.Generator | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Result:
+    """Simulate the scene, or open the recording, and process every frame.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        As `load` reads it, or built in Python.
+    rng : Generator, optional
+        Random generator of a simulation; by default seeded with the scenario's seed.
+    progress : callable, optional
+        Called with the number of finished steps and of all: each simulated frame is one, each
+        processed frame another.
+
+    Raises
+    ------
+    DechirpError
+        If a setting is invalid, the recording cannot be read, or memory is insufficient.
+    """
+    start_s = perf_counter()
+    n_simulated = 0 if scenario.scene is None else scenario.n_frames
+    if scenario.tracker is not None:
+        with setting_prefix("tracker", instead_of="Tracker"):
+            LiveTracker(scenario.tracker)  # fails early if a library is missing
+
+    def report_simulated(n_done: int, n_steps: int) -> None:
+        if progress is not None:
+            progress(n_done, 2 * n_steps)
+
+    source, radar, findings = _load_source(scenario, report_simulated, rng)
+    source_time_s = perf_counter()
+    numbers = _frame_numbers(source)
+    processor, frames = FrameProcessor(radar, scenario.chain), FrameTotals()
+    for frame in processor.process(_iter_frames(source), first=numbers.start):
+        frames.add(frame)
+        if progress is not None:
+            progress(n_simulated + len(frames.times_s), n_simulated + len(numbers))
+    detection_run = DetectionRun(
+        first_frame=numbers.start, detections=to_dataset(processor.detections()), frames=frames
+    )
+    detection_time_s = perf_counter()
+    result = build_result(scenario, radar, source, detection_run)
+    return replace(
+        result,
+        truth=None if scenario.scene is None else _scene_truth(scenario, radar),
+        budget=None if scenario.scene is None else link_budget(scenario, radar),
+        findings=(*findings, *result.findings),
+        timing_s={
+            "simulate" if scenario.scene is not None else "open": source_time_s - start_s,
+            "process": detection_time_s - source_time_s + result.timing_s["process"],
+        },
+    )
+
+
+class FrameTotals:
+    """Totals over the frames of a run beside their detections, and the map of the first frame."""
+
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+        """Middle of each frame."""
+        self.removed: list[tuple[RemovedEcho, ...]] = []
+        """Power that mitigation removed from each frame; empty without mitigation."""
+        self.n_crowded = 0
+        """Frames with more peaks than are kept."""
+        self.first_power: tuple[np.ndarray, ...] = ()
+        """Map of the first frame, see `FrameResult.power`."""
+
+    def add(self, frame: FrameResult) -> None:
+        """Add the result of the next frame."""
+        if not self.times_s:
+            # Copied: the map may be a view of a larger array.
+            self.first_power = tuple(power.copy() for power in frame.power)
+        self.times_s.append(frame.time_s)
+        if frame.removed:
+            self.removed.append(frame.removed)
+        self.n_crowded += frame.n_dropped_peaks > 0
+
+
+@frozen_dataclass
+class DetectionRun:
+    """Detections of all frames of a run."""
+
+    first_frame: int
+    detections: xr.Dataset
+    frames: FrameTotals
+
+
+def build_result(
+    scenario: Scenario, radar: Radar, source: xr.DataArray | Recording, detection_run: DetectionRun
+) -> Result:
+    """Build the result of a run: clusters and tracks, maps of the first frame, findings."""
+    start_s = perf_counter()
+    chain, first = scenario.chain.fit_to_radar(radar), detection_run.first_frame
+    fitted = replace(scenario, chain=chain)
+    with setting_prefix("tracker", instead_of="Tracker"):
+        objects = run_object_stage(
+            detection_run.detections, detection_run.frames.times_s, fitted, radar, first_frame=first
+        )
+    power = frame_power_map(
+        detection_run.frames.first_power, next(_iter_frames(source)), first, radar, chain
+    )
+    threshold = threshold_map(power, radar.for_frame(first), chain)
+    return Result(
+        scenario=fitted,
+        radar=radar,
+        source=source,
+        first_frame=first,
+        power=power,
+        threshold=threshold,
+        detections=objects.detections,
+        ego=objects.ego,
+        clusters=objects.clusters,
+        tracks=objects.tracks,
+        truth=None,
+        budget=None,
+        findings=(
+            *run_chain_findings(scenario.chain, radar),
+            *detection_findings(detection_run, radar),
+            *objects.findings,
+        ),
+        times_s=tuple(detection_run.frames.times_s),
+        timing_s={"process": perf_counter() - start_s},
+    )
+
+
+def run_chain_findings(chain: Chain, radar: Radar) -> tuple[Finding, ...]:
+    """Return findings on the maps that a chain computes for a radar."""
+    fitted = chain.fit_to_radar(radar)
+    cells = _training_cell_findings(chain.cfar, fitted.cfar)
+    return (*cells, *_direction_findings(chain, fitted), *chain_findings(radar, fitted))
+
+
+def detection_findings(detection_run: DetectionRun, radar: Radar) -> tuple[Finding, ...]:
+    """Return findings on the detections of a run."""
+    return (
+        *near_field.near_field_findings(radar, detection_run.detections),
+        *_dropped_peak_findings(detection_run.frames.n_crowded),
+        *(
+            mitigation_findings(detection_run.frames.removed)
+            if detection_run.frames.removed
+            else ()
+        ),
+    )
+
+
+def frame_power_map(
+    power: tuple[np.ndarray, ...], cube: xr.DataArray, number: int, radar: Radar, chain: Chain
+) -> xr.DataArray:
+    """Return the labelled range-Doppler map of one frame, a cube of which is given.
+
+    `power` has the maps of its `FrameResult`. Triangles have a map of each side there; theirs is
+    the map of both sides together, computed from the samples.
+    """
+    radar = radar.for_frame(number)
+    if len(power) > 1:
+        return power_map(cube.isel(frame=0), radar, chain)
+    return label_power(power[0], radar, chain, samples_unit=str(cube.attrs.get("units")))
+
+
+def build_result_object_list(result: Result) -> xr.Dataset:
+    """Build the object list of a result: of its tracks, else of its clusters, else detections.
+
+    Warns
+    -----
+    PhysicsWarning
+        If detections have no direction, so that their positions are unknown.
+    """
+    if result.tracks is not None:
+        return object_list(result.tracks)
+    rows = result.detections if result.clusters is None else result.clusters
+    return object_list(rows, result.times_s, first=result.first_frame)
+
+
+def load_frame(scenario: Scenario, number: int = 0) -> tuple[xr.DataArray, Radar]:
+    """Return the samples of one frame, (chirp, rx, sample), and the radar at its time.
+
+    Raises
+    ------
+    InvalidSetting
+        If there is no frame of that number.
+    DechirpError
+        If a setting is invalid, the recording cannot be read, or memory is insufficient.
+    """
+    source, radar, _ = _load_source(scenario, lambda n_done, n_steps: None)
+    numbers = _frame_numbers(source)
+    if number not in numbers:
+        raise InvalidSetting(
+            "frame",
+            value=number,
+            expected=f"a frame from {numbers.start} to {numbers.stop - 1}",
+            fix="frames count from 0; n_frames says how many are simulated",
+        )
+    frames = _iter_frames(source)
+    cube = next(
+        frame_cube
+        for frame_number, frame_cube in zip(numbers, frames, strict=True)
+        if frame_number == number
+    )
+    return cube.isel(frame=0), radar.for_frame(number)
+
+
+def simulate_scenario(
+    scenario: Scenario, *, progress: Callable[[int, int], None] | None = None
+) -> tuple[xr.DataArray, xr.Dataset, tuple[Finding, ...]]:
+    """Simulate the cube of a scene as `run` does; return it with its truth and findings.
+
+    Raises
+    ------
+    DechirpError
+        If a setting is invalid, or memory is insufficient.
+    """
+    source, radar, findings = _load_source(scenario, progress or (lambda n_done, n_steps: None))
+    assert isinstance(source, xr.DataArray)  # the scenario has a scene
+    return source, _scene_truth(scenario, radar), findings
+
+
+def open_scenario_recording(scenario: Scenario) -> Recording:
+    """Open the recording of a scenario.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be read, or does not fit the scenario's settings.
+    """
+    assert scenario.recording is not None
+    source = scenario.recording
+    recording = open_recording(
+        source.path,
+        radar=scenario.radar,
+        settings=source.settings_path,
+        device=source.device,
+        format=source.format,
+        axes=source.axes,
+        encoding=source.encoding,
+        iq=source.iq,
+        calibration=source.calibration,
+        frames=source.frames,
+    )
+    recording.check_has_samples()
+    check_chain(scenario.chain, recording.radar)
+    check_object_stage(scenario, recording.radar, len(recording.frame_numbers))
+    return recording
+
+
+def _training_cell_findings(configured: Cfar, fitted: Cfar) -> tuple[Finding, ...]:
+    """Return a note if the map has no room for the default training cells."""
+    if configured == fitted:
+        return ()
+    cells = [
+        f"{getattr(fitted.n_training, axis)} training and"
+        f" {getattr(fitted.n_guard, axis)} guard cells"
+        f" along {axis}"
+        for axis in ("range", "velocity")
+    ]
+    return (
+        Finding(
+            level="note",
+            setting="chain.cfar",
+            value=f"{' and '.join(cells)}, on each side, fewer than usual",
+            expected="a training window that fits into the map",
+            fix="set chain.cfar.n_training and chain.cfar.n_guard to choose others",
+        ),
+    )
+
+
+def _direction_findings(configured: Chain, fitted: Chain) -> tuple[Finding, ...]:
+    """Return a note if directions are requested that the array cannot resolve."""
+    was_asked_for = configured.angle is not Chain.angle  # an explicit setting
+    if not (was_asked_for and configured.angle is not None and fitted.angle is None):
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting="chain.angle",
+            value=f"{configured.angle.kind()}, left out: this array resolves no directions",
+            expected="elements at two places or more",
+            fix="give the radar more elements, or set chain.angle to null",
+        ),
+    )
+
+
+def _dropped_peak_findings(n_frames: int) -> tuple[Finding, ...]:
+    """Return a warning if frames had more peaks than are kept."""
+    if not n_frames:
+        return ()
+    return (
+        Finding(
+            level="warning",
+            setting="chain.cfar",
+            value=f"more than {MAX_PEAKS} peaks over threshold in {n_frames} frames, of which the"
+            " strongest are kept",
+            expected=f"at most {MAX_PEAKS} in a frame",
+            fix="lower the false-alarm probability",
+        ),
+    )
+
+
+def _load_source(
+    scenario: Scenario,
+    simulated: Callable[[int, int], None],
+    rng: np.random.Generator | None = None,
+) -> tuple[xr.DataArray | Recording, Radar, tuple[Finding, ...]]:
+    """Return the simulated cube or the recording, its radar, and findings."""
+    if scenario.scene is not None:
+        assert scenario.radar is not None
+        with collect_findings() as findings:
+            cube = simulate(
+                scenario.scene,
+                scenario.radar,
+                impairments=scenario.impairments,
+                n_frames=scenario.n_frames,
+                seed=scenario.seed if rng is None else rng,
+                engine=scenario.engine,
+                progress=simulated,
+            )
+        return cube, scenario.radar, tuple(findings)
+    recording = open_scenario_recording(scenario)
+    return recording, recording.radar, recording.findings
+
+
+def _frame_numbers(source: xr.DataArray | Recording) -> range:
+    """Return the numbers of the processed frames."""
+    return source.frame_numbers if isinstance(source, Recording) else range(source.sizes["frame"])
+
+
+def _iter_frames(source: xr.DataArray | Recording) -> Iterator[xr.DataArray]:
+    if isinstance(source, Recording):
+        yield from source.frames()
+    else:
+        for index in range(source.sizes["frame"]):
+            yield source.isel(frame=slice(index, index + 1))
+
+
+def _scene_truth(scenario: Scenario, radar: Radar) -> xr.Dataset:
+    """Compute the truth of the scene, with signal-to-noise ratios against the added noise."""
+    assert scenario.scene is not None
+    noise_w = added_noise_w(scenario, radar)
+    return truth(scenario.scene, radar, n_frames=scenario.n_frames, noise_power_w=noise_w)

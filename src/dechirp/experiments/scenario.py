@@ -1,0 +1,242 @@
+"""Scenario: all settings of one experiment, as its settings file contains them."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from dechirp.config import loading
+from dechirp.config.validation import Readers
+from dechirp.core.checks import check_count, check_instances
+from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
+from dechirp.core.findings import PhysicsWarning
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.angle.fft import Fft
+from dechirp.processing.chain import Chain, n_searched_rows
+from dechirp.processing.direction_finding import direction_aperture
+from dechirp.radar.calibration import Calibration
+from dechirp.radar.radar import Radar
+from dechirp.recordings.settings.calibration import read_calibration
+from dechirp.recordings.settings.read import holds_settings, read_radar
+from dechirp.scene.scene import Scene
+from dechirp.scene.truth import truth
+from dechirp.scene.validity import check_scene
+from dechirp.simulation.engine import Engine
+from dechirp.simulation.impairments.base import Impairment
+from dechirp.simulation.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.stages import sort_into_stages
+from dechirp.tracking.ego import EgoMotion
+from dechirp.tracking.tracker import Tracker
+
+READERS: Readers = {Radar: read_radar, Calibration: read_calibration}
+"""Readers of values that a scenario may give as the name of a file."""
+
+
+@frozen_dataclass
+class RecordingSource:
+    """Recording of a scenario, and metadata missing in its file."""
+
+    path: str
+    device: str | None = None
+    """Chip or board of the radar, such as xwr1843; it determines the antenna positions."""
+    format: str | None = None
+    """Name of its format; None: recognised by its content."""
+    axes: tuple[str, ...] | None = None
+    """Names of its axes in order: frame, chirp, tx, rx, element, sample, iq."""
+    encoding: str | None = None
+    """Encoding of its numbers, such as uint16-wrapped."""
+    iq: Literal["iq", "qi"] | None = None
+    """Whether the in-phase part comes first."""
+    settings_path: str | None = None
+    """File with the radar settings and the sample layout: YAML, or the vendor's own; None: the
+    recording itself, or its sidecar. With a radar in the scenario, the layout alone."""
+    calibration: Calibration | None = None
+    """Replaces the calibration of the radar's array; in files also the name of its file."""
+    frames: tuple[int, int] | None = None
+    """First frame, and the one after the last; None: all."""
+
+    def __post_init__(self) -> None:
+        if self.frames is not None and not 0 <= self.frames[0] < self.frames[1]:
+            raise InvalidSetting(
+                "RecordingSource.frames",
+                value=f"{self.frames[0]} to {self.frames[1]}",
+                expected="the first frame, counted from 0, and a later one to stop before",
+                fix="give 0 and 10 for the first ten frames",
+            )
+
+
+@frozen_dataclass
+class Scenario:
+    """One experiment on a simulated scene, or on a recording."""
+
+    name: str = "scenario"
+    seed: int = 0
+    n_frames: int = 1
+    """Frames to simulate."""
+    radar: Radar | None = None
+    """In files also the name of a settings file. Optional if the recording, or a
+    file beside it, contains it."""
+    scene: Scene | None = None
+    recording: RecordingSource | None = None
+    """Replaces a scene."""
+    engine: Engine = Engine()
+    """Method that sums the echoes of a scene."""
+    impairments: tuple[Impairment, ...] = (ThermalNoise(),)
+    """Hardware and propagation effects on simulated echoes, in this order."""
+    chain: Chain = Chain()
+    ego_motion: EgoMotion | None = None
+    """Estimates the ego motion and excludes static detections from tracking; None: off."""
+    tracker: Tracker | None = None
+    """Tracks detections, or clusters if there are any; None: off."""
+
+    def __post_init__(self) -> None:
+        fix = "Write [ThermalNoise()], with both brackets, even for one alone."
+        impairments = check_instances("Scenario.impairments", self.impairments, Impairment, fix=fix)
+        object.__setattr__(self, "impairments", impairments)
+        check_count(self, "seed", at_least=0, at_most=2**63 - 1)
+        check_count(self, "n_frames", at_most=1_000_000)
+        if (self.scene is None) == (self.recording is None):
+            raise InvalidSetting(
+                "Scenario.scene",
+                value="absent, and no recording either"
+                if self.scene is None
+                else "beside a recording",
+                expected="a scene to simulate, or a recording: one of the two",
+                fix="take one out, or give one",
+            )
+        if self.scene is not None and self.radar is None:
+            raise InvalidSetting(
+                "Scenario.radar",
+                value="absent",
+                expected="given, to simulate a scene",
+                fix="describe it, or name a file that does",
+            )
+        if self.scene is not None and self.radar is not None:
+            self._check_scene(self.scene, self.radar)
+        for name, kind in (("ego_motion", EgoMotion), ("tracker", Tracker)):
+            if not isinstance(getattr(self, name), kind | None):
+                raise InvalidSetting(
+                    f"Scenario.{name}",
+                    value=getattr(self, name),
+                    expected=f"settings of the kind {kind.__name__}, or none",
+                    fix=f"give {kind.__name__}(), or leave it out",
+                )
+        if self.radar is not None:
+            check_chain(self.chain, self.radar)
+            check_object_stage(self, self.radar, None if self.scene is None else self.n_frames)
+
+    def _check_scene(self, scene: Scene, radar: Radar) -> None:
+        with setting_prefix("radar.hardware", instead_of="Radar.hardware"):
+            radar.require_hardware()
+        check_scene(scene, radar, n_frames=self.n_frames)
+        truth(scene, radar)  # raises for a body whose origin is the radar
+        kinds = [impairment.kind() for impairment in self.impairments]
+        for index, impairment in enumerate(self.impairments):
+            label = kinds[index] if kinds.count(kinds[index]) == 1 else str(index)
+            with setting_prefix(f"impairments.{label}."), warnings.catch_warnings():
+                warnings.simplefilter("ignore", PhysicsWarning)  # reported by the run
+                for stage in sort_into_stages([impairment], radar).impairments:
+                    stage.check(scene, radar)
+
+
+def check_chain(chain: Chain, radar: Radar) -> None:
+    """Raise `InvalidSetting`, with the path of the setting, unless the chain fits the radar.
+
+    Transforms need a bin for each sample and chirp, explicit training windows must fit into the
+    map, and a direction estimator needs a suitable array.
+    """
+    for method in chain.mitigation:
+        path = f"chain.mitigation.{method.kind()}"
+        with (
+            setting_prefix("radar.frame", instead_of="Frame"),
+            setting_prefix(path, instead_of=type(method).__name__),
+        ):
+            method.check_frame(radar.frame)
+    with setting_prefix("chain.n_range_bins", instead_of="Transform.n_bins"):
+        over_range = chain.range_transform(radar.frame.chirp)
+    with setting_prefix("chain.n_velocity_bins", instead_of="Transform.n_bins"):
+        over_velocity = chain.doppler_transform(radar.frame)
+    n_rows = n_searched_rows(radar.frame.chirp, over_range)
+    with setting_prefix("chain.cfar", instead_of="Cfar"):
+        chain.cfar.fit_to_map(over_velocity.n_bins, n_rows).training_window.check_map_size(
+            over_velocity.n_bins, n_rows
+        )
+    angle = chain.fit_to_radar(radar).angle
+    if angle is not None:
+        aperture = direction_aperture(radar, chain.field_of_view)
+        if angle != Fft():  # accepts any array; others are tested with a zero snapshot
+            snapshots = np.zeros((1, 1, aperture.n_elements), complex)
+            with (
+                setting_prefix("chain", instead_of="Chain"),
+                setting_prefix("chain.angle", instead_of=type(angle).__name__),
+            ):
+                angle.find_directions(snapshots, aperture, np.zeros(1))
+
+
+def check_object_stage(scenario: Scenario, radar: Radar, n_frames: int | None) -> None:
+    """Raise `InvalidSetting` if tracks or ego motion are requested but impossible.
+
+    They need azimuths, and tracks enough frames for confirmation; `n_frames` is None while unknown.
+    """
+    if scenario.tracker is not None and n_frames is not None:
+        with setting_prefix("tracker", instead_of="Tracker"):
+            scenario.tracker.check_confirmable_within(n_frames)
+    if scenario.chain.fit_to_radar(radar).angle is not None:
+        return
+    for name in ("ego_motion", "tracker"):
+        if getattr(scenario, name) is not None:
+            raise InvalidSetting(
+                name,
+                value="enabled for detections without directions",
+                expected="an array that tells azimuth, and a direction estimator",
+                fix=f"set chain.angle and give the radar more elements, or set {name} to null",
+            )
+
+
+@contextmanager
+def setting_prefix(path: str, *, instead_of: str = "") -> Iterator[None]:
+    """Prefix the settings of errors in the block with their path in the scenario."""
+    try:
+        yield
+    except InvalidSetting as error:
+        (mistake,) = error.mistakes
+        if not mistake.setting.startswith(instead_of):
+            raise
+        path += mistake.setting.removeprefix(instead_of)
+        raise InvalidSetting(
+            path, value=mistake.value, expected=mistake.expected, fix=mistake.fix
+        ) from None
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """Load a scenario from a YAML file; `PATH=VALUE` texts override its settings.
+
+    Raises
+    ------
+    InvalidFile
+        With every mistake of the file at once, each with its line and column.
+    """
+    path = Path(path)
+    vendors = path.suffix.lower() not in (".yaml", ".yml")
+    if vendors and (path.suffix.lower() == ".cfg" or holds_settings(path)):
+        raise InvalidFile(
+            Mistake(
+                setting="the file",
+                value="settings of a radar, as its vendor writes them",
+                expected="a scenario: YAML",
+                fix="open a recording with it: dechirp.open(RECORDING, radar=FILE); or write a"
+                " scenario with radar: FILE",
+                file=str(path),
+            )
+        )
+    return loading.read_settings(path, Scenario, overrides=overrides, readers=READERS)
+
+
+def reference(overrides: Sequence[str] = ()) -> Scenario:
+    """Load the reference scenario: a car at 50 m, receding at 10 m/s, in front of 77 GHz."""
+    with resources.as_file(resources.files("dechirp.experiments") / "reference.yaml") as path:
+        return load(path, overrides)

@@ -1,0 +1,1 @@
+"""Statistical sensor: draws detections from theory, without samples."""

@@ -1,0 +1,161 @@
+r"""Statistics of one axis of a map near a tone: cell amplitudes and noise covariances.
+
+All that a detection needs of the samples are sums :math:`\sum_n f_n y_n` with few weights f: for
+each cell beside the tone those of the window, shifted to the cell; and without a window, shifted to
+the tone, :math:`1`, :math:`p = n - (N - 1) / 2` and :math:`p^2`, from which the
+maximum-likelihood frequency follows. White noise makes them jointly Gaussian, with the covariance
+of their weights. Over two axes weights multiply, and so do covariances: so noise in all cells about
+a tone, and in its estimates, is a few white numbers times the Cholesky factor of each axis.
+
+References
+----------
+D. C. Rife and R. R. Boorstyn, Single-tone parameter estimation from discrete-time observations,
+IEEE Trans. Information Theory 20(5), 1974, for the estimate.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from dechirp.processing.spectrum import Transform
+
+N_SUMS = 3
+"""Number of sums without a window: of 1, p and p^2."""
+N_OFFSETS = 32
+"""Number of tabulated offsets from one cell to the next."""
+POINTS_PER_BIN = 32
+"""Points of a lobe per bin of the transform, and of its moments per unpadded bin."""
+REFINEMENT_BINS = 1.5
+"""Unpadded bins within which refinement separates no tones, see `processing.refine`."""
+_ENERGY_POINTS_PER_BIN = 8
+# Unpadded bins beyond which a lobe is neglected: 2 % of the power of a rectangular window.
+_LOBE_REACH_BINS = 16
+_JITTER = 1e-9  # a rectangular window on a bin equals the tone: the covariance is singular
+
+
+class AxisStatistics(NamedTuple):
+    """Tables of one axis; distances in bins of the transform, except for the moments."""
+
+    half_width: int
+    """Number of cells on each side of a tone's own cell in which its peak may be."""
+    n_bins: int
+    unpadded_per_bin: float
+    """Unpadded bins per bin."""
+    noise_bandwidth: float
+    """Noise bandwidth of the window, in unpadded bins."""
+    rms_index: float
+    """Root mean square of p: sqrt((N^2 - 1) / 12), 1 for one point."""
+    lobe: np.ndarray
+    """Complex amplitude in a cell of a tone at an offset from -reach to reach; 1 at offset 0."""
+    reach: float
+    moments: np.ndarray
+    """(3, n): means of 1, p / i spread and (p / spread)^2 over a tone at an offset of
+    -REFINEMENT_BINS to REFINEMENT_BINS unpadded bins."""
+    factors: np.ndarray
+    """(N_OFFSETS + 1, N_SUMS + n_cells, the same), complex: Cholesky factors of the covariance of
+    the sums without a window, of 1, p and p^2, and of the cells, for offsets -1/2 to 1/2."""
+    centre_covariance: np.ndarray
+    """(N_SUMS + n_cells,), complex: covariance of each with the centre cell, for a tone in it."""
+
+    def lobe_energy(self, half: int) -> "LobeEnergy":
+        """Tabulate the share of a tone's power in 2 half + 1 cells at an offset."""
+        offsets = (
+            np.arange(-_half_span(half, self), _half_span(half, self) + 1) / _ENERGY_POINTS_PER_BIN
+        )
+        cells = np.arange(-half, half + 1)
+        return LobeEnergy(
+            np.array([np.sum(self._lobe_power(offset - cells)) for offset in offsets]), offsets[-1]
+        )
+
+    def _lobe_power(self, offset: np.ndarray) -> np.ndarray:
+        offset = (offset + self.n_bins / 2) % self.n_bins - self.n_bins / 2
+        grid = np.linspace(-self.reach, self.reach, self.lobe.size)
+        return np.asarray(np.interp(abs(offset), grid, abs(self.lobe) ** 2, right=0.0))
+
+
+class LobeEnergy(NamedTuple):
+    """Sums of a lobe's power over cells, at steps of 1 / 8 bin from -reach to reach."""
+
+    table: np.ndarray
+    reach: float
+
+
+def _half_span(half: int, axis: AxisStatistics) -> int:
+    far = min(half + _LOBE_REACH_BINS / axis.unpadded_per_bin, axis.n_bins / 2)
+    return int(far * _ENERGY_POINTS_PER_BIN)
+
+
+@lru_cache(maxsize=32)
+def axis_statistics(transform: Transform) -> AxisStatistics:
+    """Compute the tables of a transform."""
+    n, n_bins, weights = transform.n_points, transform.n_bins, transform.weights
+    half = min(-(-n_bins // n), (n_bins - 1) // 2)
+    p = np.arange(n) - (n - 1) / 2
+    spread = np.sqrt((n**2 - 1) / 12) if n > 1 else 1.0
+    reach = min(_LOBE_REACH_BINS * n_bins / n, n_bins / 2)
+    offsets = np.linspace(-reach, reach, 2 * int(np.ceil(reach * POINTS_PER_BIN)) + 1)
+    lobe = np.exp(2j * np.pi / n_bins * np.outer(offsets, p)) @ weights / weights.sum()
+    moment_offsets = np.linspace(
+        -REFINEMENT_BINS, REFINEMENT_BINS, 2 * int(REFINEMENT_BINS * POINTS_PER_BIN) + 1
+    )
+    phases = 2 * np.pi / n * np.outer(moment_offsets, p)
+    moments = [np.cos(phases), p / spread * np.sin(phases), (p / spread) ** 2 * np.cos(phases)]
+    cells = np.arange(-half, half + 1)
+    cell_weights = weights * np.exp(-2j * np.pi / n_bins * np.outer(cells, p))
+    cell_weights /= np.sqrt(np.sum(weights**2))
+    factors = []
+    for offset in np.linspace(-0.5, 0.5, N_OFFSETS + 1):
+        sums = _sum_weights(offset, p, spread, n_bins, cell_weights)
+        gram = sums @ sums.conj().T
+        factors.append(np.linalg.cholesky(gram + _JITTER * np.eye(len(gram))))
+    centre_weights = _sum_weights(0.0, p, spread, n_bins, cell_weights)
+    return AxisStatistics(
+        half_width=half,
+        n_bins=n_bins,
+        unpadded_per_bin=n / n_bins,
+        noise_bandwidth=transform.noise_bandwidth_bins,
+        rms_index=float(spread),
+        lobe=lobe,
+        reach=float(reach),
+        moments=np.mean(moments, axis=2),
+        factors=np.array(factors),
+        centre_covariance=centre_weights @ cell_weights[half].conj(),
+    )
+
+
+def _sum_weights(
+    offset: float, p: np.ndarray, spread: float, n_bins: int, cell_weights: np.ndarray
+) -> np.ndarray:
+    tone = np.exp(-2j * np.pi / n_bins * offset * p) / np.sqrt(p.size)
+    return np.array([tone, p / spread * tone, (p / spread) ** 2 * tone, *cell_weights])
+
+
+def drift_gain(weights: np.ndarray, spread_bins: np.ndarray) -> np.ndarray:
+    """Return the amplitude gain of a tone whose frequency drifts by bins over the frame."""
+    positions = (np.arange(weights.size) - (weights.size - 1) / 2) / weights.size
+    max_drift = 64.0
+    drifts = max_drift * np.linspace(0, 1, 257) ** 2
+    gains = abs(np.exp(1j * np.pi * np.outer(drifts, positions**2)) @ weights) / weights.sum()
+    drift = abs(np.asarray(spread_bins))
+    beyond = np.sqrt(max_drift / np.maximum(drift, max_drift))
+    return np.interp(drift, drifts, gains) * beyond
+
+
+def range_walk_gain(
+    over_velocity: np.ndarray, over_range: np.ndarray, cells: np.ndarray
+) -> np.ndarray:
+    """Return the amplitude gain in the cell of a target that moves through cells in a frame."""
+    slow, fast = (
+        (np.arange(weights.size) - (weights.size - 1) / 2) / weights.size
+        for weights in (over_velocity, over_range)
+    )
+    max_walk = 64.0
+    walks = max_walk * np.linspace(0, 1, 129) ** 2
+    weight = over_velocity / over_velocity.sum(), over_range / over_range.sum()
+    gains = [
+        abs(weight[0] @ np.exp(2j * np.pi * walk * np.outer(slow, fast)) @ weight[1])
+        for walk in walks
+    ]
+    walk = abs(np.asarray(cells))
+    return np.interp(walk, walks, gains) * max_walk / np.maximum(walk, max_walk)

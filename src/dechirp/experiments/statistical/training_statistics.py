@@ -1,0 +1,84 @@
+"""Joint statistics of the CFAR estimate and the measured noise in training windows.
+
+A detector compares a cell with a factor times its estimator's statistic, and the reported ratio
+rests on the median of the window's corners. Both are drawn together from boxes of noise with
+the covariance of the transforms: no estimator needs a formula of its law. As the guard
+cells separate the window from the cell under test, both are assumed independent of the cell.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from dechirp.processing.cfar.base import Cfar, MapNoise
+
+# Complex numbers for all draws: one second. 4,000 draws determine the mean of a level with a
+# standard deviation of 6 % to 0.1 %, 0.004 dB.
+_NUMBERS = 2.5e7
+_MIN_DRAWS, _MAX_DRAWS = 400, 4000
+_NUMBERS_PER_STEP = 2**21
+# Power added to the cells of a lobe to measure the sensitivity of an estimator.
+_PROBE_POWER = 10.0
+
+
+class TrainingStatistics(NamedTuple):
+    """Draws in noise of mean 1."""
+
+    statistic: np.ndarray
+    """(n_draws,), statistic of the estimator."""
+    corners: np.ndarray
+    """(n_draws,): the noise as measured for the ratio, in the same windows."""
+    sensitivity: float
+    """Increase of the statistic by power in few cells of the window, relative to its mean: 1 for
+    cell averaging, 0 for an ordered statistic."""
+
+
+@lru_cache(maxsize=16)
+def training_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStatistics:
+    """Draw statistic and measured noise jointly, from a fixed seed."""
+    ring, n_channels = cfar.training_window, noise.n_channels
+    offsets = ring.offsets(ring.half_range)
+    n_rows, n_columns = 2 * ring.half_range + 1, 2 * ring.half_velocity + 1
+    over_range = _matrix_root(noise.range_transform.noise_correlation(n_rows))
+    over_velocity = _matrix_root(noise.doppler_transform.noise_correlation(n_columns))
+    cell_index = (offsets[:, 0] + ring.half_velocity, offsets[:, 1] + ring.half_range)
+    guard = ring.n_guard
+    # As `processing.estimates.local_noise` has it: a one-dimensional window has no corners.
+    is_corner = np.ones(len(offsets), bool)
+    for dimension, guarded, half in (
+        (0, guard.velocity, ring.half_velocity),
+        (1, guard.range, ring.half_range),
+    ):
+        if half > guarded:
+            is_corner &= abs(offsets[:, dimension]) > guarded
+    median = gammaincinv(n_channels, 0.5) / n_channels
+    n_draws = int(np.clip(_NUMBERS / (n_rows * n_columns * n_channels), _MIN_DRAWS, _MAX_DRAWS))
+    step = max(_NUMBERS_PER_STEP // (n_rows * n_columns * n_channels), 1)
+    rng = np.random.default_rng(1)
+    statistic, corners = np.empty(n_draws), np.empty(n_draws)
+    for first in range(0, n_draws, step):
+        rows = slice(first, min(first + step, n_draws))
+        shape = rows.stop - rows.start, n_channels, n_columns, 2 * n_rows
+        white = rng.standard_normal(shape, np.float32).view(np.complex64)
+        amplitudes = over_velocity @ white @ over_range.T * np.float32(np.sqrt(0.5))
+        cells = np.mean(abs(amplitudes) ** 2, axis=1)[:, cell_index[0], cell_index[1]]
+        statistic[rows] = cfar.estimator.statistic(cells, offsets)
+        corners[rows] = np.median(cells[:, is_corner], axis=1) / median
+    return TrainingStatistics(statistic, corners, _sensitivity(cfar))
+
+
+def _matrix_root(covariance: np.ndarray) -> np.ndarray:
+    """Compute the root of a Hermitian matrix that padding may leave singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0))).astype(np.complex64))
+
+
+def _sensitivity(cfar: Cfar) -> float:
+    offsets = cfar.training_window.offsets(cfar.training_window.half_range)
+    cells = np.ones(len(offsets))
+    near = np.argsort(np.max(abs(offsets - offsets[0]), axis=1), kind="stable")[:9]
+    cells[near] += _PROBE_POWER
+    raised = float(cfar.estimator.statistic(cells, offsets)) - 1.0
+    return raised / (_PROBE_POWER * near.size / cells.size)

@@ -1,0 +1,544 @@
+"""Parser of study files, which reports all mistakes at once.
+
+`scenario` is the path of a scenario file, relative to the study file, or the scenario itself;
+`vary_values.py` describes the values of varied settings. `--set PATH=VALUE` applies to the scenario
+unless the path begins with a setting of the study. For a varied path, the study keeps that one
+value: a label of the axis, or any value.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from dechirp.config import loading
+from dechirp.config.dumping import dump_line
+from dechirp.config.error_messages import SettingNode, explain_refusal
+from dechirp.config.fields import Slot, list_settings
+from dechirp.config.loading import build_value, read_text, sort_mistakes, validate_node
+from dechirp.config.overrides import apply_override, parse_override
+from dechirp.config.quoting import quote_text
+from dechirp.config.setting_paths import SettingPath
+from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
+from dechirp.config.validation import ValidationContext
+from dechirp.config.yaml_tree import Location, YamlNode, find_duplicate_keys, join_path, parse_yaml
+from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
+from dechirp.evaluation.score.base import Score
+from dechirp.experiments.scenario import READERS, Scenario
+from dechirp.experiments.study.dumping import score_unit
+from dechirp.experiments.study.study import (
+    RandomSetting,
+    Requirement,
+    Study,
+    SweptSetting,
+    TrialBudget,
+    points_mistake,
+)
+from dechirp.experiments.study.variants import ABSOLUTE_CONTEXT, Variants, check_disjoint
+from dechirp.experiments.study.vary_values import parse_axis
+
+_PLAIN_SETTINGS = (
+    "name",
+    "seed",
+    "draw",
+    "confidence",
+    "stop_after_failures",
+    "sensor",
+    "at_most_points",
+    "at_most_trials",
+    "keep",
+    "at_most_bytes",
+)
+_MAX_MISTAKES = 10  # invalid values of one setting before the rest is skipped
+
+
+def load_study(path: str | Path, overrides: Iterable[str] = (), seed: int | None = None) -> Study:
+    """Load a study from a YAML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; paths in it are relative to its folder, those in a scenario file to that one's.
+    overrides : iterable of str
+        PATH=VALUE, as after `--set`: of the scenario, except for paths that begin with a setting of
+        the study other than `name` and `seed`; `vary.PATH=VALUE` varies another setting, or
+        replaces its values. A varied path takes this one value or label, and requirements at other
+        values are dropped.
+    seed : int, optional
+        Replaces the seed of the study.
+
+    Raises
+    ------
+    InvalidFile
+        With every mistake of the file, of the scenario and of the options at once. Each value of
+        a list is tried on the scenario alone, some of a long range, and the ends of distributions.
+    """
+    path = Path(path)
+    file = _StudyParser(
+        str(path), ValidationContext(folder=path.absolute().parent, readers=READERS)
+    )
+    file.open_text(read_text(path), overrides)
+    file.read_plain_settings()
+    file.read_scenario()
+    file.read_vary()
+    file.read_scores()
+    return file.build_study(seed)
+
+
+@dataclass
+class _StudyParser:
+    """Values and mistakes of a study file, read part by part."""
+
+    name: str
+    context: ValidationContext
+    tree: YamlNode = field(init=False)
+    mistakes: list[Mistake] = field(default_factory=list)
+    values: dict[str, Any] = field(default_factory=dict)
+    scenario_options: list[str] = field(default_factory=list)
+    axis_options: dict[str, YamlNode] = field(default_factory=dict)
+    resolved_paths: dict[str, SettingPath] = field(default_factory=dict)
+
+    @property
+    def content(self) -> Mapping[str, YamlNode]:
+        assert isinstance(self.tree.content, dict)
+        return self.tree.content
+
+    def open_text(self, text: str, overrides: Iterable[str]) -> None:
+        """Parse the text, and apply the options."""
+        self.tree = parse_yaml(text, self.name)
+        names = list_settings(Study)
+        if not isinstance(self.tree.content, dict):
+            raise InvalidFile(
+                self.tree.location.create_mistake(
+                    "the file",
+                    value=self.tree.description if self.tree.content is not None else "empty",
+                    expected=f"a mapping of {', '.join(names)}",
+                    fix="write scenario, vary and scores, each on a line of its own",
+                )
+            )
+        self.mistakes += find_duplicate_keys(self.tree)
+        for option in overrides:
+            with self.collect_mistakes():
+                self._apply_option(option)
+        for name, node in self.content.items():
+            if name not in names:
+                self.mistakes.append(
+                    node.name_location.create_mistake(
+                        join_path("", name),
+                        value="not a known name",
+                        expected=f"one of {', '.join(names)}",
+                        fix=did_you_mean(name, names, CHOOSE_OR_OMIT),
+                    )
+                )
+        for name, what in (
+            ("scenario", "the path of a scenario file, or the scenario itself"),
+            ("scores", "a list of scores"),
+        ):
+            if name not in self.content:
+                self.mistakes.append(
+                    self.tree.location.create_mistake(
+                        name, value="missing", expected=f"given: {what}", fix=f"add {name}"
+                    )
+                )
+
+    def _apply_option(self, option: str) -> None:
+        path, node = parse_override(option)
+        first, _, rest = path.partition(".")
+        vary = self.content.get("vary")
+        varied = vary.content if vary is not None and isinstance(vary.content, dict) else {}
+        if path in varied:
+            self.axis_options[path] = node
+        elif first == "vary" and rest:
+            place = vary.location if vary is not None else node.location
+            whole = YamlNode({**varied, rest: node}, place, place)
+            self.tree = replace(self.tree, content={**self.content, "vary": whole})
+        elif first == "scenario" and rest:
+            self.scenario_options.append(option.partition(".")[2])
+        elif first in list_settings(Study) and first not in ("name", "seed"):
+            spot = SettingNode("", self.tree, Slot(Study))
+            self.tree = apply_override(spot, option, self.context)
+        else:
+            self.scenario_options.append(option)
+
+    def read_plain_settings(self) -> None:
+        """Read the settings that need no other."""
+        for name in _PLAIN_SETTINGS:
+            if name in self.content:
+                spot = SettingNode(name, self.content[name], list_settings(Study)[name].slot)
+                with self.collect_mistakes():
+                    self.values[name] = validate_node(spot, self.context)
+
+    def read_scenario(self) -> None:
+        """Read the scenario, with the options that apply to it."""
+        node = self.content.get("scenario")
+        if node is None:
+            return
+        expected = "the path of a scenario file, or the scenario itself"
+        with self.collect_mistakes():
+            if isinstance(node.content, str):
+                path = self.context.folder / node.content
+                if not path.is_file():
+                    raise _invalid_file(
+                        node.location,
+                        "scenario",
+                        f"{node.description}, which is no file",
+                        expected,
+                        f"Paths start from {self.context.folder}.",
+                    )
+                scenario = loading.read_settings(
+                    path, Scenario, overrides=self.scenario_options, readers=READERS
+                )
+            elif isinstance(node.content, dict):
+                scenario = build_value(
+                    node, Scenario, self.context, overrides=self.scenario_options
+                )
+            else:
+                raise _invalid_file(
+                    node.location,
+                    "scenario",
+                    node.description,
+                    expected,
+                    "Write scenario: scenario.yaml.",
+                )
+            if scenario.scene is None:
+                raise _invalid_file(
+                    node.name_location,
+                    "scenario",
+                    "of a recording",
+                    "of a scene that can be simulated again and again",
+                    "Give a scene; dechirp tune takes recordings.",
+                )
+            self.values["scenario"] = scenario
+
+    def read_vary(self) -> None:
+        """Read the varied settings, and try them on the scenario."""
+        node = self.content.get("vary")
+        if node is None or node.content is None:
+            self.values["vary"] = ()
+            return
+        if "scenario" not in self.values:
+            return
+        if not isinstance(node.content, dict):
+            self.mistakes.append(
+                node.location.create_mistake(
+                    "vary",
+                    value=node.description,
+                    expected="a mapping of paths, as scene.targets.car.rcs, and their values",
+                    fix="write PATH: [VALUE, VALUE]",
+                )
+            )
+            return
+        variants = Variants(self.values["scenario"])
+        at_most = self.values.get("at_most_points", Study.at_most_points)
+        axes: list[SweptSetting | RandomSetting] = []
+        for path, child in node.content.items():
+            with self.collect_mistakes():
+                axes.append(self._parse_axis(path, child, variants, at_most))
+        for option in self.scenario_options:
+            self._check_option(option, variants)
+        if len(axes) == len(node.content):
+            self.values["vary"] = tuple(axes)
+
+    def _parse_axis(
+        self, path: str, node: YamlNode, variants: Variants, at_most: int
+    ) -> SweptSetting | RandomSetting:
+        if path == "seed":
+            raise _invalid_file(
+                node.name_location,
+                "vary.seed",
+                "varied",
+                "left out: a trial's chance is that of the study's seed and its number",
+                "Set more trials, or the seed of the study.",
+            )
+        try:
+            way = variants.resolve_path(path)
+            check_disjoint([*self.resolved_paths.values(), way])
+        except InvalidSetting as error:
+            (mistake,) = error.mistakes
+            setting = f"vary.{mistake.setting.removeprefix('vary.')}"
+            raise _invalid_file(
+                node.name_location, setting, mistake.value, mistake.expected, mistake.fix
+            ) from None
+        self.resolved_paths[path] = way
+        axis, probes = parse_axis(path, node, way.leaf_slot, self.context, at_most=at_most)
+        if path in self.axis_options:
+            override_node = self._override_value(axis, self.axis_options[path])
+            listed = YamlNode([override_node], override_node.location, override_node.location)
+            axis, probes = parse_axis(path, listed, way.leaf_slot, self.context, at_most=at_most)
+        wrong: list[Mistake] = []
+        for value in probes:
+            if len(wrong) < _MAX_MISTAKES:
+                wrong += _probe_mistakes(variants, path, value)
+        if wrong:
+            raise InvalidFile(*wrong)
+        return axis
+
+    def _override_value(self, axis: SweptSetting | RandomSetting, node: YamlNode) -> YamlNode:
+        """Return the value of an option: the one that its label stands for, or itself."""
+        if isinstance(axis, SweptSetting) and node.text in axis.labels:
+            text = axis.texts[axis.labels.index(node.text)]
+            return replace(
+                parse_yaml(text, "--set"), location=node.location, name_location=node.location
+            )
+        return node
+
+    def _check_option(self, option: str, variants: Variants) -> None:
+        """Record a mistake for an option that a varied setting would override."""
+        path, _ = parse_override(option)
+        try:
+            way = variants.resolve_path(path)
+        except InvalidSetting:
+            return
+        for other in self.resolved_paths.values():
+            if way.overlaps(other):
+                self.mistakes.append(
+                    Location("--set").create_mistake(
+                        path,
+                        value=f"set beside {other.path}, which is varied",
+                        expected=f"{other.path}, or a setting apart from it",
+                        fix=f"set {other.path} itself, or vary.{other.path}",
+                    )
+                )
+
+    def read_scores(self) -> None:
+        """Read the scores, by their names in study files."""
+        node = self.content.get("scores")
+        if node is None:
+            return
+        kinds = Score.members()
+        labels = [kind.replace("-", "_") for kind in kinds]
+        if not isinstance(node.content, list) or not node.content:
+            self.mistakes.append(
+                node.location.create_mistake(
+                    "scores",
+                    value=node.description,
+                    expected=f"a list of scores: {', '.join(labels)}",
+                    fix="write [detection_probability]",
+                )
+            )
+            return
+        scores: list[Score] = []
+        for index, member in enumerate(node.content):
+            named = member
+            if isinstance(member.content, dict):
+                named = member.content.get("kind", member)
+            kind = named.text.replace("_", "-")
+            if kind not in kinds or not isinstance(named.content, str):
+                self.mistakes.append(
+                    named.location.create_mistake(
+                        f"scores.{index}",
+                        value=named.description,
+                        expected=f"one of {', '.join(labels)}",
+                        fix=did_you_mean(named.text, labels),
+                    )
+                )
+                continue
+            inner = dict(member.content) if isinstance(member.content, dict) else {}
+            inner["kind"] = replace(named, content=kind, text=kind)
+            spot = SettingNode(f"scores.{index}", replace(member, content=inner), Slot(Score))
+            with self.collect_mistakes():
+                scores.append(validate_node(spot, self.context))
+        if len(scores) == len(node.content):
+            self.values["scores"] = tuple(scores)
+
+    def build_study(self, seed: int | None) -> Study:
+        """Read trials and requirements, which refer to scores and points, and build the study."""
+        self._read_trials()
+        self._read_requirements()
+        fields = {**self.values, **({} if seed is None else {"seed": seed})}
+        study = None
+        if all(name in fields for name in ("scenario", "vary", "scores")):
+            try:
+                study = Study(**fields)
+            except InvalidSetting as error:
+                self.mistakes += explain_refusal(error, SettingNode("", self.tree, Slot(Study)))
+        if self.mistakes or study is None:
+            raise InvalidFile(*sort_mistakes(_drop_repeated(self.mistakes)))
+        return study
+
+    @property
+    def _score_units(self) -> dict[str, str | None]:
+        return {score.label(): score_unit(score) for score in self.values.get("scores", ())}
+
+    def _read_trials(self) -> None:
+        node = self.content.get("trials")
+        if node is None:
+            return
+        if isinstance(node.content, dict):
+            until = node.content.get("until")
+            if until is not None and isinstance(until.content, dict):
+                inner = self._limits_to_si(until.content, "trials.until", ("width",), fallback=1.0)
+                until = replace(until, content=inner)
+                node = replace(node, content={**node.content, "until": until})
+        with self.collect_mistakes():
+            self.values["trials"] = validate_node(
+                SettingNode("trials", node, Slot(TrialBudget)), self.context
+            )
+
+    def _read_requirements(self) -> None:
+        node = self.content.get("require")
+        if node is None or node.content is None:
+            return
+        members: list[YamlNode] = []
+        for index, member in enumerate(node.content if isinstance(node.content, list) else ()):
+            inner = member.content
+            if isinstance(inner, dict):
+                where = f"require.{index}"
+                inner = self._limits_to_si(inner, where, ("at_least", "at_most"), fallback=0.0)
+                points = inner.get("points")
+                if points is not None and isinstance(points.content, dict):
+                    pairs = self._parse_points(points, f"{where}.points")
+                    if pairs is None:
+                        continue
+                    inner = {**inner, "points": pairs}
+                elif points is not None and points.content is not None:
+                    self.mistakes.append(
+                        points.location.create_mistake(
+                            f"{where}.points",
+                            value=points.description,
+                            expected="a mapping of paths that are varied, and their values",
+                            fix="write points: {PATH: VALUE}",
+                        )
+                    )
+                    inner = {key: child for key, child in inner.items() if key != "points"}
+            members.append(replace(member, content=inner))
+        if isinstance(node.content, list):
+            node = replace(node, content=members)
+        slot = Slot(tuple[Requirement, ...])
+        with self.collect_mistakes():
+            self.values["require"] = validate_node(SettingNode("require", node, slot), self.context)
+
+    def _limits_to_si(
+        self, content: dict[str, YamlNode], where: str, names: Sequence[str], *, fallback: float
+    ) -> dict[str, YamlNode]:
+        """Convert limits of a score to SI; invalid ones are recorded and replaced by `beside`."""
+        score = content.get("score")
+        label = "" if score is None else score.text.replace("-", "_")
+        units = self._score_units
+        converted = dict(content)
+        for name in names:
+            node = content.get(name)
+            if node is None or node.content is None:
+                continue
+            number = fallback
+            if label in units:
+                spot = SettingNode(f"{where}.{name}", node, Slot(float, units[label]))
+                with self.collect_mistakes():
+                    number = validate_node(spot, self.context)
+            converted[name] = replace(node, content=number)
+        if score is not None and isinstance(score.content, str) and label in units:
+            converted["score"] = replace(score, content=label)
+        return converted
+
+    def _parse_points(self, points: YamlNode, where: str) -> YamlNode | None:
+        """Return pairs of path and text of the points that a requirement selects.
+
+        None where an option has removed those points.
+        """
+        assert isinstance(points.content, dict)
+        vary: tuple[SweptSetting | RandomSetting, ...] = self.values.get("vary", ())
+        pairs: list[YamlNode] = []
+        for path, node in points.content.items():
+            axis = next((axis for axis in vary if axis.path == path), None)
+            text = self._axis_text(axis, node) if isinstance(axis, SweptSetting) else None
+            if text is not None:
+                parts = [replace(node, content=part, text=part) for part in (path, text)]
+                pairs.append(replace(node, content=parts))
+            elif path in self.axis_options:
+                return None
+            elif "vary" in self.values:
+                (mistake,) = points_mistake(
+                    f"{where}.{path}", path, node.text or node.description, vary
+                ).mistakes
+                place = node.location if isinstance(axis, SweptSetting) else node.name_location
+                self.mistakes.append(
+                    place.create_mistake(
+                        mistake.setting,
+                        value=mistake.value,
+                        expected=mistake.expected,
+                        fix=mistake.fix,
+                    )
+                )
+        return replace(points, content=pairs)
+
+    def _axis_text(self, axis: SweptSetting, node: YamlNode) -> str | None:
+        """Return the text of the axis value that a node means, by its label or by equality."""
+        if node.text and node.text in axis.labels:
+            return axis.texts[axis.labels.index(node.text)]
+        slot = self.resolved_paths[axis.path].leaf_slot
+        try:
+            meant = validate_node(SettingNode(axis.path, node, slot), self.context)
+        except InvalidFile:
+            return None
+        for text in axis.texts:
+            if _is_same_value(
+                meant,
+                validate_node(SettingNode(axis.path, parse_yaml(text, ""), slot), ABSOLUTE_CONTEXT),
+            ):
+                return text
+        return None
+
+    @contextmanager
+    def collect_mistakes(self) -> Iterator[None]:
+        """Record the mistakes of the block, and continue."""
+        try:
+            yield
+        except DechirpError as error:
+            self.mistakes += error.mistakes
+
+
+def _probe_mistakes(variants: Variants, path: str, node: YamlNode) -> Iterator[Mistake]:
+    """Yield the mistakes of a value in the scenario."""
+    try:
+        variant = variants.with_settings({path: dump_line(node)})
+    except DechirpError as error:
+        value = quote_text(dump_line(node))
+        for mistake in error.mistakes:
+            inside = mistake.setting == path or mistake.setting.startswith(f"{path}.")
+            reported_value = value if mistake.setting == path else mistake.value
+            relocated = replace(
+                mistake,
+                setting=f"vary.{mistake.setting if inside else path}",
+                value=reported_value
+                if inside
+                else f"{value}, which makes {mistake.setting} {mistake.value}",
+                expected=mistake.expected
+                if inside
+                else f"such that {mistake.setting} is {mistake.expected}",
+            )
+            place = node.location
+            yield replace(relocated, file=place.file, line=place.line, column=place.column)
+        return
+    assert variant.scene is not None and variants.scenario.scene is not None
+    if variant.scene.names != variants.scenario.scene.names:
+        yield node.location.create_mistake(
+            f"vary.{path}",
+            value=f"{quote_text(dump_line(node))}, with targets"
+            f" {', '.join(variant.scene.names) or 'none'}",
+            expected=f"with the scenario's targets: {', '.join(variants.scenario.scene.names)}",
+            fix="scores are told by target: keep the names at every point",
+        )
+
+
+def _is_same_value(first: Any, second: Any) -> bool:
+    if isinstance(first, float) and isinstance(second, float):
+        return math.isclose(first, second, rel_tol=1e-9)
+    return bool(first == second)
+
+
+def _drop_repeated(mistakes: Iterable[Mistake]) -> list[Mistake]:
+    """Drop repeated mistakes of the same position with a longer path."""
+    first: dict[tuple[object, ...], Mistake] = {}
+    for mistake in mistakes:
+        first.setdefault(
+            (mistake.file, mistake.line, mistake.column, mistake.value, mistake.expected), mistake
+        )
+    return list(first.values())
+
+
+def _invalid_file(
+    place: Location, setting: str, value: str, expected: str, fix: str
+) -> InvalidFile:
+    return InvalidFile(place.create_mistake(setting, value=value, expected=expected, fix=fix))

@@ -1,0 +1,144 @@
+"""Process pool of this machine whose workers stop when they receive SIGTERM."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
+from functools import partial
+from types import FrameType
+from typing import Any
+
+from loky import ProcessPoolExecutor
+
+ONE_THREAD = {f"{pool}_NUM_THREADS": "1" for pool in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+"""Environment of a worker: with one worker a core, no core is left for threads of libraries."""
+
+_SHUTDOWN_TIMEOUT_S = 5.0  # later ones are in one long call
+_POLL_S = 10e-3
+
+
+class WorkerStopped(BaseException):
+    """Raised inside a block whose worker received SIGTERM; not an error of a trial."""
+
+
+class RestartablePool(Executor):
+    """Process pool that can be restarted: a loky pool that lost a worker accepts no more work."""
+
+    def __init__(self, n_workers: int) -> None:
+        self.n_workers = n_workers
+        self._start_pool()
+
+    def _start_pool(self) -> None:
+        self._pool = ProcessPoolExecutor(
+            max_workers=self.n_workers,
+            env=ONE_THREAD,
+            initializer=_initialise_worker,
+            initargs=(os.getpid(),),
+        )
+        self._is_fresh = True
+        self._submitted: set[Future[Any]] = set()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        # loky fails on shutdown if its futures were cancelled, so callers get outer futures.
+        # Nearly all of its blocks run at once: there is little to cancel.
+        outer: Future[Any] = Future()
+        if self._is_fresh:
+            with _ignore_interrupts():  # starts the processes
+                inner = self._pool.submit(_run_stoppable, fn, *args, **kwargs)
+            self._is_fresh = False
+        else:
+            inner = self._pool.submit(_run_stoppable, fn, *args, **kwargs)
+        self._submitted = {future for future in self._submitted if not future.done()} | {inner}
+        inner.add_done_callback(partial(_forward_result, outer))
+        return outer
+
+    def renew(self) -> None:
+        """Replace all processes by new ones."""
+        self.shutdown()
+        self._start_pool()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Stop the blocks that are still running, and end the processes."""
+        # A worker that exits regularly releases the semaphores of libraries; others are killed.
+        # The signal is repeated, as a worker may have started only just now.
+        give_up_s = time.monotonic() + _SHUTDOWN_TIMEOUT_S
+        try:
+            while self._is_busy() and time.monotonic() < give_up_s:
+                self._terminate_workers()
+                time.sleep(_POLL_S)
+        finally:
+            self._pool.shutdown(wait=wait, kill_workers=self._is_busy())
+
+    def _is_busy(self) -> bool:
+        return any(not future.done() for future in self._submitted)
+
+    def _terminate_workers(self) -> None:
+        for worker in list(self._pool._processes):
+            with suppress(OSError):  # already exited
+                os.kill(worker, signal.SIGTERM)
+
+
+def _forward_result(outer: Future[Any], inner: Future[Any]) -> None:
+    """Copy a result or an error to the outer future, unless that was cancelled."""
+    if not outer.set_running_or_notify_cancel():
+        return
+    error = inner.exception()
+    if error is None:
+        outer.set_result(inner.result())
+    else:
+        outer.set_exception(error)
+
+
+@contextmanager
+def _ignore_interrupts() -> Iterator[None]:
+    """Start processes that ignore Ctrl-C from the beginning, as they inherit the signal handler."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous_handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous_handler)
+
+
+def _initialise_worker(parent: int) -> None:
+    """Ignore Ctrl-C, and exit after the parent: a killed parent cannot send a signal."""
+    import psutil
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _handle_sigterm)
+
+    def watch_parent() -> None:
+        while os.getppid() == parent and psutil.pid_exists(parent):
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch_parent, daemon=True).start()
+
+
+class _WorkerState:
+    """State of this process if it is a worker."""
+
+    is_working = False
+    is_stopped = False
+
+
+def _run_stoppable(fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
+    """Run a function on a worker; SIGTERM ends it and all later calls, but not the worker."""
+    try:
+        _WorkerState.is_working = True
+        if _WorkerState.is_stopped:
+            raise WorkerStopped("told to stop by SIGTERM")
+        return fn(*args, **kwargs)
+    finally:
+        _WorkerState.is_working = False
+
+
+def _handle_sigterm(_number: int, _frame: FrameType | None) -> None:
+    is_first, _WorkerState.is_stopped = not _WorkerState.is_stopped, True
+    if is_first and _WorkerState.is_working:  # a second signal must not interrupt the clean-up
+        raise WorkerStopped("told to stop by SIGTERM")

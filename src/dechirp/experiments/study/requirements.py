@@ -1,0 +1,301 @@
+"""Verdicts on the requirements of a study, with their certainty.
+
+A limit is shown to hold at a point when the one-sided bound of the score, at the requirement's
+confidence c, lies on its right side. A requirement covers all of its points. It is
+
+met         if every point is shown to meet it, each at c. Wherever one point truly fails, that
+            point is shown to meet it with probability 1 - c at most, and so are all: the error
+            probability need not be split (R. L. Berger, Multiparameter hypothesis testing and
+            acceptance sampling, Technometrics 24, 1982).
+not met     if some point is shown to fail. Of n points that all meet it, one might fail by
+            chance, so each is tested at 1 - (1 - c) / n (Bonferroni).
+undecided   otherwise. More trials would decide it.
+
+The bounds assume a number of trials that was fixed in advance. Adding trials until a requirement
+is met passes it more often than the confidence states.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import frozen_dataclass
+from dechirp.evaluation.score.base import NO_ESTIMATE, Estimate
+from dechirp.experiments.study.layout import Layout
+from dechirp.experiments.study.results import StudyResult
+from dechirp.experiments.study.study import Requirement
+
+Decision = Literal["met", "not met", "undecided"]
+Side = Literal["at_least", "at_most"]
+PointSums = Callable[[int], np.ndarray]
+"""Return the sums of a point by its number, (n_trials, n_columns)."""
+
+# Tails of certainty: further out, the assumed laws of the intervals no longer hold.
+_SMALLEST_TAIL = 1e-9
+# Forecasts of more trials are not reported.
+_MAX_FORECAST = 1e12
+
+
+@frozen_dataclass
+class Verdict:
+    """Verdict on one limit of a requirement, over all points that it covers."""
+
+    requirement: Requirement
+    side: Side
+    limit: float
+    """SI."""
+    decision: Decision
+    certainty: float
+    """Highest confidence at which the limit is met, or not met; for an undecided limit, at which
+    the side of its value is shown. At most 1 - 1e-9; NaN without measurements."""
+    points: tuple[int, ...]
+    """Numbers of the points that the requirement covers."""
+    n_met: int
+    """Number of points shown to meet the limit, each at the requirement's confidence."""
+    point: int
+    """Deciding point: the least certain one if met, else the one that fails most certainly."""
+    value: float
+    """Value at the deciding point."""
+    bound: float
+    """One-sided bound there, at the requirement's confidence (Bonferroni-corrected if not met)."""
+    trials: int
+    """Number of trials there, without failed ones."""
+    more_trials: int | None
+    """Approximate number of additional trials a point that would decide, at the present values;
+    None where it is decided, or no number would."""
+
+    @property
+    def is_met(self) -> bool:
+        """True if the limit is shown to be met."""
+        return self.decision == "met"
+
+
+def judge_requirements(result: StudyResult, sums: PointSums) -> tuple[Verdict, ...]:
+    """Judge each limit of a study's requirements, in order.
+
+    Raises
+    ------
+    InvalidSetting
+        If a requirement names a target that its score does not have, or a confidence of one half
+        or less.
+    """
+    return tuple(
+        _judge_limit(
+            _LimitTest(requirement, side, result.layout, sums),
+            requirement_points(requirement, result),
+        )
+        for requirement in result.study.require
+        for side in _SIDES
+        if getattr(requirement, side) is not None
+    )
+
+
+def exit_status(verdicts: Sequence[Verdict]) -> int:
+    """Return 0 if all limits are met, else 1: an undecided limit is not shown."""
+    return 0 if all(verdict.is_met for verdict in verdicts) else 1
+
+
+def requirement_points(requirement: Requirement, result: StudyResult) -> tuple[int, ...]:
+    """Return the numbers of the points that a requirement covers; `Study` ensures one exists."""
+    wanted = set(requirement.points)
+    return tuple(
+        point for point, settings in enumerate(result.settings) if wanted.issubset(settings)
+    )
+
+
+_SIDES: tuple[Side, ...] = ("at_least", "at_most")
+
+
+class _LimitTest:
+    """Test of one limit of a requirement at single points."""
+
+    def __init__(
+        self, requirement: Requirement, side: Side, layout: Layout, sums: PointSums
+    ) -> None:
+        self.requirement, self.side, self.layout, self._sums = requirement, side, layout, sums
+        self.limit = float(getattr(requirement, side))
+        self.tail = 1 - requirement.confidence
+        self._score = layout.scores[layout.score_index(requirement.score)]
+        if not 0 < self.tail < 0.5:
+            raise InvalidSetting(
+                "require.confidence",
+                value=requirement.confidence,
+                expected="above 0.5 and below 1",
+                fix="give the confidence of one side, such as 0.95",
+            )
+        self._check_target()
+
+    def _check_target(self) -> None:
+        label, target = self.requirement.score, self.requirement.target
+        names = self.layout.subjects[self.layout.score_index(label)]
+        if target is not None and target not in names:
+            raise InvalidSetting(
+                "require.target",
+                value=target,
+                expected=f"one of {', '.join(names)}"
+                if names
+                else f"left out: {label} has no targets",
+                fix="name a target that the score is of, or none for the whole",
+            )
+
+    def valid_rows(self, point: int) -> np.ndarray:
+        """Return the sums of the score in the valid trials of a point, (n_trials, n_sums)."""
+        requirement, sums = self.requirement, self._sums(point)
+        if not len(sums):  # no trials yet
+            return np.empty((0, self._score.n_sums))
+        rows = self.layout.score_sums(sums, requirement.score, requirement.target)
+        return rows[~np.isnan(rows).any(axis=1)]
+
+    def estimate(self, rows: np.ndarray, tail: float) -> Estimate:
+        """Estimate the value with bounds that leave `tail` on each side."""
+        if not len(rows):
+            return NO_ESTIMATE
+        return self._score.estimate(rows, confidence=1 - 2 * tail)
+
+    def is_met_by(self, number: float) -> bool:
+        """Return whether a number meets the limit; equality does."""
+        return number >= self.limit if self.side == "at_least" else number <= self.limit
+
+    def worst_and_best(self, estimate: Estimate) -> tuple[float, float]:
+        """Return the ends of an interval, the worst for the requirement first."""
+        return (
+            (estimate.low, estimate.high)
+            if self.side == "at_least"
+            else (estimate.high, estimate.low)
+        )
+
+    def is_shown(self, rows: np.ndarray, tail: float, *, met: bool) -> bool:
+        """Return whether a point is shown to meet, or fail, the limit with error `tail`."""
+        worst, best = self.worst_and_best(self.estimate(rows, tail))
+        return (
+            self.is_met_by(worst) if met else bool(np.isfinite(best)) and not self.is_met_by(best)
+        )
+
+    def smallest_tail(self, rows: np.ndarray, *, met: bool) -> float:
+        """Return the smallest tail for which a point is shown to meet, or fail; 0.5 if none."""
+        if self.is_shown(rows, _SMALLEST_TAIL, met=met):
+            return _SMALLEST_TAIL
+        log_hidden, log_shown = np.log(_SMALLEST_TAIL), np.log(0.5)
+        for _ in range(30):  # bisection: the tail to eight digits
+            middle = (log_hidden + log_shown) / 2
+            if self.is_shown(rows, float(np.exp(middle)), met=met):
+                log_shown = middle
+            else:
+                log_hidden = middle
+        return float(np.exp(log_shown))
+
+    def more_trials(self, rows: np.ndarray, tail: float, *, met: bool) -> float:
+        """Predict the number of additional trials with which the bound would reach the limit.
+
+        The convergence rate is that of the same trials repeated four times: 1 / sqrt(n) mostly,
+        1 / n where every trial or no trial is a hit. Infinite if the limit is never reached.
+        """
+        once, fourfold = (
+            self.estimate(np.tile(rows, (times, 1)), tail) if len(rows) else NO_ESTIMATE
+            for times in (1, 4)
+        )
+        reach, fourfold_reach = (
+            abs(estimate.value - self.worst_and_best(estimate)[0 if met else 1])
+            for estimate in (once, fourfold)
+        )
+        margin = abs(once.value - self.limit)
+        if not (margin > 0 and reach > fourfold_reach > 0 and np.isfinite(reach)):
+            return np.inf
+        power = np.log(reach / fourfold_reach) / np.log(4)
+        needed = len(rows) * (reach / margin) ** (1 / power)
+        return max(float(needed) - len(rows), 1.0)
+
+
+def _judge_limit(limit: _LimitTest, points: tuple[int, ...]) -> Verdict:
+    tail_of_one = limit.tail / len(points)
+    failed, undecided = [], []
+    for point in points:
+        rows = limit.valid_rows(point)
+        if limit.is_shown(rows, limit.tail, met=True):
+            continue
+        if limit.is_shown(rows, tail_of_one, met=False):
+            failed.append(point)
+        undecided.append(point)
+    n_met = len(points) - len(undecided)
+    more_trials: float | None = None
+    if failed:
+        decision: Decision = "not met"
+        deciding, tail = _most_certain_point(limit, failed)
+        tail = min(tail * len(points), 1.0)
+    elif undecided:
+        decision = "undecided"
+        deciding, tail = _most_doubtful_point(limit, undecided, tail_of_one)
+        more_trials = max(_additional_trials(limit, point, tail_of_one) for point in undecided)
+    else:
+        decision = "met"
+        deciding, tail = _least_certain_point(limit, points)
+    sums = limit.valid_rows(deciding)
+    estimate = limit.estimate(sums, tail_of_one if failed else limit.tail)
+    return Verdict(
+        requirement=limit.requirement,
+        side=limit.side,
+        limit=limit.limit,
+        decision=decision,
+        certainty=1 - tail,
+        points=points,
+        n_met=n_met,
+        point=deciding,
+        value=estimate.value,
+        bound=limit.worst_and_best(estimate)[1 if failed else 0],
+        trials=len(sums),
+        more_trials=_round_up_trials(more_trials),
+    )
+
+
+def _least_certain_point(limit: _LimitTest, points: Sequence[int]) -> tuple[int, float]:
+    """Return the point shown to meet a limit with the largest tail, and that tail."""
+    deciding, tail = points[0], limit.smallest_tail(limit.valid_rows(points[0]), met=True)
+    for point in points[1:]:
+        if tail >= 0.5:  # no confidence is left for the other points
+            break
+        rows = limit.valid_rows(point)
+        if not limit.is_shown(rows, tail, met=True):  # so few points are asked for more than that
+            deciding, tail = point, limit.smallest_tail(rows, met=True)
+    return deciding, tail
+
+
+def _most_certain_point(limit: _LimitTest, points: Sequence[int]) -> tuple[int, float]:
+    """Return the point shown to fail a limit with the smallest tail, and that tail."""
+    deciding, tail = points[0], limit.smallest_tail(limit.valid_rows(points[0]), met=False)
+    for point in points[1:]:
+        rows = limit.valid_rows(point)
+        if tail > _SMALLEST_TAIL and limit.is_shown(rows, 0.99 * tail, met=False):
+            deciding, tail = point, limit.smallest_tail(rows, met=False)
+    return deciding, tail
+
+
+def _most_doubtful_point(
+    limit: _LimitTest, points: Sequence[int], tail_of_one: float
+) -> tuple[int, float]:
+    """Return the worst undecided point, and the tail at which the side of its value is shown."""
+    wrong: list[int] = []
+    right: list[int] = []
+    empty: list[int] = []
+    for point in points:
+        measured = limit.estimate(limit.valid_rows(point), tail_of_one).value
+        kind = empty if np.isnan(measured) else right if limit.is_met_by(measured) else wrong
+        kind.append(point)
+    if empty:
+        return empty[0], np.nan
+    return _most_certain_point(limit, wrong) if wrong else _least_certain_point(limit, right)
+
+
+def _additional_trials(limit: _LimitTest, point: int, tail_of_one: float) -> float:
+    rows = limit.valid_rows(point)
+    met = limit.is_met_by(limit.estimate(rows, limit.tail).value)
+    return limit.more_trials(rows, limit.tail if met else tail_of_one, met=met)
+
+
+def _round_up_trials(trials: float | None) -> int | None:
+    """Round up to two digits, the precision of a forecast."""
+    if trials is None or trials > _MAX_FORECAST:
+        return None
+    unit = 10 ** max(int(np.floor(np.log10(trials))) - 1, 0)
+    return int(np.ceil(trials / unit)) * unit

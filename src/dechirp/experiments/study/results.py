@@ -1,0 +1,530 @@
+"""Results of a study: estimates of each point with intervals, as dataset, rows and tables."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.display import Displayable, Table, pluralise, truncated_table
+from dechirp.core.findings import Finding, findings_table
+from dechirp.core.text import EN_DASH, format_quantity
+from dechirp.evaluation.score.base import NO_ESTIMATE, Estimate, Score
+from dechirp.evaluation.score.roc import Roc, RocCurve
+from dechirp.experiments.study.block import Failure
+from dechirp.experiments.study.layout import Layout
+from dechirp.experiments.study.study import RandomSetting, Study, SweptSetting
+from dechirp.results.parquet import ColumnType, write_parquet
+
+if TYPE_CHECKING:
+    from dechirp.experiments.study.ledger_reader import LedgerReader
+    from dechirp.experiments.study.plan import Plan
+
+VALUE_SUFFIXES = ("", "_low", "_high", "_theory")
+"""Suffixes of a score's label in the dataset, in the order of `StudyResult.estimates`."""
+_VALUE_PARTS = ("value", "low", "high", "theory")
+SCORE_UNITS: Mapping[str | None, str] = MappingProxyType(
+    {None: "1", "m": "m", "m_per_s": "m/s", "rad": "rad", "s": "s"}
+)
+"""Units attribute of a score's values, by `Score.unit`."""
+
+_EMPTY = np.empty((0, 0))
+T = TypeVar("T")
+# Numbers per piece of a table: 8 MB.
+_PIECE_SIZE = 1_000_000
+
+
+class PointData(NamedTuple):
+    """Settings, sums and findings of one point, as the ledger contains them."""
+
+    settings: tuple[tuple[str, str], ...]
+    """Path and text of each, as `--set` accepts them."""
+    numbers: tuple[float | None, ...]
+    """The same settings as numbers in the written unit; None for texts."""
+    sums: np.ndarray
+    """(n_trials, n_columns), see `Layout`, trial by trial from 0; NaN in failed trials."""
+    theory: np.ndarray
+    """See `Layout.score_theory`."""
+    failures: tuple[Failure, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyResult(Displayable):
+    """Estimates of all points, in the order of their numbers."""
+
+    study: Study
+    layout: Layout
+    settings: tuple[tuple[tuple[str, str], ...], ...]
+    """Path and text of the settings of each point."""
+    numbers: tuple[tuple[float | None, ...], ...]
+    """The same settings as numbers in the written unit."""
+    trials: np.ndarray
+    """Number of trials of each point, including failed ones, (n_points,)."""
+    estimates: Mapping[str, np.ndarray]
+    """Estimates of each score by its label, (n_points, 1 + n_subjects, 4): value, low, high and
+    theory, of all subjects together and then of each. NaN where there is no estimate."""
+    curves: Mapping[str, tuple[tuple[RocCurve, ...], ...]] = field(default_factory=dict)
+    """Curves of the score `roc`, by its label: of each point, of all subjects together and each."""
+    failures: tuple[tuple[int, Failure], ...] = ()
+    """Number of the point, and the failure."""
+    findings: tuple[tuple[int, Finding], ...] = ()
+
+    @property
+    def n_points(self) -> int:
+        """Number of points, including points without trials."""
+        return len(self.settings)
+
+    @property
+    def n_failures(self) -> np.ndarray:
+        """Number of failed trials of each point, (n_points,)."""
+        points = [point for point, _ in self.failures]
+        return np.bincount(np.array(points, dtype=int), minlength=self.n_points)
+
+    def subjects(self, label: str) -> tuple[str, ...]:
+        """Return the subjects for which a score has values beside the total; empty if none."""
+        return self.layout.subjects[self.layout.score_index(label)]
+
+    def score(self, label: str) -> Score:
+        """Return the score with a label."""
+        return self.layout.scores[self.layout.score_index(label)]
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """Settings, `trials`, `failures` and score values, one mapping a point.
+
+        Value, low, high and theory of each score are SI; None where there is no estimate. The
+        values of all targets together are at the top: from their summed sums, and the mean of their
+        theories. Where there is more than one target, `targets` has the values of each.
+        """
+        numbers = {label: _to_plain(values) for label, values in self.estimates.items()}
+        both = zip(self.settings, self.trials.tolist(), self.n_failures.tolist(), strict=True)
+        return [
+            {
+                **dict(settings),
+                "trials": trials,
+                "failures": failures,
+                **{
+                    label: self._score_row(label, values[point])
+                    for label, values in numbers.items()
+                },
+            }
+            for point, (settings, trials, failures) in enumerate(both)
+        ]
+
+    def _score_row(self, label: str, numbers: Sequence[Sequence[float | None]]) -> dict[str, Any]:
+        whole, *by_target = (dict(zip(_VALUE_PARTS, parts, strict=True)) for parts in numbers)
+        names = self.subjects(label)
+        return (
+            {**whole, "targets": dict(zip(names, by_target, strict=True))}
+            if by_target[1:]
+            else whole
+        )
+
+    def _summary(self) -> str:
+        parts = [pluralise(self.n_points, "point"), pluralise(int(self.trials.sum()), "trial")]
+        parts += [f"{pluralise(len(self.failures), 'trial')} failed"] if self.failures else []
+        return f"{self.study.name}: {', '.join(parts)}"
+
+    def _tables(self) -> Iterable[Table]:
+        paths = [path for path, _ in self.settings[0]] if self.settings else []
+        rows = (
+            [
+                *(axis_value_label(self.study, path, dict(settings)[path]) for path in paths),
+                f"{int(self.trials[point]):,}",
+                *(self._format_estimate(label, point) for label in self.estimates),
+            ]
+            for point, settings in enumerate(self.settings)
+        )
+        head = [*paths, "trials", *self.estimates]
+        yield truncated_table("Points: value, interval, theory", rows, self.n_points, head)
+        yield findings_table(dict.fromkeys(finding for _, finding in self.findings))
+
+    def _format_estimate(self, label: str, point: int) -> str:
+        """Format the value of all targets together, its interval, and theory if there is a law."""
+        unit = self.score(label).unit or "probability"
+        value, low, high, theory = self.estimates[label][point, 0].tolist()
+        if np.isnan(value):
+            return EN_DASH
+        value_text, low_text, high_text = (
+            format_quantity(number, unit, 3) for number in (value, low, high)
+        )
+        text = f"{value_text} ({low_text} to {high_text})"
+        return text if np.isnan(theory) else f"{text}, {format_quantity(theory, unit, 3)}"
+
+    @cached_property
+    def dataset(self) -> xr.Dataset:
+        """All points as one labelled dataset.
+
+        Each swept setting is a dimension named after its path, in the order of the study. Random
+        settings add the dimension `draw`, with their values as coordinates along it (along the
+        swept settings too, where each of their points has draws of its own). Coordinates are
+        numbers in the written unit, which their attribute `units` contains, or labels.
+
+        `<label>`, `<label>_low`, `<label>_high` and `<label>_theory` refer to all targets together;
+        `<label>_by_target` and so on to each, with `target` as last dimension, where there is more
+        than one. `trials` and `failures` are counts. Values are SI.
+        """
+        return _build_dataset(self)
+
+
+def estimate_points(
+    study: Study,
+    layout: Layout,
+    points: Iterable[PointData],
+    *,
+    progress: Callable[[int], None] | None = None,
+) -> StudyResult:
+    """Estimate all scores of all points, holding the sums of one point at a time.
+
+    `progress` is called with the number of finished points.
+    """
+    settings, numbers, trials = [], [], []
+    failures: list[tuple[int, Failure]] = []
+    findings: list[tuple[int, Finding]] = []
+    estimates: dict[str, list[np.ndarray]] = {score.label(): [] for score in layout.scores}
+    rocs = [score for score in layout.scores if isinstance(score, Roc)]
+    curves: dict[str, list[tuple[RocCurve, ...]]] = {score.label(): [] for score in rocs}
+    for point, data in enumerate(points):
+        settings.append(data.settings)
+        numbers.append(data.numbers)
+        trials.append(len(data.sums))
+        failures += [(point, failure) for failure in data.failures]
+        findings += [(point, finding) for finding in data.findings]
+        for label, values in estimates.items():
+            values.append(
+                estimate_subjects(layout, label, data.sums, data.theory, study.confidence)
+            )
+        for roc in rocs:
+            curves[roc.label()].append(_roc_curves(layout, roc, data.sums, study.confidence))
+        if progress is not None:
+            progress(point + 1)
+    return StudyResult(
+        study=study,
+        layout=layout,
+        settings=tuple(settings),
+        numbers=tuple(numbers),
+        trials=np.array(trials, dtype=int),
+        estimates={
+            label: np.array(values).reshape(len(settings), -1, len(_VALUE_PARTS))
+            for label, values in estimates.items()
+        },
+        curves={label: tuple(data) for label, data in curves.items()},
+        failures=tuple(failures),
+        findings=tuple(findings),
+    )
+
+
+def _roc_curves(
+    layout: Layout, roc: Roc, sums: np.ndarray, confidence: float
+) -> tuple[RocCurve, ...]:
+    label = roc.label()
+    names = layout.subjects[layout.score_index(label)]
+    if not has_valid_trials(sums):
+        unknown = np.full(len(roc.false_alarm_probabilities), np.nan)
+        return (RocCurve(*[unknown] * len(RocCurve._fields)),) * (1 + len(names))
+    subject_sums = [layout.score_sums(sums, label, name) for name in (None, *names)]
+    return tuple(
+        roc.curve(sums_of_subject, confidence=confidence) for sums_of_subject in subject_sums
+    )
+
+
+def iter_point_data(plan: "Plan", layout: Layout, record: "LedgerReader") -> Iterator[PointData]:
+    """Yield the data of each point from a ledger; points without trials have no rows."""
+    failures, findings = _group_by_point(record.failures()), _group_by_point(record.findings())
+    saved = record.iter_point_sums()
+    saved_point, sums = next(saved, (plan.n_points, _EMPTY))
+    no_theory = np.full(layout.n_theory_values, np.nan)
+    for point in range(plan.n_points):
+        theory = record.point_theory(point)
+        yield PointData(
+            settings=plan.point_settings(point),
+            numbers=plan.point_numbers(point),
+            sums=sums if saved_point == point else np.empty((0, layout.n_columns)),
+            theory=no_theory if theory is None else theory,
+            failures=failures.get(point, ()),
+            findings=findings.get(point, ()),
+        )
+        if saved_point == point:
+            saved_point, sums = next(saved, (plan.n_points, _EMPTY))
+
+
+def iter_trial_sums(record: "LedgerReader") -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Yield point number, trial numbers and sums of each point that has trials."""
+    blocks = record.finished_blocks()
+    _, firsts = np.unique(blocks[:, 0], return_index=True)
+    expected_numbers = np.arange(len(blocks)) - np.repeat(firsts, np.diff([*firsts, len(blocks)]))
+    gaps = set(blocks[blocks[:, 1] != expected_numbers, 0].tolist())  # gaps of an interrupted study
+    for point, sums in record.iter_point_sums():
+        yield point, record.trial_numbers(point) if point in gaps else np.arange(len(sums)), sums
+
+
+def _group_by_point(pairs: Iterable[tuple[int, T]]) -> dict[int, tuple[T, ...]]:
+    groups: dict[int, list[T]] = {}
+    for point, item in pairs:
+        groups.setdefault(point, []).append(item)
+    return {point: tuple(items) for point, items in groups.items()}
+
+
+def estimate_subjects(
+    layout: Layout, label: str, sums: np.ndarray, theory: np.ndarray, confidence: float
+) -> np.ndarray:
+    """Return value, low, high and theory of a score, (1 + n_subjects, 4): together, and of each.
+
+    `sums` (n_trials, n_columns) and `theory` are those of all scores, see `Layout`.
+    """
+    names = layout.subjects[layout.score_index(label)]
+    # A single subject equals the total.
+    subjects = [None, *names] if len(names) > 1 else [None]
+    rows = [
+        (*estimate_score(layout, label, subject, sums, confidence=confidence), theory_value)
+        for subject in subjects
+        for theory_value in [layout.score_theory(theory, label, subject)]
+    ]
+    return np.array(rows if len(names) != 1 else rows * 2, dtype=float)
+
+
+def estimate_score(
+    layout: Layout, label: str, subject: str | None, sums: np.ndarray, *, confidence: float
+) -> Estimate:
+    """Estimate a score, with its interval, from the sums of all scores (n_trials, n_columns)."""
+    if not has_valid_trials(sums):
+        return NO_ESTIMATE
+    columns = layout.score_sums(sums, label, subject)
+    return layout.scores[layout.score_index(label)].estimate(columns, confidence=confidence)
+
+
+def has_valid_trials(sums: np.ndarray) -> bool:
+    """Return whether any trial succeeded, from sums (n_trials, n_columns)."""
+    return bool(len(sums)) and not bool(np.isnan(sums).all())
+
+
+def write_points(result: StudyResult, path: Path, *, metadata: Mapping[str, str]) -> None:
+    """Write `points.parquet`, one row a point.
+
+    Columns: `point`; settings, named by path and unit (`scene.targets.car.rcs_dBsm`, numbers;
+    `chain.range_window`, labels); `trials`, `failures`; and the keys of `StudyResult.rows`
+    joined by dots, as `range_rmse.high` and `range_rmse.targets.car.high`. SI; NaN where there
+    is no estimate.
+
+    Raises `DechirpError` if the file cannot be written; an existing file then stays.
+    """
+    table: dict[str, tuple[ColumnType, np.ndarray]] = {
+        "point": ("BIGINT", np.arange(result.n_points))
+    }
+    paths = [path for path, _ in result.settings[0]] if result.settings else []
+    for index, setting in enumerate(paths):
+        numbers = [row[index] for row in result.numbers]
+        if None in numbers:
+            words = np.array(
+                [axis_value_label(result.study, *row[index]) for row in result.settings], object
+            )
+            table[setting] = ("VARCHAR", words)
+        else:
+            name = _column_name(setting, setting_unit(result.study, setting))
+            table[name] = ("DOUBLE", np.array(numbers, dtype=float))
+    table["trials"] = ("BIGINT", result.trials)
+    table["failures"] = ("BIGINT", result.n_failures)
+    for label, values in result.estimates.items():
+        names = result.subjects(label)
+        owners = ["", *(f"targets.{name}." for name in names if len(names) > 1)]
+        for column, owner in enumerate(owners):
+            for index, part in enumerate(_VALUE_PARTS):
+                table[f"{label}.{owner}{part}"] = ("DOUBLE", values[:, column, index])
+    columns = {name: kind for name, (kind, _) in table.items()}
+    piece = {name: values for name, (_, values) in table.items()}
+    write_parquet(path, columns, [piece] if result.n_points else [], metadata=metadata)
+
+
+def write_trials(
+    layout: Layout,
+    points: Iterable[tuple[int, np.ndarray, np.ndarray]],
+    path: Path,
+    *,
+    metadata: Mapping[str, str],
+) -> None:
+    """Write `trials.parquet`, one row a trial: the sums from which all estimates follow.
+
+    Columns: `point`, `trial`, `failed`, and the sums of each score and subject in the order of
+    its formula, as `detection_probability.car.0`; NaN where the trial failed. These numbers
+    added over trials, and over targets, give the estimates.
+
+    Parameters
+    ----------
+    layout : Layout
+        Layout of the columns.
+    points : iterable
+        Number of each point, numbers of its trials and their sums (n_trials, n_columns);
+        several points are held at a time. See `iter_trial_sums`.
+    path : Path
+        File to write.
+    metadata : mapping
+        Text metadata stored with the table.
+
+    Raises
+    ------
+    DechirpError
+        If the file cannot be written; an existing file then stays.
+    """
+    names = list(_sum_column_names(layout))
+    kinds: dict[str, ColumnType] = {"point": "BIGINT", "trial": "BIGINT", "failed": "BOOLEAN"}
+    columns: dict[str, ColumnType] = {**kinds, **dict.fromkeys(names, "DOUBLE")}
+    write_parquet(path, columns, _table_pieces(points, names), metadata=metadata)
+
+
+def axis_value_label(study: Study, path: str, text: str) -> str:
+    """Return the label of a setting's value in tables and legends, or the text itself."""
+    axis = next((setting for setting in study.vary if setting.path == path), None)
+    if isinstance(axis, SweptSetting) and text in axis.texts:
+        return axis.labels[axis.texts.index(text)]
+    return text
+
+
+def setting_unit(study: Study, path: str) -> str:
+    """Return the unit in which a study writes a setting; empty without one."""
+    return next((axis.unit for axis in study.vary if axis.path == path), "")
+
+
+def _table_pieces(
+    points: Iterable[tuple[int, np.ndarray, np.ndarray]], names: list[str]
+) -> Iterator[dict[str, np.ndarray]]:
+    waiting: list[tuple[int, np.ndarray, np.ndarray]] = []
+    n_numbers = 0
+    for point_data in points:
+        waiting.append(point_data)
+        n_numbers += point_data[2].size
+        if n_numbers >= _PIECE_SIZE:
+            yield _join_points(waiting, names)
+            waiting, n_numbers = [], 0
+    if n_numbers:
+        yield _join_points(waiting, names)
+
+
+def _join_points(
+    points: list[tuple[int, np.ndarray, np.ndarray]], names: list[str]
+) -> dict[str, np.ndarray]:
+    sums = np.concatenate([values for _, _, values in points])
+    return {
+        "point": np.repeat(
+            [point for point, _, _ in points], [len(values) for _, _, values in points]
+        ),
+        "trial": np.concatenate([trials for _, trials, _ in points]),
+        "failed": np.isnan(sums).all(axis=1),
+        **{name: np.ascontiguousarray(sums[:, column]) for column, name in enumerate(names)},
+    }
+
+
+def _sum_column_names(layout: Layout) -> Iterator[str]:
+    for score, names in zip(layout.scores, layout.subjects, strict=True):
+        for owner in [f"{name}." for name in names] or [""]:
+            yield from (f"{score.label()}.{owner}{index}" for index in range(score.n_sums))
+
+
+def _column_name(path: str, unit: str) -> str:
+    """Append the unit to a path as fields do: `ego.velocity_m_per_s`, `rcs_dBsm`."""
+    return f"{path}_{unit.replace('/', '_per_').replace('^', '')}" if unit else path
+
+
+def _to_plain(values: np.ndarray) -> Any:
+    plain = values.astype(object)
+    plain[~np.isfinite(values)] = None
+    return plain.tolist()
+
+
+def _build_dataset(result: StudyResult) -> xr.Dataset:
+    listed = [axis for axis in result.study.vary if isinstance(axis, SweptSetting)]
+    random_settings = [axis for axis in result.study.vary if isinstance(axis, RandomSetting)]
+    paths = [path for path, _ in result.settings[0]] if result.settings else []
+    random_settings = [
+        axis for axis in random_settings if axis.path in paths
+    ]  # without settings drawn in each trial
+    cells = np.zeros((result.n_points, len(listed)), dtype=int)
+    for dimension, axis in enumerate(listed):
+        indices = {text: index for index, text in enumerate(axis.texts)}
+        column = paths.index(axis.path) if paths else 0
+        cells[:, dimension] = [indices[row[column][1]] for row in result.settings]
+    shape = [len(axis.texts) for axis in listed]
+    strides = np.cumprod([1, *shape[:0:-1]], dtype=int)[::-1][: len(shape)]
+    flat = cells @ strides
+    dims = [axis.path for axis in listed]
+    index = flat
+    if random_settings:
+        draw_numbers = _repeat_index(flat)
+        n_draws = int(draw_numbers.max()) + 1
+        index = flat * n_draws + draw_numbers
+        dims, shape = [*dims, "draw"], [*shape, n_draws]
+    return _fill_dataset(result, listed, random_settings, dims=dims, shape=shape, index=index)
+
+
+def _repeat_index(cells: np.ndarray) -> np.ndarray:
+    """Count the earlier points of the same cell for each point."""
+    order = np.argsort(cells, kind="stable")
+    ordered = cells[order]
+    starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
+    sizes = np.diff([*starts, len(cells)])
+    repeats = np.empty(len(cells), dtype=int)
+    repeats[order] = np.arange(len(cells)) - np.repeat(starts, sizes)
+    return repeats
+
+
+def _fill_dataset(
+    result: StudyResult,
+    listed: list[SweptSetting],
+    random_settings: list[RandomSetting],
+    *,
+    dims: list[str],
+    shape: list[int],
+    index: np.ndarray,
+) -> xr.Dataset:
+    size = int(np.prod(shape, dtype=int))
+
+    def place_on_grid(values: np.ndarray, fill: float) -> np.ndarray:
+        whole = np.full((size, *values.shape[1:]), fill, dtype=values.dtype)
+        whole[index] = values
+        return whole.reshape((*shape, *values.shape[1:]))
+
+    coordinates: dict[str, Any] = {}
+    for axis in listed:
+        axis_values = axis.labels if axis.numbers is None else axis.numbers
+        coordinates[axis.path] = (axis.path, np.array(axis_values), {"units": axis.unit or "1"})
+    for setting in random_settings:
+        column = [path for path, _ in result.settings[0]].index(setting.path)
+        numbers = place_on_grid(
+            np.array([row[column] for row in result.numbers], dtype=float), np.nan
+        )
+        draws = numbers.reshape(-1, shape[-1])
+        setting_attributes = {"units": setting.unit or "1", "distribution": setting.distribution}
+        if (draws == draws[:1]).all():
+            coordinates[setting.path] = ("draw", draws[0], setting_attributes)
+        else:
+            coordinates[setting.path] = (tuple(dims), numbers, setting_attributes)
+    variables: dict[str, Any] = {
+        "trials": (dims, place_on_grid(result.trials, 0)),
+        "failures": (dims, place_on_grid(result.n_failures, 0)),
+    }
+    subjects_by_score = [result.subjects(label) for label in result.estimates]
+    names = tuple(
+        dict.fromkeys(name for names in subjects_by_score if len(names) > 1 for name in names)
+    )
+    if names:
+        coordinates["target"] = ("target", np.array(names))
+    for label, values in result.estimates.items():
+        units = {"units": SCORE_UNITS.get(result.score(label).unit, result.score(label).unit)}
+        for column, end in enumerate(VALUE_SUFFIXES):
+            variables[label + end] = (dims, place_on_grid(values[:, 0, column], np.nan), units)
+            subjects = result.subjects(label)
+            if len(subjects) > 1:
+                by_target = np.full((result.n_points, len(names)), np.nan)
+                by_target[:, [names.index(name) for name in subjects]] = values[:, 1:, column]
+                variables[f"{label}_by_target{end}"] = (
+                    [*dims, "target"],
+                    place_on_grid(by_target, np.nan),
+                    units,
+                )
+    study = result.study
+    attributes = {"study": study.name, "seed": study.seed, "confidence": study.confidence}
+    return xr.Dataset(variables, coordinates, attributes)

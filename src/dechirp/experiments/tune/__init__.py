@@ -1,0 +1,1 @@
+"""Search for the settings that maximise or minimise a score within limits."""

@@ -1,0 +1,88 @@
+"""Result of a search as plain values, for JSON and for its page."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from dechirp.config.dumping import to_json_data
+from dechirp.config.quantities import format_exact_quantity
+from dechirp.core.dimensions import DIMENSIONS
+from dechirp.evaluation.score.base import Estimate
+from dechirp.experiments.study.dumping import score_unit
+from dechirp.experiments.tune.run import Candidate, ConfirmedCandidate, TuneResult
+
+
+def tune_document(tuned: TuneResult) -> dict[str, Any]:
+    """Convert the numbers of a search to SI: settings as files write them, scores with intervals.
+
+    `best` is null if every candidate was shown to exceed a limit; `default` are the unchanged
+    settings, candidate 0. Both are of confirmation trials; `candidates` are of the search.
+    """
+    tune = tuned.tune
+    return {
+        "name": tune.name,
+        "seed": tune.seed,
+        "confidence": tune.confidence,
+        "n_trials": {"search": tuned.n_trials[0], "confirmation": tuned.n_trials[1]},
+        "objective": {
+            "direction": tune.objective.direction,
+            "score": tune.objective.score.label(),
+            "unit": tune.objective.score.unit,
+            "limits": [
+                {
+                    "score": limit.score.label(),
+                    "unit": limit.score.unit,
+                    "at_most": limit.at_most,
+                    "at_least": limit.at_least,
+                    "text": format_limit(tuned, number),
+                }
+                for number, limit in enumerate(tune.objective.limits)
+            ],
+        },
+        "search": {item.path: list(item.texts) for item in tune.search},
+        "best": None if tuned.best is None else _confirmed_row(tuned, tuned.best),
+        "default": _confirmed_row(tuned, tuned.default),
+        "gain": None if tuned.gain is None else tuned.gain._asdict(),
+        "refuted": [_confirmed_row(tuned, item) for item in tuned.refuted],
+        "importances": dict(tuned.importances),
+        "candidates": [_candidate_row(item) for item in tuned.candidates],
+        "findings": [to_json_data(item) for item in tuned.findings],
+    }
+
+
+def format_limit(tuned: TuneResult, number: int) -> str:
+    """Format a limit: `at most 1e-06`, `at most 10 cm`."""
+    limit = tuned.tune.objective.limits[number]
+    bound = limit.at_most if limit.at_most is not None else limit.at_least
+    assert bound is not None
+    words = "at most" if limit.at_most is not None else "at least"
+    unit = score_unit(limit.score)
+    has_unit = unit in DIMENSIONS and DIMENSIONS[unit].si_unit
+    return f"{words} {format_exact_quantity(bound, unit) if has_unit else _format_number(bound)}"
+
+
+def _format_number(number: float) -> str:
+    return f"{number:g}".replace("e-0", "e-")
+
+
+def _confirmed_row(tuned: TuneResult, candidate: ConfirmedCandidate) -> dict[str, Any]:
+    return {
+        "number": candidate.number,
+        "settings": dict(tuned.candidates[candidate.number].settings),
+        "scores": _score_rows(candidate.scores),
+        "sources": {name: _score_rows(scores) for name, scores in candidate.by_source.items()},
+        "limits": list(candidate.decisions),
+    }
+
+
+def _candidate_row(candidate: Candidate) -> dict[str, Any]:
+    return {
+        "number": candidate.number,
+        "settings": dict(candidate.settings),
+        "scores": _score_rows(candidate.scores),
+        "admitted": candidate.is_admitted,
+        "failure": candidate.failure,
+    }
+
+
+def _score_rows(scores: Mapping[str, Estimate]) -> dict[str, dict[str, float]]:
+    return {label: estimate._asdict() for label, estimate in scores.items()}

@@ -1,0 +1,553 @@
+"""Run a search: try candidates one by one, then confirm the best one on new trials."""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from hashlib import blake2b
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from dechirp.config.dumping import dump
+from dechirp.core.display import pluralise
+from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
+from dechirp.core.findings import Finding
+from dechirp.evaluation.score.base import Estimate, Score
+from dechirp.experiments.scenario import Scenario
+from dechirp.experiments.study.environment import describe_environment
+from dechirp.experiments.study.executors import Workers, workers_from_executor
+from dechirp.experiments.study.ledger import Ledger
+from dechirp.experiments.study.variants import Variants
+from dechirp.experiments.tune.gain import Gain, paired_gain
+from dechirp.experiments.tune.sampler import Choice, check_optuna, next_choice, setting_importances
+from dechirp.experiments.tune.trial_sources import (
+    count_frames,
+    replace_scenario,
+    run_source_block,
+    source_scenario,
+)
+from dechirp.experiments.tune.tune import Decision, LabelledRecording, Limit, Tune
+
+BLOCK_SIZE = 50
+"""Trials that are saved, or lost, as a whole."""
+
+_MAX_WORKER_DEATHS = 3
+"""Worker deaths per candidate before the search stops: settings may exceed the memory."""
+
+_MAX_CONFIRMATIONS = 5
+"""Candidates to confirm in new trials, the best first, until one keeps the limits."""
+
+Settings: TypeAlias = tuple[tuple[str, str], ...]
+"""Path and text of each changed setting; empty: unchanged settings."""
+
+
+class Candidate(NamedTuple):
+    """Choice of settings, and its scores in the trials of the search."""
+
+    number: int
+    """0: the unchanged settings."""
+    settings: Settings
+    scores: Mapping[str, Estimate]
+    """Estimates by label, over all sources; empty if it failed."""
+    failure: str | None
+    """Reason of the failure."""
+    is_admitted: bool
+    """Whether no limit is shown to be exceeded."""
+
+
+class ConfirmedCandidate(NamedTuple):
+    """Scores of a candidate in confirmation trials."""
+
+    number: int
+    scores: Mapping[str, Estimate]
+    by_source: Mapping[str, Mapping[str, Estimate]]
+    """Estimates by the name of the source, then label."""
+    decisions: tuple[Decision, ...]
+    """Decision on each limit, in order."""
+
+
+class TuneResult(NamedTuple):
+    """Result of a search."""
+
+    tune: Tune
+    candidates: tuple[Candidate, ...]
+    """All candidates in the order of their trials, the unchanged settings first."""
+    default: ConfirmedCandidate
+    best: ConfirmedCandidate | None
+    """None: every candidate failed or was shown to exceed a limit."""
+    refuted: tuple[ConfirmedCandidate, ...]
+    """Candidates that were better in the search, but exceed a limit in confirmation trials."""
+    gain: Gain | None
+    """Gain of the best over the unchanged settings, positive where better; confirmation trials."""
+    scenarios: tuple[Scenario, ...]
+    """Scenarios of all sources with the best settings; unchanged if there are none."""
+    importances: Mapping[str, float]
+    """Share of the variance of the objective that each setting explains, by path."""
+    n_trials: tuple[int, int]
+    """Trials of each candidate in the search, and confirmation trials; all sources together."""
+    findings: tuple[Finding, ...]
+
+
+def run_search(
+    tune: Tune,
+    out: Path,
+    *,
+    workers: Workers,
+    progress: Callable[[int, int], None] | None = None,
+) -> TuneResult:
+    """Search, and confirm the best candidate.
+
+    Choices follow from the seed and from the measurements, one after the other: the result does
+    not depend on the number of workers. Trials are saved in `out`, and a later call continues
+    from there.
+
+    Parameters
+    ----------
+    tune : Tune
+        The search.
+    out : Path
+        Folder of the ledger; created if it does not exist.
+    workers : Workers
+        Where trials run; `executors.workers_from_executor` wraps any executor.
+    progress : callable, optional
+        Called with the number of finished blocks and of all, counting one confirmation.
+
+    Raises
+    ------
+    DechirpError
+        If optuna is missing, the unchanged settings fail, or the folder is another search's.
+    """
+    check_optuna()
+    with Ledger.open(
+        out, identity=search_identity(tune), environment=describe_environment()
+    ) as ledger:
+        return _Search(tune, ledger, workers, progress).result()
+
+
+def run_tune(
+    tune: Tune,
+    out: str | Path,
+    *,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> TuneResult:
+    """Search on any executor of `concurrent.futures`, or one process a core; see `run_search`."""
+    with workers_from_executor(executor) as workers:
+        return run_search(tune, Path(out), workers=workers, progress=progress)
+
+
+def search_identity(tune: Tune) -> dict[str, str]:
+    """Return the inputs of a search as text by name, except `candidates`, which may grow."""
+    import optuna
+
+    named = zip(_source_names(tune), _trial_sources(tune), strict=True)
+    return {
+        "dechirp": _package_version(),
+        "optuna": optuna.__version__,
+        **describe_environment(),  # other versions could choose other candidates
+        **{f"source {name}": _source_text(source) for name, source in named},
+        "search": "\n".join(
+            f"{setting.path}: {', '.join(setting.texts)}" for setting in tune.search
+        ),
+        "objective": "\n".join(
+            [
+                f"{tune.objective.direction}: {tune.objective.score.label()}",
+                *(
+                    f"{limit.score.label()}: {limit.at_least} to {limit.at_most}"
+                    for limit in tune.objective.limits
+                ),
+            ]
+        ),
+        **{name: str(getattr(tune, name)) for name in ("seed", "trials", "confirmation_trials")},
+        "confidence": str(tune.confidence),
+    }
+
+
+def _package_version() -> str:
+    try:
+        return version("dechirp")
+    except PackageNotFoundError:  # imported from a folder, not installed
+        return "not installed"
+
+
+def _trial_sources(tune: Tune) -> tuple[Scenario | LabelledRecording, ...]:
+    return (*tune.scenarios, *tune.recordings)
+
+
+def _source_names(tune: Tune) -> tuple[str, ...]:
+    """Return unique names of the sources."""
+    names = [source_scenario(source).name for source in _trial_sources(tune)]
+    return tuple(
+        name if names.count(name) == 1 else f"{name} ({number})"
+        for number, name in enumerate(names, 1)
+    )
+
+
+def _source_text(source: Scenario | LabelledRecording) -> str:
+    text = dump(source_scenario(source))
+    if isinstance(source, LabelledRecording):
+        text += f"{dump(source.truth)}empty_range: {source.empty_range_m}\n"
+    return text
+
+
+class _ConfirmationFailed(DechirpError):
+    """Raised if settings that worked in the search fail in confirmation trials."""
+
+
+class _Search:
+    """Search in progress, and its ledger."""
+
+    def __init__(
+        self,
+        tune: Tune,
+        ledger: Ledger,
+        workers: Workers,
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        self.tune, self.ledger, self.workers, self.progress = tune, ledger, workers, progress
+        self.sources = _trial_sources(tune)
+        self.variants = [Variants(source_scenario(source)) for source in self.sources]
+        self.scores: tuple[Score, ...] = tuple(dict.fromkeys(tune.objective.scores))
+        ledger.check_columns(n_columns=sum(score.n_sums for score in self.scores))
+        self.saved = {(int(point), int(number)) for point, number in ledger.finished_blocks()}
+        # The search uses the first half of a recording, the confirmation the second.
+        self.trial_ranges = tuple(
+            (range(tune.trials), range(tune.trials, tune.trials + tune.confirmation_trials))
+            if n_frames is None
+            else (range(n_frames // 2), range(n_frames // 2, n_frames))
+            for n_frames in count_frames(self.sources)
+        )
+        for index, (search_range, _) in enumerate(self.trial_ranges):
+            if len(search_range) < 2:
+                raise InvalidSetting(
+                    f"recordings.{_source_names(tune)[index]}",
+                    value="a recording of fewer than four frames",
+                    expected="two or more to search on, and as many to confirm on",
+                    fix="give a longer recording, or more of its frames",
+                )
+        per_candidate = sum(
+            len(_split_blocks(search_range)) for search_range, _ in self.trial_ranges
+        )
+        n_fresh = sum(len(_split_blocks(fresh_range)) for _, fresh_range in self.trial_ranges)
+        n_candidates = min(tune.candidates, tune.n_combinations)
+        self.n_done, self.n_blocks = 0, (1 + n_candidates) * per_candidate + 2 * n_fresh
+
+    def result(self) -> TuneResult:
+        tune = self.tune
+        default = self._evaluate_candidate(0, ())
+        if default.failure is not None:
+            raise DechirpError(
+                Mistake(
+                    setting="scenarios",
+                    value=f"not able to run as they are ({default.failure})",
+                    expected="scenarios whose trials work before settings are searched",
+                    fix="mend them: `dechirp run` shows more",
+                )
+            )
+        candidates, history = [default], list[tuple[Choice, Candidate]]()
+        for number in range(1, tune.candidates + 1):
+            choice = next_choice(
+                tune.search,
+                [
+                    (previous, worth)
+                    for (previous, _), worth in zip(history, _ranks(tune, history), strict=True)
+                ],
+                seed=tune.seed,
+            )
+            if choice is None:
+                break
+            candidate = self._evaluate_candidate(number, _choice_settings(tune, choice))
+            candidates.append(candidate)
+            history.append((choice, candidate))
+        return self._confirm_best(candidates, history)
+
+    def _confirm_best(
+        self, candidates: Sequence[Candidate], history: Sequence[tuple[Choice, Candidate]]
+    ) -> TuneResult:
+        tune = self.tune
+        default, default_sums = self._confirm_candidate(candidates[0])
+        best, gain, refuted, failures = None, None, list[ConfirmedCandidate](), list[Finding]()
+        for candidate in _admitted_candidates(tune, candidates)[:_MAX_CONFIRMATIONS]:
+            try:
+                confirmed, sums = self._confirm_candidate(candidate)
+            except _ConfirmationFailed as error:
+                failures += [
+                    Finding.from_mistake(mistake, level="warning") for mistake in error.mistakes
+                ]
+                continue
+            if "not met" in confirmed.decisions:
+                refuted.append(confirmed)
+                continue
+            best, gain = confirmed, self._paired_gain(default_sums, sums)
+            break
+        settings = () if best is None else candidates[best.number].settings
+        label = tune.objective.score.label()
+        measured = [(choice, item.scores[label].value) for choice, item in history if item.scores]
+        self._report_progress(self.n_blocks)
+        return TuneResult(
+            tune=tune,
+            candidates=tuple(candidates),
+            default=default,
+            best=best,
+            refuted=tuple(refuted),
+            gain=gain,
+            scenarios=tuple(item.with_settings(dict(settings)) for item in self.variants),
+            importances=setting_importances(
+                tune.search, [(choice, worth) for choice, worth in measured if np.isfinite(worth)]
+            ),
+            n_trials=(
+                sum(len(first) for first, _ in self.trial_ranges),
+                sum(len(second) for _, second in self.trial_ranges),
+            ),
+            findings=(
+                *self.ledger.environment_findings,
+                *_coarse_limit_findings(tune, candidates[0]),
+                *failures,
+            ),
+        )
+
+    def _evaluate_candidate(self, number: int, settings: Settings) -> Candidate:
+        try:
+            sums = self._trial_sums(settings, fresh=False)
+        except DechirpError as error:
+            return Candidate(number, settings, {}, str(error), False)
+        failure = self._first_failure(settings, fresh=False)
+        if failure is not None:
+            return Candidate(number, settings, {}, failure, False)
+        scores = self._estimate_scores(_add_sources(sums))
+        objective_value = scores[self.tune.objective.score.label()].value
+        admitted = np.isfinite(objective_value) and all(
+            limit.excess(scores[limit.score.label()]) == 0 for limit in self.tune.objective.limits
+        )
+        return Candidate(number, settings, scores, None, bool(admitted))
+
+    def _confirm_candidate(self, candidate: Candidate) -> tuple[ConfirmedCandidate, np.ndarray]:
+        """Return the scores of a candidate in confirmation trials, and their sums."""
+        sums = self._trial_sums(candidate.settings, fresh=True)
+        failure = self._first_failure(candidate.settings, fresh=True)
+        if failure is not None:
+            raise _ConfirmationFailed(
+                Mistake(
+                    setting=f"candidate {candidate.number}",
+                    value=f"failing in trials after those of the search ({failure})",
+                    expected="trials that work",
+                    fix="take what leads there out of the search",
+                )
+            )
+        together = _add_sources(sums)
+        scores = self._estimate_scores(together)
+        named = zip(_source_names(self.tune), sums, strict=True)
+        confirmed = ConfirmedCandidate(
+            number=candidate.number,
+            scores=scores,
+            by_source={name: self._estimate_scores(source_sums) for name, source_sums in named},
+            decisions=tuple(
+                limit.decide(scores[limit.score.label()]) for limit in self.tune.objective.limits
+            ),
+        )
+        return confirmed, together
+
+    def _paired_gain(self, default_sums: np.ndarray, best_sums: np.ndarray) -> Gain:
+        objective, confidence = self.tune.objective, self.tune.confidence
+        objective_columns = slice(0, objective.score.n_sums)  # its columns come first
+
+        def value_of(sums: np.ndarray) -> float:
+            return objective.sign * objective.score.estimate(sums, confidence=confidence).value
+
+        return paired_gain(
+            default_sums[:, objective_columns],
+            best_sums[:, objective_columns],
+            value_of,
+            confidence=confidence,
+        )
+
+    def _estimate_scores(self, sums: np.ndarray) -> dict[str, Estimate]:
+        widths = [score.n_sums for score in self.scores]
+        ends = list(itertools.accumulate(widths))
+        return {
+            score.label(): score.estimate(
+                sums[:, end - score.n_sums : end], confidence=self.tune.confidence
+            )
+            for score, end in zip(self.scores, ends, strict=True)
+        }
+
+    def _first_failure(self, settings: Settings, *, fresh: bool) -> str | None:
+        """Return the message of the first failed trial of the search, or of the confirmation."""
+        messages = {(point, key.trial): key.message for point, key in self.ledger.failures()}
+        keys = (
+            (_point_number(settings, source), trial)
+            for source, part in enumerate(self.trial_ranges)
+            for trial in part[fresh]
+        )
+        return next((messages[key] for key in keys if key in messages), None) if messages else None
+
+    def _trial_sums(self, settings: Settings, *, fresh: bool) -> list[np.ndarray]:
+        """Return the sums of the trials of each source; run the ones that are not saved yet."""
+        wanted = [part[fresh] for part in self.trial_ranges]
+        points = [_point_number(settings, source) for source in range(len(self.sources))]
+        jobs = [
+            (source, point, block)
+            for source, point in enumerate(points)
+            for block in _split_blocks(wanted[source])
+        ]
+        missing = [job for job in jobs if (job[1], job[2].start) not in self.saved]
+        self._report_progress(len(jobs) - len(missing))
+        if missing:
+            sources = [
+                replace_scenario(source, variants.with_settings(dict(settings)))
+                for source, variants in zip(self.sources, self.variants, strict=True)
+            ]
+            self._run_blocks(sources, missing)
+        sums = []
+        for point, trials in zip(points, wanted, strict=True):
+            of_point = self.ledger.trial_numbers(point)
+            is_wanted = (of_point >= trials.start) & (of_point < trials.stop)
+            sums.append(self.ledger.point_sums(point)[is_wanted])
+        return sums
+
+    def _run_blocks(
+        self,
+        sources: Sequence[Scenario | LabelledRecording],
+        jobs: Sequence[tuple[int, int, range]],
+    ) -> None:
+        """Run and save blocks; repeat those of dead workers on new ones."""
+        for deaths in itertools.count(1):
+            try:
+                self._submit_blocks(
+                    sources, [job for job in jobs if (job[1], job[2].start) not in self.saved]
+                )
+                return
+            except self.workers.death_errors as error:
+                self.workers.check_alive()
+                if self.workers.renew is None or deaths == _MAX_WORKER_DEATHS:
+                    raise DechirpError(
+                        Mistake(
+                            setting="workers",
+                            value=f"dead, {pluralise(deaths, 'time')} ({type(error).__name__})",
+                            expected="workers that live: they may lack memory",
+                            fix="take fewer with --workers, and call again to go on",
+                        )
+                    ) from None
+                self.workers.renew()
+
+    def _submit_blocks(
+        self,
+        sources: Sequence[Scenario | LabelledRecording],
+        jobs: Sequence[tuple[int, int, range]],
+    ) -> None:
+        running = {
+            self.workers.executor.submit(
+                run_source_block,
+                sources[source],
+                self.scores,
+                self.tune.seed,
+                point=point,
+                number=trials.start,
+                trials=trials,
+            )
+            for source, point, trials in jobs
+        }
+        try:
+            while running:
+                finished, running = wait(running, return_when=FIRST_COMPLETED)
+                blocks = [future.result() for future in finished]
+                self.ledger.add_blocks(blocks)
+                self.saved.update((block.point, block.number) for block in blocks)
+                self._report_progress(len(blocks))
+        finally:
+            for future in running:
+                future.cancel()
+
+    def _report_progress(self, n_blocks: int) -> None:
+        self.n_done = min(self.n_done + n_blocks, self.n_blocks)
+        if self.progress is not None:
+            self.progress(self.n_done, self.n_blocks)
+
+
+def _split_blocks(trials: range) -> list[range]:
+    return [trials[first : first + BLOCK_SIZE] for first in range(0, len(trials), BLOCK_SIZE)]
+
+
+def _add_sources(sums: Sequence[np.ndarray]) -> np.ndarray:
+    """Add the sums of all sources in each trial: they share its random numbers.
+
+    Trials so stay independent. Sources with fewer trials, such as recordings of few frames,
+    contribute to the first trials alone.
+    """
+    added = np.zeros((max(map(len, sums)), sums[0].shape[1]))
+    for rows in sums:
+        added[: len(rows)] += rows
+    return added
+
+
+def _point_number(settings: Settings, source: int) -> int:
+    """Return the number under which the ledger stores a choice on a source: a hash of 63 bits.
+
+    It depends on the settings, not on the number of the candidate: one that failed for lack of
+    memory or disk space may work in the next call, after which other choices follow.
+    """
+    words = "\n".join([str(source), *(f"{path}={text}" for path, text in settings)])
+    return int.from_bytes(blake2b(words.encode(), digest_size=8).digest()) >> 1
+
+
+def _choice_settings(tune: Tune, choice: Choice) -> Settings:
+    both = zip(tune.search, choice, strict=True)
+    return tuple((setting.path, setting.texts[index]) for setting, index in both)
+
+
+def _ranks(tune: Tune, history: Sequence[tuple[Choice, Candidate]]) -> Iterator[float]:
+    """Rank candidates, more is better: ones beyond limits below all others, by their excess."""
+    label = tune.objective.score.label()
+    keys = []
+    for _, candidate in history:
+        excess = sum(
+            limit.excess(candidate.scores[limit.score.label()]) if candidate.scores else math.inf
+            for limit in tune.objective.limits
+        )
+        rank_value = (
+            tune.objective.sign * candidate.scores[label].value if candidate.scores else -math.inf
+        )
+        keys.append((candidate.is_admitted, rank_value if candidate.is_admitted else -excess))
+    ranks = {key: rank for rank, key in enumerate(sorted(set(keys)))}
+    return (float(ranks[key]) for key in keys)
+
+
+def _admitted_candidates(tune: Tune, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Sort admitted candidates, best first; equal ones by the margin to their limits."""
+    label = tune.objective.score.label()
+
+    def key(candidate: Candidate) -> tuple[float, ...]:
+        used = (
+            _limit_cost(limit, candidate.scores[limit.score.label()])
+            for limit in tune.objective.limits
+        )
+        return (-tune.objective.sign * candidate.scores[label].value, *used, candidate.number)
+
+    return sorted((candidate for candidate in candidates if candidate.is_admitted), key=key)
+
+
+def _limit_cost(limit: Limit, estimate: Estimate) -> float:
+    return estimate.value if limit.at_most is not None else -estimate.value
+
+
+def _coarse_limit_findings(tune: Tune, default: Candidate) -> Iterator[Finding]:
+    """Yield a finding if a limit is finer than this number of trials can resolve."""
+    for limit in tune.objective.limits:
+        if not limit.at_most:
+            continue
+        estimate = default.scores[limit.score.label()]
+        if not estimate.low <= limit.at_most < estimate.high / 2:
+            continue
+        share = (estimate.high - estimate.low) / limit.at_most
+        yield Finding(
+            level="warning",
+            setting="trials",
+            value=f"{tune.trials}: {limit.score.label()} of the settings as they are lies between"
+            f" {estimate.low:.2g} and {estimate.high:.2g}",
+            expected=f"enough to tell {limit.at_most:g} from twice as much",
+            fix=f"give trials: {math.ceil(tune.trials * share**2)} or so; candidates up to"
+            " the high end pass for it as it is",
+        )

@@ -1,0 +1,1 @@
+"""Simulated twin of a recording, and its comparison with the recording."""

@@ -1,0 +1,99 @@
+"""Twin as plain values, for the terminal and for its page."""
+
+from typing import Any
+
+import numpy as np
+
+from dechirp.config.dumping import to_json_data
+from dechirp.core.units import to_decibels
+from dechirp.experiments.twin.twin import Twin, TwinTolerance
+
+
+def twin_document(twin: Twin, tolerance: TwinTolerance) -> dict[str, Any]:
+    """Convert everything about a twin except its maps to plain values; None for unknown ones.
+
+    Levels are in the unit of the recording: dBFS, or dBm where it is calibrated. Differences are
+    those of the twin from the recording.
+    """
+    units = twin.recording_units
+    return {
+        "name": twin.scenario.name,
+        "frame": twin.frame_number,
+        "seed": twin.scenario.seed,
+        "unit": "dBm" if units == "sqrt(W)" else "dBFS",
+        "full_scale_dbm": None if units == "sqrt(W)" else _db(twin.watts_per_unit * 1e3),
+        "within": {"power_db": _db(tolerance.power), "bins": tolerance.cells},
+        "passed": twin.is_within(tolerance),
+        "differences": _peak_rows(twin, tolerance),
+        "floor": _noise_rows(twin),
+        "findings": [to_json_data(finding) for finding in twin.findings],
+    }
+
+
+def _peak_rows(twin: Twin, tolerance: TwinTolerance) -> list[dict[str, Any]]:
+    peaks = twin.differences
+    columns = {
+        "range_m": peaks.range.values,
+        "velocity_m_per_s": peaks.velocity.values,
+        "azimuth_deg": np.degrees(peaks.azimuth.values),
+        "power_db": _level_db(twin, peaks.power.values),
+        "snr_db": to_decibels(peaks.snr.values),
+        "power_difference_db": to_decibels(peaks.power_ratio.values),
+        "power_std_db": to_decibels(1 + peaks.power_std.values),
+        "range_difference_bins": peaks.range_cells.values,
+        "velocity_difference_bins": peaks.velocity_cells.values,
+        "std_bins": peaks.cells_std.values,
+        "azimuth_difference_deg": np.degrees(peaks.azimuth_difference.values),
+        "power_difference_clean_db": to_decibels(peaks.power_ratio_clean.values),
+        "range_difference_clean_bins": peaks.range_cells_clean.values,
+        "velocity_difference_clean_bins": peaks.velocity_cells_clean.values,
+        "leakage": peaks.is_leakage.values,
+        "searched": peaks.is_searched.values,
+        "judged": twin.judged_peaks(tolerance),
+        "within": twin.peaks_within(tolerance),
+        "within_clean": twin.peaks_within_clean(tolerance),
+    }
+    return [
+        dict(zip(columns, [_finite_or_none(cell) for cell in row], strict=True))
+        for row in zip(*(column.tolist() for column in columns.values()), strict=True)
+    ]
+
+
+def _noise_rows(twin: Twin) -> dict[str, Any]:
+    noise = twin.noise
+    columns = {
+        "range_m": noise.range.values,
+        "recorded_db": _level_db(twin, noise.recorded_over_range.values),
+        "twin_db": _level_db(twin, noise.twin_over_range.values),
+        "difference_db": _decibels(noise.ratio_over_range.values),
+    }
+    return {
+        "recorded_db": _finite_or_none(float(_level_db(twin, noise.recorded.values))),
+        "twin_db": _finite_or_none(float(_level_db(twin, noise.twin.values))),
+        "difference_db": _finite_or_none(float(_decibels(noise.ratio.values))),
+        "over_range": [
+            dict(zip(columns, [_finite_or_none(cell) for cell in row], strict=True))
+            for row in zip(*(column.tolist() for column in columns.values()), strict=True)
+        ],
+        "receivers_db": [
+            _finite_or_none(cell) for cell in _decibels(noise.in_receiver.values).tolist()
+        ],
+    }
+
+
+def _level_db(twin: Twin, power_w: np.ndarray) -> np.ndarray:
+    milli = 1e3 if twin.recording_units == "sqrt(W)" else 1.0
+    return _decibels(power_w / twin.watts_per_unit * milli)
+
+
+def _decibels(ratio: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return to_decibels(ratio)
+
+
+def _db(ratio: float) -> float:
+    return float(to_decibels(ratio))
+
+
+def _finite_or_none(number: Any) -> Any:
+    return None if isinstance(number, float) and not np.isfinite(number) else number

@@ -1,1 +1,0 @@
-"""Arrays whose axes the user names: what their containers share."""

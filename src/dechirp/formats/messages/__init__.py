@@ -1,1 +1,0 @@
-"""Messages of ROS 2 in files: where they lie, and what they say."""

@@ -1,1 +1,0 @@
-"""Bare samples: their order, and which part comes first."""

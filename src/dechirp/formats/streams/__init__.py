@@ -1,1 +1,0 @@
-"""Long files: read in parts, looked through, put together from packets."""

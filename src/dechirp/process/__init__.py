@@ -1,1 +1,0 @@
-"""From samples to detections; knows neither the scene nor the simulator."""

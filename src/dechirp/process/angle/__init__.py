@@ -1,1 +1,0 @@
-"""Directions of what was detected: a family of estimators."""

@@ -1,1 +1,0 @@
-"""Clean-up of the samples of a frame: what stands still, leakage, interference."""

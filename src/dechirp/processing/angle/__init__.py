@@ -1,0 +1,5 @@
+"""Direction estimators, a family."""
+
+from dechirp.core.namespaces import lazy_namespace
+
+__getattr__, __dir__ = lazy_namespace(__name__)

@@ -1,0 +1,11 @@
+# Written by tests/test_api.py.
+
+from dechirp.processing.angle.bartlett import Bartlett as Bartlett
+from dechirp.processing.angle.capon import Capon as Capon
+from dechirp.processing.angle.esprit import Esprit as Esprit
+from dechirp.processing.angle.fft import Fft as Fft
+from dechirp.processing.angle.iterative_adaptive import IterativeAdaptive as IterativeAdaptive
+from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood as MaximumLikelihood
+from dechirp.processing.angle.monopulse import Monopulse as Monopulse
+from dechirp.processing.angle.music import Music as Music
+from dechirp.processing.angle.root_music import RootMusic as RootMusic

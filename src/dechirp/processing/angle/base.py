@@ -1,0 +1,210 @@
+"""Direction estimators: base classes."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from dechirp.core.checks import check_integer, check_ratios
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.families import Family
+from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.angle import grating_lobes, likelihood, model_order, spectrum_peaks
+from dechirp.processing.angle.aperture import Aperture
+
+# Values of a block, directions times looks: 32 MiB of beams.
+_MAX_BLOCK_VALUES = 2**22
+
+Angles = tuple[np.ndarray, np.ndarray]
+"""Azimuths and elevations, (n, n_sources) each, in rad; NaN where a snapshot has fewer sources, 0
+for an unresolved angle."""
+
+
+class Directions(NamedTuple):
+    """Sources of each snapshot, strongest first, (n, n_sources); NaN where there are fewer."""
+
+    azimuth_rad: np.ndarray
+    """Azimuth, left positive; NaN where the array does not resolve it."""
+    elevation_rad: np.ndarray
+    """Elevation, up positive; NaN where the array does not resolve it."""
+    azimuth_std_rad: np.ndarray
+    elevation_std_rad: np.ndarray
+    power: np.ndarray
+    """Power of each source in one element, in the unit of |snapshot|^2."""
+
+
+@frozen_dataclass
+class DirectionEstimator(Family):
+    """Estimator of the directions of the echoes in a cell of the map."""
+
+    group: ClassVar[str] = "dechirp.angle"
+
+    n_sources: int | Literal["mdl", "aic"] = 1
+    """Number of directions in each detection; mdl or aic: estimated by that criterion."""
+
+    def __post_init__(self) -> None:
+        if self.n_sources not in ("mdl", "aic"):
+            check_integer(f"{type(self).__name__}.n_sources", self.n_sources, at_least=1)
+
+    @abstractmethod
+    def find_angles(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
+    ) -> Angles:
+        """Estimate the directions in each of n snapshots, in any order; see `find_directions`."""
+
+    def array_findings(self, aperture: Aperture) -> list[Finding]:
+        """Return findings on directions that the array cannot resolve or confuses."""
+        return grating_lobes.grating_lobe_findings(aperture)
+
+    def standard_errors(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray, angles: Angles
+    ) -> np.ndarray:
+        """Return the Cramer-Rao bound at the estimates, (n, n_sources, n_angles)."""
+        return likelihood.crlb_standard_errors(snapshots, aperture, noise_power, *angles)
+
+    def find_directions(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
+    ) -> Directions:
+        """Estimate directions, powers and standard errors of the sources of each snapshot.
+
+        Parameters
+        ----------
+        snapshots : array (n, n_looks, n_elements), complex
+            Amplitudes in the virtual elements; looks see the same directions.
+        aperture : Aperture
+            Element positions.
+        noise_power : array (n,)
+            Noise power in one element, E|w|^2, after the transforms.
+
+        Returns
+        -------
+        Directions
+            NaN throughout for a snapshot that is not finite, or zero. Standard errors are limited
+            to that of a uniform distribution over the field of view.
+
+        Raises
+        ------
+        InvalidSetting
+            For at least as many sources as elements, for arrays of other shapes, and for noise
+            that is not finite or below 0.
+        """
+        self._check_input(snapshots, aperture, noise_power)
+        is_finite = np.isfinite(snapshots).all(axis=(1, 2))
+        snapshots = np.where(is_finite[:, None, None], snapshots, 0)
+        has_signal = np.any(snapshots != 0, axis=(1, 2))
+        azimuth, elevation = self.find_angles(snapshots, aperture, noise_power)
+        azimuth = np.where(has_signal[:, None], azimuth, np.nan)
+        power = likelihood.source_powers(snapshots, aperture, azimuth, elevation)
+        # Strongest first; NaN sorts last.
+        order = np.argsort(-power, axis=1, kind="stable")
+        azimuth, elevation, power = (
+            np.take_along_axis(array, order, axis=1) for array in (azimuth, elevation, power)
+        )
+        bounds = self.standard_errors(snapshots, aperture, noise_power, (azimuth, elevation))
+        field_of_view = aperture.field_of_view
+        uniform_std = np.array([field_of_view.azimuth_rad, field_of_view.elevation_rad]) / np.sqrt(
+            3
+        )
+        std = np.full((*azimuth.shape, 2), np.nan)
+        std[..., list(aperture.resolves)] = np.minimum(bounds, uniform_std[list(aperture.resolves)])
+        std[np.isnan(azimuth)] = np.nan
+        for angle, is_resolved in zip((azimuth, elevation), aperture.resolves, strict=True):
+            if not is_resolved:
+                angle.fill(np.nan)
+        return Directions(azimuth, elevation, std[..., 0], std[..., 1], power)
+
+    def _check_input(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
+    ) -> None:
+        if snapshots.ndim != 3 or snapshots.shape[2] != aperture.n_elements:
+            raise InvalidSetting(
+                "snapshots",
+                value=f"an array {snapshots.shape}",
+                expected=f"(n, n_looks, {aperture.n_elements}): a number for each element",
+                fix="give the amplitudes of the virtual elements of this array",
+            )
+        if noise_power.shape != snapshots.shape[:1]:
+            raise InvalidSetting(
+                "noise_power",
+                value=f"an array {noise_power.shape}",
+                expected=f"{snapshots.shape[:1]}: one for each snapshot",
+                fix="give the noise in one element of each",
+            )
+        check_ratios("noise_power", noise_power)
+        if isinstance(self.n_sources, int) and self.n_sources >= aperture.n_elements:
+            raise InvalidSetting(
+                f"{type(self).__name__}.n_sources",
+                value=self.n_sources,
+                expected=f"fewer than the {aperture.n_elements} elements of the virtual array",
+                fix="lower n_sources, or use an array with more elements",
+            )
+
+
+@frozen_dataclass
+class SpectralEstimator(DirectionEstimator):
+    """Estimator that takes the highest peaks of a spectrum over directions.
+
+    A member computes data from the snapshots once (`prepare_snapshots`) and the spectrum from
+    them (`spectrum_at`).
+    """
+
+    def prepare_snapshots(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
+    ) -> Any:
+        """Return the data of each snapshot that `spectrum_at` needs; by default the snapshots.
+
+        Called once, before all directions: inverses and subspaces are computed here.
+        """
+        return snapshots
+
+    @abstractmethod
+    def spectrum_at(self, prepared: Any, steering: np.ndarray) -> np.ndarray:
+        """Return the spectrum of each snapshot, (n, m), at m steering vectors.
+
+        `steering` is (m, n_elements), common to all, or (n, m, n_elements).
+        """
+
+    def grid_spectrum(self, prepared: Any, aperture: Aperture) -> np.ndarray:
+        """Return the spectrum at all directions of the grid, (n, n_directions)."""
+        return self.spectrum_at(prepared, aperture.grid.steering)
+
+    def spectrum(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
+    ) -> np.ndarray:
+        """Return the spectrum of each snapshot over the grid, (n, n_elevations, n_azimuths)."""
+        prepared = self.prepare_snapshots(snapshots, aperture, noise_power)
+        return self.grid_spectrum(prepared, aperture).reshape(len(snapshots), *aperture.grid.shape)
+
+    def count_sources(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
+    ) -> np.ndarray:
+        """Return the number of sources of each snapshot, (n,)."""
+        if isinstance(self.n_sources, int):
+            return np.full(len(snapshots), self.n_sources)
+        return model_order.estimate_n_sources(snapshots, aperture, noise_power, self.n_sources)
+
+    def find_angles(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
+    ) -> Angles:
+        """Find the highest local maxima of the spectrum, between grid points."""
+        n_sources = self.count_sources(snapshots, aperture, noise_power)
+        angles = np.full((2, len(snapshots), int(n_sources.max(initial=1))), np.nan)
+        block_size = max(1, _MAX_BLOCK_VALUES // (snapshots.shape[1] * len(aperture.grid.steering)))
+        for first in range(0, len(snapshots), block_size):
+            rows = slice(first, first + block_size)
+            prepared = self.prepare_snapshots(snapshots[rows], aperture, noise_power[rows])
+            spectrum = self.grid_spectrum(prepared, aperture)
+            coarse = spectrum_peaks.find_grid_peaks(
+                spectrum, aperture.grid, n_sources[rows], angles.shape[2]
+            )
+            angles[:, rows] = self.refine_peaks(snapshots[rows], prepared, aperture, coarse)
+        return angles[0], angles[1]
+
+    def refine_peaks(
+        self, snapshots: np.ndarray, prepared: Any, aperture: Aperture, coarse: Angles
+    ) -> Angles:
+        """Refine peaks between grid points by a search with halving steps."""
+        return spectrum_peaks.refine_spectrum_peaks(
+            lambda steering: self.spectrum_at(prepared, steering), aperture, *coarse
+        )

@@ -1,0 +1,116 @@
+"""Capon beamformer: least power that passes a signal from each direction undistorted."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lapack
+
+from dechirp.core.checks import check_positive
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.processing.angle.covariance import SlidingWindows
+from dechirp.processing.angle.difference_coarray import (
+    DifferenceCoarray,
+    direction_powers,
+    element_coarray,
+    grid_lag_phases,
+    snapshot_direction_powers,
+)
+from dechirp.processing.angle.smoothed import SmoothedEstimator
+
+# Relative to the mean power: the accuracy of a covariance in single precision.
+_MIN_LOADING = 1e-5
+# Lag phases at a time: 16 MiB.
+_MAX_BLOCK_VALUES = 2**20
+
+
+class InverseCovariances(NamedTuple):
+    """Inverse covariances, summed over the pairs of elements with equal lags."""
+
+    lag_sums: np.ndarray
+    """(n, n_differences) complex."""
+    coarray: DifferenceCoarray
+
+
+@frozen_dataclass
+class Capon(SmoothedEstimator):
+    """1 / a^H (R + d)^-1 a, of the covariance over windows.
+
+    The loading d keeps the inverse of few snapshots finite, and errors of the array from
+    being taken for interference (B. D. Carlson, Covariance matrix estimation errors and
+    diagonal loading in adaptive arrays, IEEE Trans. AES 24(4), 1988). On arrays that are not
+    uniform, one look has the peaks of a Bartlett spectrum.
+
+    References
+    ----------
+    J. Capon, High-resolution frequency-wavenumber spectrum analysis, Proc. IEEE 57(8), 1969.
+    """
+
+    loading: float = 0.1
+    """Diagonal loading relative to the noise power of one element; at least 1e-5 of the mean
+    power."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive(self, "loading")
+
+    def prepare_snapshots(
+        self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
+    ) -> InverseCovariances:
+        """Invert each covariance in double precision: a beam is a small difference of its terms."""
+        windows = self.sliding_windows(aperture)
+        n, n_looks, _ = snapshots.shape
+        coarray = element_coarray(aperture, _window_elements(windows))
+        lag_sums = np.empty((n, len(coarray.pairs[0])), np.complex128)
+        for rows in windows.detection_blocks(n, n_looks):
+            x = snapshots[rows].astype(np.complex64)
+            data = windows.real_data(x) if windows.backward else windows.window_data(x)
+            covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
+            power = np.einsum("nii->n", covariance).real / windows.size
+            # A snapshot of zeros has no direction, but must not raise for the others.
+            loading = np.fmax(self.loading * noise_power[rows], _MIN_LOADING * power + 1e-30)
+            np.einsum("nii->ni", covariance)[:] += loading[:, None]
+            lag_sums[rows] = coarray.sum_over_lags(_invert_covariances(covariance))
+        return InverseCovariances(lag_sums, coarray)
+
+    def spectrum_at(self, prepared: InverseCovariances, steering: np.ndarray) -> np.ndarray:
+        """Return the power in the beam towards each direction, as of one element."""
+        lag_sums, coarray = prepared
+        if steering.ndim == 3:
+            return np.asarray(1 / snapshot_direction_powers(lag_sums, steering, coarray.pairs))
+        block_size = max(1, _MAX_BLOCK_VALUES // lag_sums.shape[1])
+        parts = [
+            direction_powers(lag_sums, coarray.lag_phases(steering[first : first + block_size]))
+            for first in range(0, len(steering), block_size)
+        ]
+        return 1 / np.concatenate(parts, axis=1)
+
+    def grid_spectrum(self, prepared: InverseCovariances, aperture: Aperture) -> np.ndarray:
+        lag_phases = grid_lag_phases(aperture, _window_elements(self.sliding_windows(aperture)))
+        if lag_phases is not None:
+            return np.asarray(1 / direction_powers(prepared.lag_sums, lag_phases))
+        grid = aperture.grid
+        return np.concatenate(
+            [
+                self.spectrum_at(prepared, aperture.steering_vectors(grid.azimuth_rad, elevation))
+                for elevation in grid.elevation_rad
+            ],
+            axis=1,
+        )
+
+
+def _window_elements(windows: SlidingWindows) -> tuple[int, ...]:
+    return tuple(windows.elements.tolist())
+
+
+def _invert_covariances(covariances: np.ndarray) -> np.ndarray:
+    """Return the lower halves of the inverses of Hermitian (n, size, size), in double precision."""
+    factor, invert = lapack.dpotrf, lapack.dpotri
+    if np.iscomplexobj(covariances):
+        factor, invert = lapack.zpotrf, lapack.zpotri
+    out = np.ascontiguousarray(covariances, np.result_type(covariances, float))
+    for matrix in out:
+        # LAPACK reads the upper halves of the transposed matrices.
+        upper = factor(matrix.T, overwrite_a=True, clean=False)[0]
+        matrix[:] = invert(upper, overwrite_c=True)[0].T
+    return out

@@ -1,0 +1,1 @@
+"""Array calibration from a reflector at known positions."""

@@ -1,0 +1,199 @@
+"""Trimmed-mean CFAR: mean of the training cells without the smallest and the largest.
+
+It lies between cell averaging and an ordered statistic. P. P. Gandhi and S. A. Kassam, Analysis
+of CFAR processors in nonhomogeneous background, IEEE Trans. AES 24(4), 1988.
+"""
+
+import numba
+import numpy as np
+
+from dechirp.core.checks import check_non_negative
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
+from dechirp.processing.cfar.rank_kernels import (
+    SideCounts,
+    candidate_cells,
+    gather_training_cells,
+    kth_smallest,
+    order_statistic_map,
+    resolve_cell_count,
+)
+from dechirp.theory.cfar_trimmed_mean import trimmed_mean_factor
+
+
+@frozen_dataclass
+class TrimmedMean(NoiseEstimator):
+    """Mean of the training cells after trimming both ends of their order."""
+
+    n_smallest: float = 0.0
+    """Number of smallest cells trimmed; below 1, a share of the cells."""
+    n_largest: float = 0.25
+    """Number of largest cells trimmed; below 1, a share of the cells."""
+
+    def __post_init__(self) -> None:
+        check_non_negative(self, "n_smallest", "n_largest")
+        for name in ("n_smallest", "n_largest"):
+            number = getattr(self, name)
+            if number >= 1 and number != int(number):
+                raise InvalidSetting(
+                    f"TrimmedMean.{name}",
+                    value=number,
+                    expected="a share below 1, or a whole number of cells",
+                    fix="give 0.25 for a quarter of them",
+                )
+
+    def check_window(self, window: TrainingWindow) -> None:
+        """Check that at least one training cell remains."""
+        n_cells = len(window.offsets(window.half_range))
+        if sum(self._trim_counts(n_cells)) >= n_cells:
+            raise InvalidSetting(
+                "Cfar.estimator.n_largest",
+                value=f"{self.n_largest:g}, with {self.n_smallest:g} of the smallest",
+                expected=f"fewer than the {n_cells} training cells together",
+                fix="trim fewer cells, or use more training cells",
+            )
+
+    def statistic(self, cells: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        n = cells.shape[-1]
+        first, n_largest = self._trim_counts(n)
+        last = n - n_largest
+        partitioned = np.partition(cells, sorted({first, last - 1}), axis=-1)
+        return partitioned[..., first:last].mean(axis=-1)
+
+    def threshold(
+        self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
+    ) -> np.ndarray:
+        n_cells, n_smallest, n_largest = self._row_trim_counts(power, window)
+        if n_smallest.any():
+            lowest = order_statistic_map(power, window.side_counts, n_smallest + 1)
+        else:
+            lowest = np.zeros_like(power)
+        highest = order_statistic_map(power, window.side_counts, n_cells - n_largest)
+        return _trimmed_mean_map(
+            power, window.side_counts, factors, n_smallest, n_largest, lowest, highest
+        )
+
+    def exceeds_threshold(
+        self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
+    ) -> np.ndarray:
+        """Compute the exact mean only for candidate cells.
+
+        The mean without the smallest is no less than with them, which few cells of noise exceed
+        by the factor: training cells are put in order only for those.
+        """
+        n_cells, n_smallest, n_largest = self._row_trim_counts(power, window)
+        candidates = candidate_cells(
+            power, window.side_counts, factors, n_cells, n_cells - n_largest
+        )
+        return _exceeds_mask(power, candidates, window.side_counts, factors, n_smallest, n_largest)
+
+    def independent_cells_factor(
+        self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
+    ) -> float | None:
+        """Return Gandhi and Kassam's product; None for several channels."""
+        if n_channels > 1:
+            return None
+        n_smallest, n_largest = self._trim_counts(len(offsets))
+        return trimmed_mean_factor(
+            false_alarm_probability,
+            n_training=len(offsets),
+            n_smallest=n_smallest,
+            n_largest=n_largest,
+        )
+
+    def _trim_counts(self, n_cells: int) -> tuple[int, int]:
+        """Return the numbers of cells trimmed at both ends."""
+        number = np.array(n_cells)
+        return int(resolve_cell_count(number, self.n_smallest)), int(
+            resolve_cell_count(number, self.n_largest)
+        )
+
+    def _row_trim_counts(
+        self, power: np.ndarray, window: TrainingWindow
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return training cells and trimmed cells at both ends for each row, (range,)."""
+        n_cells = window.n_training_cells(power.shape[1])
+        return (
+            n_cells,
+            resolve_cell_count(n_cells, self.n_smallest),
+            resolve_cell_count(n_cells, self.n_largest),
+        )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _trimmed_mean_map(
+    power: np.ndarray,
+    sizes: SideCounts,
+    factors: np.ndarray,
+    n_smallest: np.ndarray,
+    n_largest: np.ndarray,
+    lowest: np.ndarray,
+    highest: np.ndarray,
+) -> np.ndarray:
+    """Compute thresholds from the smallest and largest kept cells, in place of the latter."""
+    width, height = 2 * (sizes[0] + sizes[2]) + 1, 2 * (sizes[1] + sizes[3]) + 1
+    cells = np.empty(width * height, np.float32)
+    for v in range(power.shape[0]):
+        for j in range(power.shape[1]):
+            n = gather_training_cells(power, v, j, sizes, cells)
+            mean = _trimmed_mean(
+                cells[:n], n_smallest[j], n_largest[j], lowest[v, j], highest[v, j]
+            )
+            highest[v, j] = mean * factors[j]
+    return highest
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _exceeds_mask(
+    power: np.ndarray,
+    candidates: np.ndarray,
+    sizes: SideCounts,
+    factors: np.ndarray,
+    n_smallest: np.ndarray,
+    n_largest: np.ndarray,
+) -> np.ndarray:
+    """Return a mask of the candidates that exceed their thresholds."""
+    width, height = 2 * (sizes[0] + sizes[2]) + 1, 2 * (sizes[1] + sizes[3]) + 1
+    cells, ordered = np.empty(width * height, np.float32), np.empty(width * height, np.float32)
+    mask = np.zeros(power.shape, np.bool_)
+    for c in range(len(candidates)):
+        v, j = candidates[c, 0], candidates[c, 1]
+        n = gather_training_cells(power, v, j, sizes, cells)
+        if _is_mean_above(cells[:n], n_largest[j], power[v, j] / factors[j]):
+            continue
+        ordered[:n] = cells[:n]
+        lowest = kth_smallest(ordered, n, n_smallest[j] + 1)
+        highest = kth_smallest(ordered, n, n - n_largest[j])
+        mean = _trimmed_mean(cells[:n], n_smallest[j], n_largest[j], lowest, highest)
+        mask[v, j] = power[v, j] > mean * factors[j]
+    return mask
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _is_mean_above(cells: np.ndarray, n_largest: int, level: np.float32) -> bool:
+    """Test by the bound of `candidate_cells` if the mean without the largest exceeds a level.
+
+    A few levels nearly always decide, in a tenth of the time of ordering the cells.
+    """
+    q, limit = level, np.float32((cells.size - n_largest) * level * (1 + 1e-4))
+    for _ in range(8):
+        total = np.float32(0.0)
+        for i in range(cells.size):
+            total += min(cells[i], q)
+        if total - n_largest * q > limit:
+            return True
+        q *= np.float32(1.7)
+    return False
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _trimmed_mean(
+    cells: np.ndarray, n_smallest: int, n_largest: int, lowest: np.float32, highest: np.float32
+) -> np.float32:
+    """Return the mean of the kept cells: all cells clipped to their range, less those trimmed."""
+    total = np.float64(0.0)
+    for i in range(cells.size):
+        total += min(max(cells[i], lowest), highest)
+    total -= n_smallest * np.float64(lowest) + n_largest * np.float64(highest)
+    return np.float32(total / (cells.size - n_smallest - n_largest))

@@ -1,0 +1,160 @@
+"""Settings of the processing chain, from the samples of a frame to its detections."""
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import get_args
+
+from dechirp.core.checks import check_count, check_instances
+from dechirp.core.display import Displayable, format_value
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import frozen_dataclass
+from dechirp.processing.angle.aperture import FieldOfView
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.angle.fft import Fft
+from dechirp.processing.cfar.base import Cfar, MapNoise
+from dechirp.processing.cfar.cell_averaging import CellAveraging
+from dechirp.processing.cluster import Dbscan
+from dechirp.processing.direction_finding import can_resolve_directions
+from dechirp.processing.mitigation.base import Mitigation
+from dechirp.processing.range_walk import RangeWalk
+from dechirp.processing.spectrum import Transform, independent_rows
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
+from dechirp.theory.windows import Window
+
+
+@frozen_dataclass
+class Chain(Displayable):
+    """Settings of the chain, in the order in which they act."""
+
+    mitigation: tuple[Mitigation, ...] = ()
+    """Methods that repair or filter the samples first, in this order."""
+    range_window: Window = "hann"
+    n_range_bins: int | None = None
+    """Points of the range transform, zero-padded above n_samples; n_samples if None. Real
+    sampling keeps the half that is not a mirror image."""
+    doppler_window: Window = "hann"
+    n_velocity_bins: int | None = None
+    """Points of the Doppler transform, zero-padded above n_chirps; n_chirps if None."""
+    range_walk: RangeWalk | None = None
+    """Correction of range walk, for frames in which v M T of the largest velocity exceeds half a
+    range cell; None for no correction. Segmented leaves lobes 75 dB below a target, keystone
+    none."""
+    cfar: Cfar = Cfar(estimator=CellAveraging(), false_alarm_probability=1e-6)
+    angle: DirectionEstimator | None = Fft()
+    """Direction estimator; None for no directions. The default is dropped if the array resolves
+    no direction."""
+    field_of_view: FieldOfView = FieldOfView()
+    """Directions that are searched; without an estimator only to resolve velocity ambiguity."""
+    cluster: Dbscan | None = None
+    """Clustering of detections into objects; None for no clusters."""
+
+    def __post_init__(self) -> None:
+        fix = "write [MeanSubtraction()], a list even for one method"
+        methods = check_instances(
+            "Chain.mitigation",
+            self.mitigation,
+            Mitigation,  # type: ignore[type-abstract]
+            fix=fix,
+        )
+        object.__setattr__(self, "mitigation", methods)
+        for name in ("n_range_bins", "n_velocity_bins"):
+            if getattr(self, name) is not None:
+                check_count(self, name, at_least=2)
+        for name, choices in (
+            ("range_window", get_args(Window)),
+            ("doppler_window", get_args(Window)),
+            ("range_walk", (*get_args(RangeWalk), None)),
+        ):
+            if getattr(self, name) not in choices:
+                raise InvalidSetting(
+                    f"Chain.{name}",
+                    value=getattr(self, name),
+                    expected=" or ".join(
+                        "none" if choice is None else choice for choice in choices
+                    ),
+                    fix="choose one of them",
+                )
+        if not isinstance(self.angle, DirectionEstimator | None):
+            raise InvalidSetting(
+                "Chain.angle",
+                value=self.angle,
+                expected="a member of the family, or none",
+                fix="give Fft(), or leave it out for the default",
+            )
+        if not isinstance(self.cluster, Dbscan | None):
+            raise InvalidSetting(
+                "Chain.cluster",
+                value=self.cluster,
+                expected="a Dbscan, or none",
+                fix="give Dbscan(), or leave it out",
+            )
+        if not isinstance(self.cfar, Cfar):
+            raise InvalidSetting(
+                "Chain.cfar", value=self.cfar, expected="a Cfar", fix="leave it out for the default"
+            )
+
+    def range_transform(self, chirp: Chirp) -> Transform:
+        """Return the range transform of a chirp."""
+        n_bins = chirp.n_samples if self.n_range_bins is None else self.n_range_bins
+        return _cached_transform(self.range_window, chirp.n_samples, n_bins)
+
+    def doppler_transform(self, frame: Frame) -> Transform:
+        """Return the Doppler transform of a frame."""
+        n_bins = frame.n_chirps if self.n_velocity_bins is None else self.n_velocity_bins
+        return _cached_transform(self.doppler_window, frame.n_chirps, n_bins)
+
+    def fit_to_radar(self, radar: Radar) -> "Chain":
+        """Return the chain with defaults that fit the radar.
+
+        Fewer training cells where the default ones do not fit into the map, and no direction
+        estimator instead of the default one where the array resolves no direction.
+        """
+        n_rows = n_searched_rows(radar.frame.chirp, self.range_transform(radar.frame.chirp))
+        cfar = self.cfar.fit_to_map(self.doppler_transform(radar.frame).n_bins, n_rows)
+        no_angle = (
+            self.angle is not None and self.angle == Fft() and not can_resolve_directions(radar)
+        )
+        if cfar is self.cfar and not no_angle:
+            return self
+        return replace(self, angle=None if no_angle else self.angle, cfar=cfar)
+
+    def map_noise(self, radar: Radar) -> MapNoise:
+        """Return the statistics of white noise in the map of a radar."""
+        return MapNoise(
+            range_transform=self.range_transform(radar.frame.chirp),
+            doppler_transform=self.doppler_transform(radar.frame),
+            n_channels=radar.n_summed_maps,
+        )
+
+    def _summary(self) -> str:
+        windows = dict.fromkeys((self.range_window, self.doppler_window))
+        parts = [f"{format_value(self.mitigation)} applied"] if self.mitigation else []
+        parts += [f"{' and '.join(windows)} windows", self.cfar.estimator.kind()]
+        rate = self.cfar.false_alarm_probability
+        parts[-1] += "" if rate is None else f" at {format_value(rate, 'probability')}"
+        parts.append(
+            "no directions" if self.angle is None else f"directions by {format_value(self.angle)}"
+        )
+        parts += ["clusters"] if self.cluster is not None else []
+        return ", ".join(parts)
+
+
+@lru_cache(maxsize=64)
+def _cached_transform(window: Window, n_points: int, n_bins: int) -> Transform:
+    """Return a cached transform, which computes the properties of its window once."""
+    return Transform(window=window, n_points=n_points, n_bins=n_bins)
+
+
+def n_searched_rows(chirp: Chirp, range_transform: Transform) -> int:
+    """Return the number of range rows that are searched for targets."""
+    if chirp.sampling == "complex":
+        return range_transform.n_bins
+    n_rows = range_transform.n_bins // 2 + 1
+    # In a large map the few excluded rows make no difference, and finding them
+    # takes the square of their number.
+    if n_rows > 2048:
+        return n_rows
+    rows = independent_rows(chirp, range_transform)
+    return rows.stop - rows.start

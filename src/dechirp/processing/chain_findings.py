@@ -1,0 +1,75 @@
+"""Findings about the settings of a chain for a radar."""
+
+import numpy as np
+
+from dechirp.core.findings import Finding
+from dechirp.core.units import to_decibels
+from dechirp.processing.angle.aperture import radar_aperture
+from dechirp.processing.cfar.base import Cfar, MapNoise
+from dechirp.processing.cfar.self_masking import self_masking_loss
+from dechirp.processing.chain import Chain
+from dechirp.processing.direction_finding import can_resolve_directions
+from dechirp.processing.spectrum import Transform, independent_rows
+from dechirp.radar.radar import Radar
+
+
+def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
+    """List the findings about the maps that a chain computes for a radar."""
+    noise, training, guard = chain.map_noise(radar), chain.cfar.n_training, chain.cfar.n_guard
+    findings = [remark for method in chain.mitigation for remark in method.target_findings(radar)]
+    if training.range:
+        findings += _guard_findings("range", guard.range, noise.range_transform, chain.cfar, noise)
+    if training.velocity:
+        findings += _guard_findings(
+            "velocity", guard.velocity, noise.doppler_transform, chain.cfar, noise
+        )
+    error = chain.cfar.false_alarm_error(noise)
+    if error:
+        findings.append(
+            Finding(
+                level="note" if error < 0.05 else "warning",
+                setting="chain.cfar.estimator",
+                value=f"a factor for {chain.cfar.estimator.kind()} in cells correlated by windows"
+                f" or padding, calibrated by simulation, with a standard error of {error:.1%}"
+                " of the false-alarm probability",
+                expected="an exact factor, where the probability must be closer than that",
+                fix="choose cell-averaging, whose factor is exact, or leave it",
+            )
+        )
+    chirp, n_rows = radar.frame.chirp, noise.range_transform.n_bins // 2 + 1
+    if chirp.sampling == "real":
+        rows = independent_rows(chirp, noise.range_transform)
+        findings.append(
+            Finding(
+                level="note",
+                setting="radar.frame.chirp.sampling",
+                value=f"real samples: {rows.start} rows at range 0 and {n_rows - rows.stop} at"
+                f" {chirp.max_range_m:.4g} m are not searched",
+                expected="noise independent of its mirror image, for false alarms as designed",
+                fix="nothing is to be done; pad less to lose fewer metres",
+            )
+        )
+    if chain.angle is not None and can_resolve_directions(radar):
+        findings += chain.angle.array_findings(radar_aperture(radar, chain.field_of_view))
+    return findings
+
+
+def _guard_findings(
+    axis: str, n_guard: int, transform: Transform, cfar: Cfar, noise: MapNoise
+) -> list[Finding]:
+    """Warn if a target would raise its own threshold."""
+    needed = int(np.ceil(transform.main_lobe_bins)) - 1
+    if n_guard >= needed:
+        return []
+    loss = self_masking_loss(cfar, noise)
+    consequence = f"costs {to_decibels(loss):.1f} dB" if np.isfinite(loss) else "hides every target"
+    return [
+        Finding(
+            level="warning",
+            setting=f"chain.cfar.n_guard.{axis}",
+            value=f"{n_guard} guard cells inside a main lobe of {transform.main_lobe_bins:.3g} bins"
+            f" on each side, which {consequence}",
+            expected=f"{needed} or more, or a target raises its own threshold",
+            fix="widen the guard, or pad less",
+        )
+    ]

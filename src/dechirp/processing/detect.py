@@ -1,0 +1,229 @@
+"""Detection in the frames of cubes: processes them one by one and joins their detections."""
+
+import warnings
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.detection_columns import UNITS, to_dataset
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.processing.chain import Chain
+from dechirp.processing.frame import FrameResult, frame_detections, process_frame
+from dechirp.processing.peaks import MAX_PEAKS
+from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks
+from dechirp.processing.velocity_ambiguity.resolve import resolve_across_frames
+from dechirp.radar.cube import check_sampling
+from dechirp.radar.radar import Radar
+
+
+def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.Dataset:
+    """Detect targets in each frame of a cube, simulated or recorded.
+
+    Parameters
+    ----------
+    cube : DataArray (frame, chirp, rx, sample)
+        complex for complex sampling, real for real, processed in single precision; any
+        order of axes.
+    radar : Radar
+        The waveform and the receivers that the cube was taken with.
+    chain : Chain, optional
+        Windows, bins and detector; Hann windows and a 2-D cell-averaging CFAR at 1e-6 if omitted.
+        The default training cells become fewer where the map is small.
+
+    Returns
+    -------
+    Dataset over `detection`
+        frame
+            Index of the frame in the cube.
+        time : s
+            Mid-frame, mid-window: the instant to which the estimates refer.
+        range : m, velocity : m/s
+            Range from the origin, or from the middle of the array where the direction or the
+            ambiguity number is unknown; velocity is the rate of change of the range from that
+            middle. Receding positive; refined on unwindowed samples, without range-Doppler
+            coupling; unambiguous where `ambiguity_number` is known, else aliased into the span
+            about zero velocity. A frame of one chirp gives no velocity: NaN, and the range of a
+            target at rest.
+        snr : ratio
+            After integration over all samples, chirps and channels, without the window's loss:
+            the standard errors follow from it. The noise is estimated from the corners of the
+            training window, which the sidelobes of the target do not reach; a training window of
+            few cells (2 x 2 on each side) makes it half a dB too high in the mean.
+        range_std : m, velocity_std : m/s
+            Standard errors: the Cramer-Rao bound at that ratio, and for the noise of the n
+            channels whose powers are added, 1 + n / snr times its variance.
+        azimuth : rad, elevation : rad
+            Direction of each source that the estimator finds in a detection, left and up
+            positive: one row each, strongest first, with the ratio divided by power. NaN where not
+            estimated. From the origin where the ambiguity number is known, else from the middle
+            of the array. A linear array measures the cone on which a target lies: its angle is
+            that of a target at the level of the array (the other angle 0), and so is the offset
+            from the middle to the origin. The angles belong to the velocity of their row: another
+            ambiguity number changes the phases between transmitters, and with them the angle.
+        azimuth_std : rad, elevation_std : rad
+            Standard errors, from the Cramer-Rao bound.
+        ambiguity_number, ambiguity_confidence
+            Number of unambiguous velocity spans added, and its probability: from the phases
+            between transmitters or ramps, from the beats of a triangle, or from frames with other
+            intervals. The number is NaN where its probability is below 0.99. Both are NaN for one
+            transmitter whose ramps and intervals are alike.
+
+    Raises
+    ------
+    InvalidSetting
+        If the cube does not fit the radar, has samples that are not finite, or the training
+        cells do not fit into the map.
+    NotEnoughMemory
+        If the map would not fit.
+
+    Warns
+    -----
+    PhysicsWarning
+        If a map has more than 2,000 peaks: the weaker ones are dropped.
+    """
+    return to_dataset(detect_columns([cube], radar, chain))
+
+
+def detect_columns(
+    cubes: Iterable[xr.DataArray], radar: Radar, chain: Chain | None = None, *, first: int = 0
+) -> dict[str, np.ndarray]:
+    """Detect targets in cubes of successive frames; arrays instead of the Dataset of `detect`.
+
+    Labels take 1 ms. `first` is the number of the first frame. The next cube is requested after
+    the frames of the one before are processed. Raises and warns as `detect`.
+    """
+    processor = FrameProcessor(radar, chain or Chain())
+    for frame in processor.process(cubes, first=first):
+        warn_about_dropped_peaks(frame, stacklevel=4)
+    return processor.detections()
+
+
+class FrameProcessor:
+    """Processor of successive frames: yields the result of each, and joins their detections.
+
+    Of frames with intervals in turn, the peaks of all are kept until `detections` resolves their
+    velocity ambiguity together; of other frames the columns of the detections alone.
+    """
+
+    def __init__(self, radar: Radar, chain: Chain) -> None:
+        self._radar, self._chain = radar, chain.fit_to_radar(radar)
+        self._is_joint = radar.frame.n_intervals > 1 and radar.frame.n_chirps > 1
+        self._peaks: list[FramePeaks] = []
+        self._columns: list[dict[str, np.ndarray]] = []
+
+    def process(self, cubes: Iterable[xr.DataArray], *, first: int = 0) -> Iterator[FrameResult]:
+        """Process the frames of cubes one by one; `first` is the number of the first frame.
+
+        The results of frames with intervals in turn have no directions: those of `detections`
+        follow from the velocities on which all frames agree.
+        """
+        with_directions = not self._is_joint
+        for frame in process_cubes(
+            cubes, self._radar, self._chain, first=first, with_directions=with_directions
+        ):
+            if self._is_joint:
+                self._peaks.append(frame.peaks)
+            else:
+                self._columns.append(frame.detections)
+            yield frame
+
+    def detections(self) -> dict[str, np.ndarray]:
+        """Return the columns of the detections of all frames processed, (n_detections,) each."""
+        columns = self._columns
+        if self._is_joint:
+            frames: Iterable[FramePeaks] = self._peaks
+            if len(self._peaks) > 1:
+                frames = resolve_across_frames(self._peaks, self._radar.frame)
+            columns = [frame_detections(frame, self._chain) for frame in frames]
+        if len(columns) == 1:
+            return columns[0]
+        return {
+            name: np.concatenate([frame_columns[name] for frame_columns in columns])
+            for name in UNITS
+        }
+
+
+def process_cubes(
+    cubes: Iterable[xr.DataArray],
+    radar: Radar,
+    chain: Chain,
+    *,
+    first: int = 0,
+    with_directions: bool = True,
+) -> Iterator[FrameResult]:
+    """Process the frames of cubes one by one, each by itself, see `process_frame`.
+
+    Raises `InvalidSetting` if a cube does not fit the radar, and as `process_frame`.
+    """
+    number = first
+    for cube in cubes:
+        check_cube(cube, radar)
+        # Labels of a label take 0.03 ms.
+        labels = cube.coords.variables
+        starts_s = labels["frame"].values if "frame" in labels else None
+        is_plain = cube.dims == CUBE_AXES and len(cube) == 1
+        for index in range(cube.sizes["frame"]):
+            # One frame at a time: no more is read of a cube on disk.
+            if is_plain:
+                samples = cube.variable.values[0]
+            else:
+                samples = cube.variable.isel(frame=index).transpose(*CUBE_AXES[1:]).values
+            yield process_frame(
+                samples,
+                radar,
+                chain,
+                number=number,
+                start_s=None if starts_s is None else float(starts_s[index]),
+                with_directions=with_directions,
+            )
+            number += 1
+
+
+def check_cube(cube: xr.DataArray, radar: Radar) -> None:
+    """Raise `InvalidSetting` unless the radar could have taken the cube."""
+    chirp = radar.frame.chirp
+    if not isinstance(cube, xr.DataArray):
+        raise InvalidSetting(
+            "cube",
+            value=f"a {type(cube).__name__}",
+            expected=f"an xarray.DataArray over {', '.join(CUBE_AXES)}",
+            fix="name its axes: xarray.DataArray(array, dims=(...))",
+        )
+    if set(cube.dims) == set(CUBE_AXES) and not cube.sizes["frame"]:
+        raise InvalidSetting(
+            "cube", value="0 frames", expected="1 or more", fix="pass a cube that has frames"
+        )
+    if set(cube.dims) != set(CUBE_AXES):
+        raise InvalidSetting(
+            "cube",
+            value=f"an array over {', '.join(map(str, cube.dims))}",
+            expected=f"an array over {', '.join(CUBE_AXES)}",
+            fix="rename its axes, and add missing ones of length 1 with expand_dims",
+        )
+    sizes = {"chirp": radar.frame.n_chirps_total, "rx": radar.array.n_rx, "sample": chirp.n_samples}
+    for name, size in sizes.items():
+        if cube.sizes[name] != size:
+            raise InvalidSetting(
+                "cube",
+                value=f"{cube.sizes[name]} along {name}",
+                expected=f"{size}, as the radar has",
+                fix="pass the radar that the cube was taken with",
+            )
+    check_sampling(chirp, cube, where="cube")
+
+
+def warn_about_dropped_peaks(frame: FrameResult, *, stacklevel: int = 3) -> None:
+    """Warn if a frame has more peaks than are kept."""
+    if frame.n_dropped_peaks:
+        finding = Finding(
+            level="warning",
+            setting="chain.cfar",
+            value=f"more than {MAX_PEAKS} peaks over threshold; the weakest"
+            f" {frame.n_dropped_peaks} are dropped",
+            expected=f"at most {MAX_PEAKS} in a frame",
+            fix="lower the false-alarm probability",
+        )
+        warnings.warn(PhysicsWarning(finding), stacklevel=stacklevel)

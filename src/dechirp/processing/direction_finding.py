@@ -1,0 +1,203 @@
+"""Directions of the sources of detections, from their amplitudes in the channels."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.processing.angle.aperture import Aperture, FieldOfView, radar_aperture
+from dechirp.processing.angle.base import DirectionEstimator
+from dechirp.processing.virtual_array import element_amplitudes, element_noise, is_decodable
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
+from dechirp.theory.direction_bounds import unit_vectors
+
+
+class Sources(NamedTuple):
+    """Sources of all detections, strongest first within each; arrays (n_sources,).
+
+    Angles are NaN where none was estimated: a detection has at least one source.
+    """
+
+    detection: np.ndarray
+    """Index of its detection, ascending."""
+    power_share: np.ndarray
+    """Share of the power of its detection."""
+    azimuth_rad: np.ndarray
+    elevation_rad: np.ndarray
+    azimuth_std_rad: np.ndarray
+    elevation_std_rad: np.ndarray
+
+
+def direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aperture:
+    """Return the aperture of the virtual array, if it resolves directions.
+
+    Raises
+    ------
+    InvalidSetting
+        About `chain.angle`, if all elements have one position across the line of sight, the code
+        does not separate the transmitters, or the frame has one round, so that the velocities
+        that change the phases between transmitters are unknown.
+    """
+    problem = None
+    try:
+        virtual_aperture = radar_aperture(radar, field_of_view)
+    except InvalidSetting as error:
+        (mistake,) = error.mistakes
+        if mistake.setting != "Radar.array":
+            raise
+        problem, expected = mistake.value, mistake.expected
+    if not is_decodable(radar.frame):
+        n_tx = len(radar.array.tx_m)
+        problem, expected = f"a code of {n_tx} transmitters", "a code that parts them over a round"
+    elif radar.frame.n_chirps == 1 < radar.frame.n_slots and len(radar.array.tx_m) > 1:
+        problem, expected = (
+            "transmitters that share one round",
+            "two rounds or more, for the velocity",
+        )
+    if problem is not None:
+        raise InvalidSetting(
+            "chain.angle",
+            value=problem,
+            expected=expected,
+            fix="set angle to null, or correct the radar",
+        )
+    return virtual_aperture
+
+
+def can_resolve_directions(radar: Radar) -> bool:
+    """Return whether the array of a radar resolves directions."""
+    try:
+        direction_aperture(radar, FieldOfView())
+    except InvalidSetting:
+        return False
+    return True
+
+
+def without_directions(n: int) -> Sources:
+    """Return one source without direction for each of n detections."""
+    return Sources(np.arange(n), np.ones(n), *np.full((4, n), np.nan))
+
+
+def phase_centres_m(
+    azimuth_rad: np.ndarray, elevation_rad: np.ndarray, ambiguity_number: np.ndarray, radar: Radar
+) -> np.ndarray:
+    """Return the phase centre that ranges and directions are measured from, (n, 3).
+
+    The middle of the array. An unknown angle counts as 0, as in the steering of a linear array,
+    and so does the middle along its axis. Without any angle, or with the ambiguity number that it
+    depends on unknown, the offset to the origin is unknown: 0.
+    """
+    centre_m = radar.element_positions_m.mean(axis=0) / 2
+    has_angle = np.stack([np.isfinite(azimuth_rad), np.isfinite(elevation_rad)], axis=-1)
+    is_known = has_angle.any(axis=1) & has_known_direction(ambiguity_number, radar.frame)
+    axes = np.column_stack([np.ones(len(has_angle), bool), has_angle]) & is_known[:, None]
+    return np.where(axes, centre_m, 0.0)
+
+
+def move_to_origin(
+    range_m: np.ndarray, azimuth_rad: np.ndarray, elevation_rad: np.ndarray, centre_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Convert ranges and directions from phase centres, (n, 3), to the origin, (n,) each.
+
+    Unknown angles remain unknown, see `phase_centres_m`. Ranges up to the distance of the origin
+    are leakage and constant offsets, which have no position, and stay as they are.
+    """
+    x, y, z = (centre_m + range_m[:, None] * _unit_vectors(azimuth_rad, elevation_rad)).T
+    is_target = _is_beyond_offset(range_m, centre_m)
+    return (
+        np.where(is_target, np.sqrt(x**2 + y**2 + z**2), range_m),
+        np.where(is_target & np.isfinite(azimuth_rad), np.arctan2(y, x), azimuth_rad),
+        np.where(
+            is_target & np.isfinite(elevation_rad), np.arctan2(z, np.hypot(x, y)), elevation_rad
+        ),
+    )
+
+
+def range_from_phase_centre_m(
+    centre_m: np.ndarray, range_m: np.ndarray, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
+) -> np.ndarray:
+    """Return the ranges of sources from phase centres: the inverse of `move_to_origin`."""
+    position_m = range_m[:, None] * _unit_vectors(azimuth_rad, elevation_rad) - centre_m
+    is_target = _is_beyond_offset(range_m, centre_m)
+    return np.where(is_target, np.linalg.norm(position_m, axis=1), range_m)
+
+
+def _is_beyond_offset(range_m: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
+    away_m = np.linalg.norm(middle_m, axis=1)
+    return np.asarray((away_m > 0) & (range_m > away_m))
+
+
+def _unit_vectors(azimuth_rad: np.ndarray, elevation_rad: np.ndarray) -> np.ndarray:
+    return unit_vectors(np.nan_to_num(azimuth_rad), np.nan_to_num(elevation_rad))
+
+
+def has_known_direction(ambiguity_number: np.ndarray, frame: Frame) -> np.ndarray:
+    """Return the mask of directions whose ambiguity number is known or not needed, (n,)."""
+    return np.asarray(~np.isnan(ambiguity_number) | (frame.multiplexing is None))
+
+
+def element_snapshots(
+    amplitudes: np.ndarray, doppler_hz: np.ndarray, noise_power: np.ndarray, radar: Radar
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return amplitudes of the virtual elements, (n, 1, n_elements), and their noise, (n,).
+
+    Amplitudes in the channels, see `estimate_sources`, with the motion compensated, decoded and
+    calibrated. Slots of a single transmitter are brought in phase with each other: no ambiguity
+    number changes the phases between its elements.
+    """
+    if radar.frame.multiplexing is None:
+        snapshots = _combine_slots(amplitudes, radar.frame.n_slots)
+    else:
+        snapshots = element_amplitudes(amplitudes, radar.frame, doppler_hz)
+    snapshots = snapshots * radar.element_corrections
+    noise = (
+        noise_power * element_noise(radar.frame) * np.mean(np.abs(radar.element_corrections) ** 2)
+    )
+    return snapshots[:, None], np.asarray(noise)
+
+
+def _combine_slots(amplitudes: np.ndarray, n_slots: int) -> np.ndarray:
+    """Average the slots, (n, n_rx), with the phases that maximise their sum."""
+    if n_slots == 1:
+        return amplitudes
+    by_slot = amplitudes.reshape(len(amplitudes), n_slots, -1)
+    alike = by_slot @ by_slot.conj().swapaxes(1, 2)
+    turns = np.linalg.eigh(alike).eigenvectors[:, :, -1].conj()
+    return np.asarray(np.einsum("nl,nlr->nr", turns, by_slot) / np.sqrt(n_slots))
+
+
+def estimate_sources(
+    amplitudes: np.ndarray,
+    doppler_hz: np.ndarray,
+    noise_power: np.ndarray,
+    radar: Radar,
+    estimator: DirectionEstimator,
+    virtual_aperture: Aperture,
+) -> Sources:
+    """Estimate the directions of n detections.
+
+    Parameters
+    ----------
+    amplitudes : array (n, n_slots * n_rx), complex
+        Of the channels, see `processing.virtual_array.split_slots`.
+    doppler_hz : array (n,)
+        Unambiguous as far as known, to compensate the motion between slots.
+    noise_power : array (n,)
+        E|w|^2 in one amplitude of a channel.
+    radar, estimator, seen
+        Whose they are, and how directions are looked for.
+    """
+    snapshots, noise = element_snapshots(amplitudes, doppler_hz, noise_power, radar)
+    directions = estimator.find_directions(snapshots, virtual_aperture, noise)
+    is_source = np.isfinite(directions.azimuth_rad) | np.isfinite(directions.elevation_rad)
+    is_source[:, 0] = True
+    detection, source = np.nonzero(is_source)
+    power = np.where(np.isfinite(directions.power), directions.power, 0.0)
+    total = power.sum(axis=1, keepdims=True)
+    power_share = np.where(total > 0, power / np.where(total > 0, total, 1.0), 1.0)
+    return Sources(
+        detection,
+        power_share[detection, source],
+        *(angle[detection, source] for angle in directions[:4]),
+    )

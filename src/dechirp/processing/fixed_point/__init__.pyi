@@ -1,0 +1,9 @@
+# Written by tests/test_api.py.
+
+from dechirp.processing.fixed_point.chain import fixed_point_map as fixed_point_map
+from dechirp.processing.fixed_point.comparison import DetectionAgreement as DetectionAgreement
+from dechirp.processing.fixed_point.comparison import compare_detections as compare_detections
+from dechirp.processing.fixed_point.comparison import compare_detections_over_bits as compare_detections_over_bits
+from dechirp.processing.fixed_point.quantisation_noise import predict_quantisation_noise as predict_quantisation_noise
+from dechirp.processing.fixed_point.quantisation_noise import signal_to_quantisation_noise_over_bits as signal_to_quantisation_noise_over_bits
+from dechirp.processing.fixed_point.word_lengths import WordLengths as WordLengths

@@ -1,0 +1,256 @@
+"""One frame through the processing chain: from samples to detections.
+
+`process_frame` has one line for each step of the chain, and `_find_peaks` those of one map.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.processing.chain import Chain
+from dechirp.processing.direction_finding import (
+    Sources,
+    direction_aperture,
+    estimate_sources,
+    move_to_origin,
+    phase_centres_m,
+    without_directions,
+)
+from dechirp.processing.estimates import local_noise, principal_doppler_hz, range_velocity_estimates
+from dechirp.processing.mitigation.apply import RemovedEcho, apply_mitigation
+from dechirp.processing.mitigation.noise_loss import MIN_NOISE_GAIN
+from dechirp.processing.peak_interpolation import interpolate_peaks
+from dechirp.processing.range_doppler_map import detect_cells, equalised_power, range_doppler_power
+from dechirp.processing.range_walk import frequency_growth
+from dechirp.processing.refine import RefinedPeaks, Tones, refine_tones
+from dechirp.processing.scaling import binary_exponent, scale_down
+from dechirp.processing.spectrum import noise_gain
+from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks
+from dechirp.processing.velocity_ambiguity.resolve import resolve_velocity_ambiguity
+from dechirp.processing.virtual_array import split_slots
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
+
+
+class FrameResult(NamedTuple):
+    """Result of the chain for one frame."""
+
+    number: int
+    time_s: float
+    """Mid-frame, mid-window: the instant to which the estimates refer."""
+    detections: dict[str, np.ndarray]
+    """Columns of `core.detection_columns`, (n_detections,) each."""
+    peaks: FramePeaks
+    """Peaks that the detections are from."""
+    power: tuple[np.ndarray, ...]
+    """Range-Doppler map, (velocity, range) float32: one, or under triangular modulation one of
+    the rising and one of the falling ramps."""
+    equalised_power: tuple[np.ndarray, ...]
+    """The maps as the detector reads them, see `range_doppler_map.equalised_power`."""
+    removed: tuple[RemovedEcho, ...]
+    """Power that each method of the mitigation removed."""
+    n_dropped_peaks: int
+    """Peaks beyond the 2,000 strongest of a map."""
+
+
+def process_frame(
+    samples: np.ndarray,
+    radar: Radar,
+    chain: Chain,
+    *,
+    number: int = 0,
+    start_s: float | None = None,
+    with_directions: bool = True,
+) -> FrameResult:
+    """Process the samples of one frame, by itself.
+
+    Parameters
+    ----------
+    samples : array (chirp, rx, sample)
+        Complex or real as the radar samples; processed in single precision.
+    radar : Radar
+        The radar that they were taken with.
+    chain : Chain
+        Fitted to the radar, see `Chain.fit_to_radar`.
+    number : int
+        Number of the frame, which selects its interval where several take turns.
+    start_s : float, optional
+        Start of the frame; that of the radar's frame of this number if omitted.
+    with_directions : bool
+        False leaves the directions out, where other frames may still change the velocities that
+        they depend on, see `velocity_ambiguity.resolve.resolve_across_frames`.
+
+    Raises
+    ------
+    InvalidSetting
+        If samples are not finite, or the training cells do not fit into the map.
+    NotEnoughMemory
+        If the map would not fit.
+    """
+    start_s = radar.frame.frame_start_s(number) if start_s is None else start_s
+    radar = radar.for_frame(number)
+    samples, removed = _mitigate(_in_single_precision(samples, radar.frame), radar.frame, chain)
+    exponent = binary_exponent(samples)
+    channels = split_slots(scale_down(samples, exponent), radar.frame)
+    maps = [
+        _find_peaks(part, part_radar, chain) for part, part_radar in _split_ramps(channels, radar)
+    ]
+    resolved = resolve_velocity_ambiguity(
+        [map_peaks.peaks for map_peaks in maps], radar, chain.field_of_view
+    )
+    peaks = FramePeaks(number, start_s + radar.frame.mid_frame_s, radar, resolved)
+    return FrameResult(
+        number=number,
+        time_s=peaks.time_s,
+        detections=frame_detections(
+            peaks, chain if with_directions else replace(chain, angle=None)
+        ),
+        peaks=peaks,
+        power=tuple(scale_down(map_peaks.power, -2 * exponent) for map_peaks in maps),
+        equalised_power=tuple(
+            scale_down(map_peaks.equalised_power, -2 * exponent) for map_peaks in maps
+        ),
+        removed=removed,
+        n_dropped_peaks=sum(map_peaks.n_dropped_peaks for map_peaks in maps),
+    )
+
+
+def frame_detections(frame: FramePeaks, chain: Chain) -> dict[str, np.ndarray]:
+    """Return the columns of the detections of one frame, a row for each source of its peaks."""
+    sources = find_directions(frame.resolved, frame.radar, chain)
+    n_rows = len(sources.detection)
+    return {
+        "frame": np.full(n_rows, frame.number),
+        "time": np.full(n_rows, frame.time_s),
+        **detection_columns(frame.resolved, sources, frame.radar),
+    }
+
+
+def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sources:
+    """Find the sources of peaks and their directions; one source each without an estimator."""
+    if chain.angle is None:
+        return without_directions(len(resolved.doppler_hz))
+    radar = _single_ramp_radar(radar)
+    aperture = direction_aperture(radar, chain.field_of_view)
+    peaks = resolved.peaks
+    return estimate_sources(
+        peaks.tones.amplitude,
+        resolved.doppler_hz,
+        peaks.amplitude_noise,
+        radar,
+        chain.angle,
+        aperture,
+    )
+
+
+def detection_columns(
+    resolved: ResolvedPeaks, sources: Sources, radar: Radar
+) -> dict[str, np.ndarray]:
+    """Return the columns of detections except frame and time, a row for each source."""
+    peak, hypotheses = sources.detection, resolved.hypotheses
+    fast, doppler_hz = resolved.peaks.tones.fast[peak], resolved.doppler_hz[peak]
+    snr = resolved.peaks.snr[peak] * sources.power_share
+    columns = {
+        **range_velocity_estimates(fast, doppler_hz, snr, radar.frame, radar.n_summed_maps),
+        "azimuth": sources.azimuth_rad,
+        "elevation": sources.elevation_rad,
+        "azimuth_std": sources.azimuth_std_rad,
+        "elevation_std": sources.elevation_std_rad,
+        "ambiguity_number": hypotheses.certain_number[peak],
+        "ambiguity_confidence": hypotheses.confidence[peak],
+    }
+    if radar.calibration is not None:
+        columns["range"] -= radar.calibration.range_offset_m
+    angles = sources.azimuth_rad, sources.elevation_rad
+    centre_m = phase_centres_m(*angles, columns["ambiguity_number"], _single_ramp_radar(radar))
+    if centre_m.any():
+        columns["range"], columns["azimuth"], columns["elevation"] = move_to_origin(
+            columns["range"], *angles, centre_m
+        )
+    return columns
+
+
+class _MapPeaks(NamedTuple):
+    power: np.ndarray
+    equalised_power: np.ndarray
+    peaks: RefinedPeaks
+    n_dropped_peaks: int
+
+
+def _find_peaks(samples: np.ndarray, radar: Radar, chain: Chain) -> _MapPeaks:
+    """Detect the peaks in the map of samples (chirp, channel, sample), and refine them."""
+    frame, noise = radar.frame, chain.map_noise(radar)
+    power = range_doppler_power(samples, radar, chain)
+    equalised = equalised_power(power, radar, chain)
+    _check_finite(equalised)
+    cells, n_dropped = detect_cells(equalised, radar, chain)
+    slow, fast = interpolate_peaks(equalised, cells, noise)
+    cell_noise = local_noise(equalised, cells, chain.cfar.training_window, noise.n_channels)
+    sample_noise = cell_noise / noise_gain(
+        noise.range_transform, noise.doppler_transform, frame.chirp
+    )
+    sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
+    tones = refine_tones(samples, slow, fast, sample_noise, growth=frequency_growth(frame.chirp))
+    tones = _undo_mitigation_gain(tones, frame, chain)
+    peaks = RefinedPeaks(
+        tones=tones,
+        snr=np.maximum(tones.energy / sample_noise - noise.n_channels, 1e-3),
+        amplitude_noise=sample_noise / (frame.n_chirps * frame.chirp.n_samples),
+    )
+    return _MapPeaks(power, equalised, peaks, n_dropped)
+
+
+def _in_single_precision(samples: np.ndarray, frame: Frame) -> np.ndarray:
+    is_complex = frame.chirp.sampling == "complex"
+    return np.ascontiguousarray(samples, np.complex64 if is_complex else np.float32)
+
+
+def _mitigate(
+    samples: np.ndarray, frame: Frame, chain: Chain
+) -> tuple[np.ndarray, tuple[RemovedEcho, ...]]:
+    """Apply the mitigation, and return what each method removed."""
+    if not chain.mitigation:
+        return samples, ()
+    clean = apply_mitigation(samples, frame, chain.mitigation)
+    return clean.samples, clean.removed
+
+
+def _split_ramps(channels: np.ndarray, radar: Radar) -> Iterator[tuple[np.ndarray, Radar]]:
+    """Yield the channels of each map: of all ramps, or of rising and of falling ones."""
+    if not radar.frame.has_falling_ramps:
+        yield channels, radar
+        return
+    n_rx = radar.array.n_rx
+    for part in (slice(n_rx), slice(n_rx, None)):
+        yield np.ascontiguousarray(channels[:, part]), radar.with_rising_ramps_only()
+
+
+def _single_ramp_radar(radar: Radar) -> Radar:
+    """Return the radar with the rising ramps alone, to which paired peaks are referred."""
+    return radar.with_rising_ramps_only() if radar.frame.has_falling_ramps else radar
+
+
+def _undo_mitigation_gain(tones: Tones, frame: Frame, chain: Chain) -> Tones:
+    """Restore the power that the mitigation took from targets of the tones' velocity."""
+    if not chain.mitigation:
+        return tones
+    doppler_hz = principal_doppler_hz(tones, frame)
+    gain = np.prod([method.doppler_gain(doppler_hz, frame) for method in chain.mitigation], axis=0)
+    # Peaks lie where a tenth of the noise is left; beside a notch a target may have less.
+    gain = np.maximum(gain, MIN_NOISE_GAIN)
+    amplitude = tones.amplitude / np.sqrt(gain)[:, None]
+    return replace(tones, energy=tones.energy / gain, amplitude=amplitude)
+
+
+def _check_finite(power: np.ndarray) -> None:
+    # One sample that is not finite reaches every cell, so one cell is enough.
+    if not np.isfinite(power[0, 0]):
+        raise InvalidSetting(
+            "cube",
+            value="samples that are not finite (NaN or infinite)",
+            expected="finite samples throughout",
+            fix="find what wrote them, or replace them by zeros",
+        )

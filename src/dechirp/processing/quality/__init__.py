@@ -1,0 +1,1 @@
+"""Recording quality: measures of frames, and findings on receivers, samples and interference."""

@@ -1,0 +1,77 @@
+"""Outlier chirps, such as the first of a frame of an unsettled radar."""
+
+import numba
+import numpy as np
+from scipy.ndimage import median_filter
+
+from dechirp.processing.quality.background import ROUNDING_POWER
+
+_MIN_CHANGES = 4  # of one transmitter, for a meaningful median
+_MIN_CHANGE_RATIO = 20.0  # over the changes near a chirp, 13 dB; noise reaches 1 dB
+_N_SCATTERS = 4.0
+_MEDIAN_LENGTH = 17  # changes of the local median: fewer than motion takes to begin
+
+
+def measure_outlier_chirps(
+    samples: np.ndarray, is_lost: np.ndarray, *, n_slots: int, scale: float, step: float
+) -> np.ndarray:
+    """Return the power by which each chirp differs from both neighbours, over a limit, (chirp,).
+
+    Neighbours have the same transmitter. Moving echoes change by similar amounts from chirp to
+    chirp; an outlier differs from both neighbours, and they from it alone. At the ends of a frame
+    there is one neighbour. The limit is 20 times the median of changes near it, or exp(4 s) times
+    if their logarithms scatter by s: for one echo that fluctuates from chirp to chirp, s is 1.2
+    and the probability to exceed 120 medians 1e-36. NaN where chirps are lost or too few,
+    infinite for an all-zero chirp. Parameters as in `measure_bursts`.
+    """
+    out = np.full(len(samples), np.nan, np.float32)
+    changes, power = _chirp_changes(
+        samples.view(np.float32), is_lost, n_slots, np.float32(1 / scale)
+    )
+    mean_power = float(power[~is_lost].mean()) if not is_lost.all() else 0.0
+    # Quantisation noise is a step squared over 12.
+    smallest = max(ROUNDING_POWER * mean_power, (step / scale) ** 2 / 12, 1e-300)
+    for slot in range(n_slots):
+        slot_changes = changes[slot::n_slots][:-1]
+        is_known = np.isfinite(slot_changes)
+        if np.count_nonzero(is_known) < _MIN_CHANGES:
+            continue
+        filled = np.where(is_known, slot_changes, np.median(slot_changes[is_known]))
+        local_median = median_filter(filled, size=min(_MEDIAN_LENGTH, filled.size), mode="mirror")
+        ratio = np.maximum(slot_changes, smallest) / np.maximum(local_median, smallest)
+        # The median absolute logarithm is a standard deviation robust against outliers.
+        scatter = 1.48 * float(np.median(np.abs(np.log(ratio[is_known]))))
+        ratio /= max(_MIN_CHANGE_RATIO, np.exp(min(_N_SCATTERS * scatter, 100.0)))
+        inner = np.minimum(ratio[:-1], ratio[1:])
+        first = ratio[0] if ratio[1] < ratio[0] / 4 else 0.0
+        last = ratio[-1] if ratio[-2] < ratio[-1] / 4 else 0.0
+        out[slot::n_slots] = [first, *inner, last]
+    out[~is_lost & (power == 0) & (mean_power > 0)] = np.inf
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _chirp_changes(
+    numbers: np.ndarray, is_lost: np.ndarray, n_slots: int, inverse: np.float32
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean squares of the change to the transmitter's next chirp, and of each chirp.
+
+    (chirp,) each; a change is NaN if one of the two is lost, or if there is no next.
+    """
+    n_chirps, n_rx, n_numbers = numbers.shape
+    changes, power = np.full(n_chirps, np.nan), np.zeros(n_chirps)
+    for m in range(n_chirps):
+        following = m + n_slots
+        if following >= n_chirps or is_lost[following]:
+            following = m
+        for k in range(n_rx):
+            change, total = np.float32(0), np.float32(0)
+            for i in range(n_numbers):
+                x = numbers[m, k, i] * inverse
+                d = numbers[following, k, i] * inverse - x
+                change += d * d
+                total += x * x
+            power[m] += total / (n_rx * n_numbers)
+            if following > m and not is_lost[m]:
+                changes[m] = (0.0 if k == 0 else changes[m]) + change / (n_rx * n_numbers)
+    return changes, power

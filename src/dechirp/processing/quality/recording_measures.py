@@ -1,0 +1,73 @@
+"""Quality measures of all frames of a recording, and quantities derived from them."""
+
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.radar import Radar
+
+
+@frozen_dataclass
+class RecordingMeasures:
+    """Measures of all frames, and the radar of the recording."""
+
+    measures: xr.Dataset
+    radar: Radar
+
+    def measure(self, name: str) -> np.ndarray:
+        """Return the values of a measure, frames first."""
+        return np.asarray(self.measures[name].values)
+
+    @property
+    def is_complex(self) -> bool:
+        """True if samples have two parts."""
+        return bool(self.measures.attrs["is_complex"])
+
+    @property
+    def has_full_scale(self) -> bool:
+        """True if 1 is the end of the converter's range."""
+        return self.measures.attrs["units"] == "full scale"
+
+    @cached_property
+    def frame_numbers(self) -> np.ndarray:
+        """Frame numbers (frame,), counted from the first frame of the recording."""
+        n_frames = self.measures.sizes["frame"]
+        if "frame" not in self.measures.coords:
+            return np.arange(n_frames)
+        n_intervals = self.radar.frame.n_intervals
+        period_s = self.radar.frame.frame_start_s(n_intervals) / n_intervals
+        return np.rint(self.measures["frame"].values / period_s).astype(np.int64)
+
+    @cached_property
+    def has_samples(self) -> np.ndarray:
+        """Mask (frame,) of frames with a chirp that was not lost."""
+        return self.measure("n_numbers") > 0
+
+    @cached_property
+    def is_constant(self) -> np.ndarray:
+        """Mask (frame, rx) of constant samples."""
+        level = self.measure("level")
+        return np.all(level[..., 0, 0] == level[..., 1, 0], axis=2) & self.has_samples[:, None]
+
+    @cached_property
+    def is_stuck(self) -> np.ndarray:
+        """Mask (rx,) of receivers whose samples never change within a frame."""
+        always = np.all(self.is_constant | ~self.has_samples[:, None], axis=0)
+        return np.asarray(always & self.has_samples.any())
+
+    @cached_property
+    def is_silent(self) -> np.ndarray:
+        """Mask (frame,) of frames with constant samples in all receivers."""
+        return np.asarray(self.is_constant.all(axis=1))
+
+    @cached_property
+    def rest_power(self) -> np.ndarray:
+        """Mean square about the mean of each frame, over frames with samples, (rx,)."""
+        power = self.measure("power").sum(axis=2)
+        return (
+            power[self.has_samples].mean(axis=0)
+            if self.has_samples.any()
+            else power[:0].sum(axis=0)
+        )

@@ -1,0 +1,364 @@
+"""Refinement of peak frequencies on the unwindowed samples, to the Cramer-Rao bound.
+
+A window broadens the main lobe: the peak of a Hann-windowed map has 1.5 times the standard
+deviation that the samples allow, on each axis. The maximum of the unwindowed periodogram is
+the maximum-likelihood estimate of a lone tone in white noise and reaches the Cramer-Rao
+bound (Rife & Boorstyn 1974); the sidelobes of other tones, which the window had kept away,
+are subtracted as estimated, tone by tone and in turn (Li & Stoica 1996, RELAX).
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from dechirp.core.threads import run_in_threads
+
+# Blocks per axis that demodulated samples are summed into: the phase of a tone 0.3 bins off changes
+# by 7 degrees within a block, which costs 0.05 % of its amplitude.
+N_BLOCKS = 16
+N_PASSES = 3
+
+
+@dataclass(frozen=True)
+class Tones:
+    """Frequencies and energies of tones, each array (n,)."""
+
+    slow: np.ndarray
+    """Radians per chirp."""
+    fast: np.ndarray
+    """Radians per sample."""
+    energy: np.ndarray
+    """Sum over channels of |amplitude|^2 times the number of samples of one channel."""
+    amplitude: np.ndarray
+    """(n, channel) complex: mean over the samples of one channel, demodulated; the phase is
+    that at the first chirp and sample."""
+
+
+class RefinedPeaks(NamedTuple):
+    """Peaks of one map with refined frequencies, as those of rising ramps."""
+
+    tones: Tones
+    snr: np.ndarray
+    """(n,): after integration over all samples of the map."""
+    amplitude_noise: np.ndarray
+    """(n,): E|w|^2 in the amplitude of a channel."""
+
+
+def refine_tones(
+    samples: np.ndarray,
+    slow: np.ndarray,
+    fast: np.ndarray,
+    noise_power: np.ndarray,
+    *,
+    growth: float = 0.0,
+) -> Tones:
+    """Estimate the maximum-likelihood frequencies of tones near given ones.
+
+    Parameters
+    ----------
+    samples : array (chirp, channel, sample), complex64 or float32
+        Channels may differ in phase and amplitude.
+    slow, fast : arrays (n,), rad per chirp and rad per sample
+        Frequencies within half a bin of the truth, strongest tone first.
+    noise_power : array (n,)
+        Noise in one sample near each tone; sidelobes far below it are not subtracted.
+    growth : float
+        Growth of slow-time frequencies from sample to sample, relative to their mean: the walk
+        through range cells within the frame, see `processing.range_walk`.
+
+    Notes
+    -----
+    One pass over the samples for each tone, then 16 x 16 sums; tones nearer than 1.5 bins on both
+    axes are not separated.
+    """
+    n_chirps, _, n_samples = samples.shape
+    rows, columns = _block_edges(n_chirps), _block_edges(n_samples)
+    # A row of real numbers, two per complex sample: compiled code then reads eight at a time.
+    numbers = np.ascontiguousarray(samples).view(np.float32)
+    sums = np.empty((len(slow), samples.shape[1], len(rows) - 1, len(columns) - 1), np.complex128)
+
+    def add(i: int) -> None:
+        sums[i] = _block_sums(numbers, n_samples, slow[i], fast[i], rows, columns)
+        # Over a walk of eight cells the phase error in a block is at most 0.8 rad, of the sum 3 %.
+        sums[i] *= np.exp(
+            -1j * slow[i] * growth * np.outer(_block_centres(rows), _block_centres(columns))
+        )
+
+    run_in_threads(numba.get_num_threads(), add, range(len(slow)))
+    n_samples_each = n_chirps * n_samples
+    # A tenth of the standard deviation that noise gives an amplitude.
+    negligible = 0.1 * np.sqrt(noise_power / n_samples_each)
+    return Tones(*_estimate_tones(sums, slow, fast, negligible, rows, columns, growth))
+
+
+@lru_cache(maxsize=64)
+def _block_edges(n: int) -> np.ndarray:
+    edges = np.linspace(0, n, min(n, N_BLOCKS) + 1).round().astype(np.int64)
+    edges.setflags(write=False)
+    return edges
+
+
+def _block_centres(edges: np.ndarray) -> np.ndarray:
+    """Return the middle of each block relative to the middle of all."""
+    return np.asarray((edges[1:] + edges[:-1] - edges[-1]) / 2)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _block_sums(
+    numbers: np.ndarray,
+    n_samples: int,
+    slow: float,
+    fast: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> np.ndarray:
+    """Sum blocks of samples times exp(-i (slow m + fast n)), (rx, rows, columns).
+
+    One pass over the samples takes little more than the time to read them: the real part is
+    the product of re, im, re, im ... with cos, sin, cos, sin ..., the imaginary part that
+    with -sin, cos, -sin, cos ...; real samples have neither im nor every other factor.
+    """
+    _, n_rx, n_numbers = numbers.shape
+    per_sample = n_numbers // n_samples
+    to_real = np.empty(n_numbers, np.float32)
+    to_imaginary = np.empty(n_numbers, np.float32)
+    for n in range(n_samples):
+        cosine, sine = np.cos(fast * n), np.sin(fast * n)
+        to_real[n * per_sample], to_imaginary[n * per_sample] = cosine, -sine
+        if per_sample == 2:
+            to_real[2 * n + 1], to_imaginary[2 * n + 1] = sine, cosine
+    out = np.zeros((n_rx, len(rows) - 1, len(columns) - 1), np.complex128)
+    for row in range(len(rows) - 1):
+        for m in range(rows[row], rows[row + 1]):
+            turn = np.exp(-1j * slow * m)
+            for k in range(n_rx):
+                for column in range(len(columns) - 1):
+                    start, stop = columns[column] * per_sample, columns[column + 1] * per_sample
+                    block = numbers[m, k, start:stop]
+                    cosines, sines = to_real[start:stop], to_imaginary[start:stop]
+                    real, imaginary = np.float32(0.0), np.float32(0.0)
+                    for i in range(block.size):
+                        real += block[i] * cosines[i]
+                        imaginary += block[i] * sines[i]
+                    out[k, row, column] += turn * complex(real, imaginary)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _estimate_tones(
+    sums: np.ndarray,
+    slow: np.ndarray,
+    fast: np.ndarray,
+    negligible: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    growth: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Estimate frequencies, energies and amplitudes of tones, each with the others subtracted."""
+    n_tones, n_rx = sums.shape[:2]
+    n_samples = rows[-1] * columns[-1]
+    # Offsets from the demodulation frequencies of the sums.
+    d_slow, d_fast = np.zeros(n_tones), np.zeros(n_tones)
+    amplitude = np.zeros((n_tones, n_rx), np.complex128)
+    largest, was_alone = np.zeros(n_tones), np.zeros(n_tones, np.bool_)
+    half = np.empty((n_tones, 4))
+    for i in range(n_tones):
+        _half_angles(slow[i], fast[i], half[i])
+    half_now = half.copy()
+    for turn in range(N_PASSES if n_tones > 1 else 1):
+        for i in range(n_tones):
+            residual, is_alone = sums[i].copy(), True
+            for k in range(n_tones):
+                # In the first pass, weaker tones are unknown.
+                if k == i or (turn == 0 and k > i):
+                    continue
+                apart_slow = slow[k] + d_slow[k] - slow[i]
+                apart_fast = fast[k] + d_fast[k] - fast[i]
+                # 2,000 tones have 4e6 pairs: their sines would take most of the time.
+                sine_slow = half_now[k, 0] * half[i, 1] - half_now[k, 1] * half[i, 0]
+                sine_fast = half_now[k, 2] * half[i, 3] - half_now[k, 3] * half[i, 2]
+                down = _mean_attenuation(sine_slow, rows[-1]) * _mean_attenuation(
+                    sine_fast, columns[-1]
+                )
+                if largest[k] > negligible[i] * down:
+                    walk = apart_slow * growth
+                    _subtract_tone(
+                        residual, amplitude[k], apart_slow, apart_fast, walk, rows, columns
+                    )
+                    is_alone = False
+            if turn and is_alone and was_alone[i]:
+                continue  # neither this tone nor its neighbours have changed
+            was_alone[i] = is_alone
+            d_slow[i], d_fast[i] = _maximise_periodogram(
+                residual, rows, columns, d_slow[i], d_fast[i]
+            )
+            _half_angles(slow[i] + d_slow[i], fast[i] + d_fast[i], half_now[i])
+            gain = _block_gain(d_slow[i], rows) * _block_gain(d_fast[i], columns)
+            moments = _moments(residual, rows, columns, d_slow[i], d_fast[i])
+            largest[i] = 0.0
+            for k in range(n_rx):
+                amplitude[i, k] = moments[0, k] / gain
+                largest[i] = max(largest[i], abs(amplitude[i, k]))
+    energy = np.zeros(n_tones)
+    for i in range(n_tones):
+        for k in range(n_rx):
+            energy[i] += abs(amplitude[i, k]) ** 2 * n_samples
+    return slow + d_slow, fast + d_fast, energy, amplitude
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _half_angles(slow: float, fast: float, out: np.ndarray) -> None:
+    """Write sine and cosine of half of each, from which those of half a difference follow."""
+    out[0], out[1] = np.sin(slow / 2), np.cos(slow / 2)
+    out[2], out[3] = np.sin(fast / 2), np.cos(fast / 2)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _mean_attenuation(sine: float, n: int) -> float:
+    """Return the least attenuation of a tone by the mean of n points.
+
+    `sine` is that of half its phase step from point to point.
+    """
+    return max(1.0, n * abs(sine))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _subtract_tone(
+    sums: np.ndarray,
+    amplitude: np.ndarray,
+    apart_slow: float,
+    apart_fast: float,
+    walk: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+) -> None:
+    """Subtract another tone from block sums, in place, unless it is too near to separate.
+
+    `walk`, rad per chirp and sample: that of the tone less that compensated in the sums, at the
+    middle of each block. Where it changes the phase at the corners of the frame by 0.1 rad, the
+    error of a target 80 dB below is 0.015 bins; without it 0.25.
+    """
+    bins_slow = abs((apart_slow + np.pi) % (2 * np.pi) - np.pi) * rows[-1] / (2 * np.pi)
+    bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
+    if max(bins_slow, bins_fast) < 1.5:
+        return
+    row_sums, over_columns = _block_tone(apart_slow, rows), _block_tone(apart_fast, columns)
+    from_row = (rows[1:] + rows[:-1] - rows[-1]) / 2
+    from_column = (columns[1:] + columns[:-1] - columns[-1]) / 2
+    tone = np.empty((row_sums.size, over_columns.size), np.complex128)
+    for a in range(row_sums.size):
+        for b in range(over_columns.size):
+            turn = walk * from_row[a] * from_column[b]
+            tone[a, b] = row_sums[a] * over_columns[b] * complex(np.cos(turn), np.sin(turn))
+    for k in range(amplitude.size):
+        for a in range(row_sums.size):
+            for b in range(over_columns.size):
+                sums[k, a, b] -= amplitude[k] * tone[a, b]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _block_tone(frequency: float, edges: np.ndarray) -> np.ndarray:
+    """Sum exp(i frequency n) over each block, (blocks,)."""
+    sums = np.empty(edges.size - 1, np.complex128)
+    is_still = abs(np.sin(frequency / 2)) < 1e-9
+    step, end = np.exp(1j * frequency) - 1, np.exp(1j * frequency * edges[0])
+    # A loop: `np.diff` and sums of arrays take 3 s more to compile.
+    for k in range(sums.size):
+        start, end = end, np.exp(1j * frequency * edges[k + 1])
+        sums[k] = edges[k + 1] - edges[k] if is_still else (end - start) / step
+    return sums
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _block_gain(frequency: float, edges: np.ndarray) -> float:
+    """Return the sum of a unit tone demodulated block by block: a little less than N."""
+    gain = 0.0
+    tones = _block_tone(frequency, edges)
+    for k in range(tones.size):
+        centre = (edges[k + 1] + edges[k] - 1) / 2
+        gain += (tones[k] * np.exp(-1j * frequency * centre)).real
+    return gain
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _moments(
+    sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
+) -> np.ndarray:
+    """Sum p^i q^j y exp(-i (slow p + fast q)): orders 00 10 01 20 11 02, (6, rx).
+
+    p and q count from the middle of the aperture; a factor of unit modulus, the phase of the
+    middle, is restored, so that order 00 has the phase of the periodogram.
+    """
+    p = (rows[1:] + rows[:-1] - 1) / 2
+    q = (columns[1:] + columns[:-1] - 1) / 2
+    turn_p, turn_q = np.exp(-1j * slow * p), np.exp(-1j * fast * q)
+    p, q = p - (rows[-1] - 1) / 2, q - (columns[-1] - 1) / 2
+    out = np.zeros((6, sums.shape[0]), np.complex128)
+    for k in range(sums.shape[0]):
+        for a in range(p.size):
+            row_sum, row_sum_q, row_sum_qq = 0j, 0j, 0j
+            for b in range(q.size):
+                z = sums[k, a, b] * turn_q[b]
+                row_sum += z
+                row_sum_q += q[b] * z
+                row_sum_qq += q[b] * q[b] * z
+            row_sum *= turn_p[a]
+            row_sum_q *= turn_p[a]
+            out[0, k] += row_sum
+            out[1, k] += p[a] * row_sum
+            out[2, k] += row_sum_q
+            out[3, k] += p[a] * p[a] * row_sum
+            out[4, k] += p[a] * row_sum_q
+            out[5, k] += row_sum_qq * turn_p[a]
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _maximise_periodogram(
+    sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
+) -> tuple[float, float]:
+    """Find the offset of the nearest maximum of the summed periodogram, by Newton's method.
+
+    The logarithm is maximised, which is concave over the whole main lobe: the periodogram is
+    only within 0.44 bins, and noise may put the start of a tone on the wrong side of its cell. The
+    noise of many channels flattens the flanks: where the curve is not concave, steps use the
+    curvature of a lone tone, (N^2 - 1) / 12. Offsets beyond one bin, in noise or beside a tone
+    too near to separate, become 0.
+    """
+    bin_slow, bin_fast = 2 * np.pi / rows[-1], 2 * np.pi / columns[-1]
+    for _ in range(12):
+        m = _moments(sums, rows, columns, slow, fast)
+        power, up_slow, up_fast, ss, sf, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(m.shape[1]):
+            conjugate = np.conj(m[0, k])
+            power += abs(m[0, k]) ** 2
+            up_slow += (conjugate * m[1, k]).imag
+            up_fast += (conjugate * m[2, k]).imag
+            ss += abs(m[1, k]) ** 2 - (conjugate * m[3, k]).real
+            sf += (np.conj(m[1, k]) * m[2, k] - conjugate * m[4, k]).real
+            ff += abs(m[2, k]) ** 2 - (conjugate * m[5, k]).real
+        if power == 0:
+            return 0.0, 0.0
+        ss -= 2 * up_slow**2 / power
+        sf -= 2 * up_slow * up_fast / power
+        ff -= 2 * up_fast**2 / power
+        if rows[-1] == 1:
+            ss = -1.0  # one chirp has no Doppler frequency: the start value remains
+        determinant = ss * ff - sf * sf
+        step_slow = -(ff * up_slow - sf * up_fast) / determinant
+        step_fast = -(ss * up_fast - sf * up_slow) / determinant
+        is_hill = ss < 0 and determinant > 0
+        if not is_hill or abs(step_slow) > bin_slow / 2 or abs(step_fast) > bin_fast / 2:
+            step_slow = 12 / max(rows[-1] ** 2 - 1, 1) * up_slow / power
+            step_fast = 12 / max(columns[-1] ** 2 - 1, 1) * up_fast / power
+        slow += step_slow
+        fast += step_fast
+        if abs(slow) > bin_slow or abs(fast) > bin_fast:
+            return 0.0, 0.0
+        # The error after a step is about its square: 1e-9 of a bin, 70 dB under noise at 110 dB.
+        if abs(step_slow) < 3e-5 * bin_slow and abs(step_fast) < 3e-5 * bin_fast:
+            break
+    return slow, fast

@@ -1,0 +1,155 @@
+r"""Vectorised twin of `angle.bartlett`: beam powers from mirrored elements and directions.
+
+Relative to the middle of the array, the weights of a beam to a direction u are
+
+.. math:: e^{2\pi\mathrm{i}\, \mathbf{u} \cdot \mathbf{p}_k} = c_k (\cos \psi_k +
+    \mathrm{i} \sin \psi_k), \quad \psi_k = 2\pi (u_y y_k + u_z z_k), \quad c_k =
+    e^{2\pi\mathrm{i}\, u_x x_k}
+
+and those to its mirror image, through boresight, the same with -i. So two sums give both beams,
+P + iQ and P - iQ:
+
+.. math:: P = \sum_k c_k \cos \psi_k\, a_k, \quad Q = \sum_k c_k \sin \psi_k\, a_k
+
+and elements at mirrored positions are first added for P and subtracted for Q. On a planar array all
+c are 1, and the weights are real. A linear array of 12 elements takes 12 real products for each
+beam, where plain complex weights take 48.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from dechirp.processing.angle.aperture import Aperture
+from dechirp.theory.direction_bounds import unit_vectors
+
+# Ranges per block: the pair sums of 20 elements of a linear array, 40 KiB, stay in the L1 cache.
+_BLOCK = 256
+
+
+class MirroredBeams(NamedTuple):
+    """Weights of beams to the directions of a grid, for mirrored pairs."""
+
+    pair_sums: np.ndarray
+    """From elements to the terms of P, then of Q, (n_elements, 2 n) complex64."""
+    weights: np.ndarray
+    """Of P, then of Q, (2, n_pairs, n) float32; n is even. Each direction is paired with its mirror
+    image, counted from the other end of the grid; the last, boresight, with itself."""
+
+
+@lru_cache(maxsize=8)
+def mirrored_beams(aperture: Aperture) -> MirroredBeams:
+    """Compute the weights of beams with the power of one element."""
+    middle = (aperture.positions.min(axis=0) + aperture.positions.max(axis=0)) / 2
+    offsets = np.round(aperture.positions - middle, 9)  # so that rounding errors separate no pair
+    _, y, z = offsets.T
+    side = np.where((y < 0) | ((y == 0) & (z < 0)), -1, 1)
+    offsets[:, 1:] *= side[:, None]
+    pair_positions, place_of_element = np.unique(offsets, axis=0, return_inverse=True)
+    to_p = np.eye(len(pair_positions))[place_of_element]
+    to_q = side[:, None] * to_p
+
+    directions = unit_vectors(
+        aperture.grid.azimuth_rad, aperture.grid.elevation_rad[:, None]
+    ).reshape(-1, 3)
+    directions = directions[: len(directions) // 2 + 1]
+    psi = 2 * np.pi * directions[:, 1:] @ pair_positions[:, 1:].T
+    c = np.exp(2j * np.pi * np.outer(directions[:, 0], pair_positions[:, 0])) / aperture.n_elements
+    p, q = c * np.cos(psi), c * np.sin(psi)
+    if pair_positions[:, 0].any():  # imaginary weights act on amplitudes rotated by a quarter cycle
+        p, q = (np.hstack([matrix.real, matrix.imag]) for matrix in (p, q))
+        to_p, to_q = (np.hstack([matrix, 1j * matrix]) for matrix in (to_p, to_q))
+    odd = p.shape[1] % 2
+    weights = np.pad(np.stack([p.real, q.real]), [(0, 0), (0, 0), (0, odd)])
+    pair_sums = np.hstack([np.pad(matrix, [(0, 0), (0, odd)]) for matrix in (to_p, to_q)])
+    return MirroredBeams(pair_sums.astype(np.complex64), weights.astype(np.float32))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def raise_to_beam_power(
+    power: np.ndarray,
+    spectrum: np.ndarray,
+    compensation: np.ndarray,
+    pair_sums: np.ndarray,
+    weights: np.ndarray,
+) -> None:
+    """Raise powers (azimuth, range) to those of beams at all velocities and elevations, in place.
+
+    Parameters
+    ----------
+    power : array (n_azimuths, n_ranges) float32
+    spectrum : array (n_velocities, n_channels, 2, n_ranges) float32
+        Real parts apart from imaginary.
+    compensation : array (n_velocities, n_channels) complex64
+        Phase factor of each channel at each velocity.
+    pair_sums : array (n_channels, 2 n) complex64
+        From channels to elements, times `MirroredBeams.pair_sums`.
+    weights : array (2, n_pairs, n) float32
+        Of `MirroredBeams`.
+
+    Notes
+    -----
+    For 128 velocities, 256 ranges, 12 elements on a line and 87 directions: 35 million products
+    are added, 0.8 ms at 16 per cycle of 2.6 GHz. It takes 2.3 ms: 1.5 for the products, since sums
+    of two pass through the L1 cache, 0.4 for squares and maxima of 2.9 million beams, 0.2 for the
+    pair sums. 3 MiB of spectrum are read once.
+    """
+    n_velocities, _, _, n_ranges = spectrum.shape
+    _, n_pairs, n = weights.shape
+    last = len(power) - 1
+    for first in range(0, n_ranges, _BLOCK):
+        block = slice(first, min(first + _BLOCK, n_ranges))
+        size = block.stop - first
+        paired = np.empty((2, n, 2 * size), np.float32)
+        sums = np.empty((2, 2 * size), np.float32)
+        for v in range(n_velocities):
+            _sum_pairs(
+                paired.reshape(2 * n, 2, size), spectrum[v, :, :, block], compensation[v], pair_sums
+            )
+            for pair in range(n_pairs):
+                for part in range(2):
+                    _sum_weighted_rows(sums[part], paired[part], weights[part, pair])
+                azimuth = pair % len(power)
+                _raise_powers(power[azimuth, block], power[last - azimuth, block], sums)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _sum_pairs(
+    out: np.ndarray, spectrum: np.ndarray, compensation: np.ndarray, pair_sums: np.ndarray
+) -> None:
+    """Compute the terms of P and Q, real and imaginary parts: (2 n, 2, range)."""
+    out[:] = 0
+    for c in range(len(spectrum)):
+        for k in range(len(out)):
+            factor = compensation[c] * pair_sums[c, k]
+            if factor == 0:  # most are, under time-division multiplexing
+                continue
+            real, imag = out[k, 0], out[k, 1]
+            x, y = spectrum[c, 0], spectrum[c, 1]
+            for i in range(len(real)):
+                real[i] += factor.real * x[i] - factor.imag * y[i]
+                imag[i] += factor.real * y[i] + factor.imag * x[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _sum_weighted_rows(total: np.ndarray, rows: np.ndarray, weights: np.ndarray) -> None:
+    """Sum an even number of rows times their weights."""
+    for k in range(0, len(weights), 2):
+        a, b, x, y = weights[k], weights[k + 1], rows[k], rows[k + 1]
+        for i in range(len(total)):
+            partial_sum = total[i] if k else np.float32(0)
+            total[i] = partial_sum + a * x[i] + b * y[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _raise_powers(direct: np.ndarray, mirrored: np.ndarray, sums: np.ndarray) -> None:
+    """Raise powers to those of P + iQ and P - iQ, in place."""
+    n = len(direct)
+    for i in range(n):
+        p, q = (sums[0, i], sums[0, n + i]), (sums[1, i], sums[1, n + i])
+        plus = (p[0] - q[1]) ** 2 + (p[1] + q[0]) ** 2
+        minus = (p[0] + q[1]) ** 2 + (p[1] - q[0]) ** 2
+        direct[i] = max(direct[i], plus)
+        mirrored[i] = max(mirrored[i], minus)

@@ -1,0 +1,1 @@
+"""Resolution of the velocity ambiguity by transmitters, ramps, triangles or other intervals."""

@@ -1,0 +1,110 @@
+"""Resolution of the velocity ambiguity: within one frame, and across frames of other intervals."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dechirp.processing.angle.aperture import FieldOfView
+from dechirp.processing.direction_finding import can_resolve_directions, direction_aperture
+from dechirp.processing.estimates import principal_doppler_hz, range_velocity_estimates
+from dechirp.processing.refine import RefinedPeaks
+from dechirp.processing.velocity_ambiguity import by_frame_intervals, by_ramps, by_transmitters
+from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks, unresolved
+from dechirp.processing.velocity_ambiguity.triangular_pairing import pair_ramps
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
+
+
+def resolve_velocity_ambiguity(
+    peaks: Sequence[RefinedPeaks], radar: Radar, field_of_view: FieldOfView
+) -> ResolvedPeaks:
+    """Find the Doppler frequencies of the peaks of one frame, unambiguous where possible.
+
+    Parameters
+    ----------
+    peaks : sequence of RefinedPeaks
+        Of the map of the frame; under triangular modulation of the rising and the falling ramps.
+    radar : Radar
+        With the interval of the frame.
+    field_of_view : FieldOfView
+        Directions that the phases between transmitters are compared with.
+    """
+    frame = radar.frame
+    if frame.has_falling_ramps:
+        rising, falling = peaks
+        return pair_ramps(rising, falling, frame)
+    (map_peaks,) = peaks
+    tones, noise = map_peaks.tones, map_peaks.amplitude_noise
+    doppler_hz = principal_doppler_hz(tones, frame)
+    hypotheses = unresolved(len(doppler_hz))
+    if frame.n_slots == 1 or frame.n_chirps == 1:
+        return ResolvedPeaks(map_peaks, doppler_hz, hypotheses)
+    if frame.modulation is not None:
+        amplitude = by_ramps.remove_beat_phase(tones.amplitude, tones.fast, frame)
+        tones = replace(tones, amplitude=amplitude)
+        hypotheses = by_ramps.ambiguity_probabilities(
+            amplitude, frame, doppler_hz, map_peaks.snr, noise
+        )
+    elif can_resolve_directions(radar):
+        responses = by_transmitters.channel_responses(
+            radar, direction_aperture(radar, field_of_view)
+        )
+        hypotheses = by_transmitters.ambiguity_probabilities(
+            tones.amplitude, frame, doppler_hz, responses, noise
+        )
+    doppler_hz = doppler_hz + np.nan_to_num(hypotheses.certain_number) / frame.repetition_s
+    return ResolvedPeaks(map_peaks._replace(tones=tones), doppler_hz, hypotheses)
+
+
+def resolve_across_frames(frames: Sequence[FramePeaks], frame: Frame) -> Iterator[FramePeaks]:
+    """Resolve the velocity ambiguity of frames with intervals in turn, from all of them.
+
+    `frame` has the intervals. See `by_frame_intervals.ambiguity_probabilities`.
+    """
+    estimates, at_principal = [], []
+    for frame_peaks in frames:
+        own_frame = frame_peaks.radar.frame
+        resolved = _at_doppler(
+            frame_peaks.resolved,
+            principal_doppler_hz(frame_peaks.resolved.peaks.tones, own_frame),
+            own_frame,
+        )
+        peaks = resolved.peaks
+        columns = range_velocity_estimates(
+            peaks.tones.fast,
+            resolved.doppler_hz,
+            peaks.snr,
+            own_frame,
+            frame_peaks.radar.n_summed_maps,
+        )
+        estimates.append(
+            by_frame_intervals.FrameEstimates(
+                number=frame_peaks.number,
+                time_s=frame_peaks.time_s,
+                range_m=columns["range"],
+                velocity_m_per_s=columns["velocity"],
+                range_std_m=columns["range_std"],
+                velocity_std_m_per_s=columns["velocity_std"],
+                hypotheses=resolved.hypotheses,
+            )
+        )
+        at_principal.append(resolved)
+    probabilities = by_frame_intervals.ambiguity_probabilities(estimates, frame)
+    for frame_peaks, resolved, hypotheses in zip(frames, at_principal, probabilities, strict=True):
+        own_frame = frame_peaks.radar.frame
+        number = np.nan_to_num(hypotheses.certain_number)
+        unambiguous = _at_doppler(
+            resolved, resolved.doppler_hz + number / own_frame.repetition_s, own_frame
+        )
+        yield frame_peaks._replace(resolved=unambiguous._replace(hypotheses=hypotheses))
+
+
+def _at_doppler(resolved: ResolvedPeaks, doppler_hz: np.ndarray, frame: Frame) -> ResolvedPeaks:
+    """Return peaks with other Doppler frequencies; the beats of triangles keep their ranges."""
+    peaks = resolved.peaks
+    if frame.has_falling_ramps:
+        rad_per_hz = 2 * np.pi / frame.chirp.sample_rate_hz
+        fast = peaks.tones.fast + rad_per_hz * (doppler_hz - resolved.doppler_hz)
+        peaks = peaks._replace(tones=replace(peaks.tones, fast=fast))
+    return resolved._replace(peaks=peaks, doppler_hz=doppler_hz)

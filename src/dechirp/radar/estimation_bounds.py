@@ -1,0 +1,55 @@
+"""Cramer-Rao bounds of range and velocity of one target in a frame."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dechirp.radar.frame import Frame
+from dechirp.theory.bounds import decoupled_range_std_m, range_std_m, velocity_std_m_per_s
+
+
+def crlb_standard_errors(
+    frame: Frame, *, snr: ArrayLike, wavelength_m: ArrayLike | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest standard deviations of range (m) and velocity (m/s), both unknown.
+
+    Parameters
+    ----------
+    frame : Frame
+    snr : array
+        Ratio after integration over all samples, chirps and channels; any shape.
+    wavelength_m : array, optional
+        Wavelength of the echo; by default that of mid-window.
+
+    Notes
+    -----
+    A single chirp measures no velocity: its error is NaN, and that of range holds for a static
+    target. A single triangle measures both from its two beats, with equal error shares.
+    """
+    chirp = frame.chirp
+    range_std_at_known_velocity = range_std_m(
+        snr=snr,
+        n_samples=chirp.n_samples,
+        sample_rate_hz=chirp.sample_rate_hz,
+        slope_hz_per_s=chirp.slope_hz_per_s,
+    )
+    wavelengths_m = np.asarray(chirp.wavelength_m if wavelength_m is None else wavelength_m)
+    if not frame.can_measure_velocity:
+        return range_std_at_known_velocity, np.full_like(range_std_at_known_velocity, np.nan)
+    if frame.n_chirps == 1:
+        doppler_hz = chirp.beat_frequency_hz(1.0) * range_std_at_known_velocity
+        return range_std_at_known_velocity, np.asarray(doppler_hz * wavelengths_m / 2)
+    velocity_std = velocity_std_m_per_s(
+        snr=snr,
+        n_chirps=frame.n_chirps,
+        interval_s=frame.repetition_s,
+        wavelength_m=wavelengths_m,
+    )
+    if frame.has_falling_ramps:  # the coupling of both ramps cancels
+        return range_std_at_known_velocity, velocity_std
+    range_std = decoupled_range_std_m(
+        range_std_m=range_std_at_known_velocity,
+        velocity_std_m_per_s=velocity_std,
+        mid_window_frequency_hz=chirp.mid_window_frequency_hz,
+        slope_hz_per_s=chirp.slope_hz_per_s,
+    )
+    return range_std, velocity_std

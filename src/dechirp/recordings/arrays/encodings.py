@@ -1,0 +1,37 @@
+"""Encodings of samples as numbers, and their conversion to full scale 1."""
+
+import numpy as np
+
+# Smallest and largest possible number of each encoding.
+LIMITS = {
+    "int16": (-32768, 32767),
+    "uint16-wrapped": (0, 65535),
+    "offset-binary": (0, 65535),
+    "full-scale": (-np.finfo(np.float32).max, np.finfo(np.float32).max),
+}
+
+
+def to_full_scale(numbers: np.ndarray, encoding: str) -> np.ndarray:
+    """Convert real numbers of an encoding to float32, within -1 to 1 except for `full-scale`.
+
+    int16: two's complement. uint16-wrapped: the same, but negative numbers passed through an
+    unsigned type and are 65536 too large. offset-binary: 32768 stands for zero. full-scale: already
+    scaled, unchanged.
+
+    Raises
+    ------
+    ValueError
+        If a number cannot occur in the encoding; the message gives the extremes.
+    """
+    least, most = LIMITS[encoding]
+    low, high = numbers.min(), numbers.max()
+    if low < least or high > most:
+        raise ValueError(f"numbers from {low:.6g} to {high:.6g}")
+    if encoding == "uint16-wrapped":
+        numbers = numbers.astype(np.int64).astype(np.int16)
+    scaled = numbers.astype(np.float32)
+    if encoding == "offset-binary":
+        scaled -= 32768
+    if encoding != "full-scale":
+        scaled /= 32768
+    return scaled

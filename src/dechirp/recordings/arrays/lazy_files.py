@@ -1,0 +1,171 @@
+"""Lazy arrays over memory-mapped and sequentially compressed files."""
+
+import math
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray, convert_parser_errors
+
+_BLOCK_BYTES = 2**24
+_READ_BYTES = 2**18
+CACHE_BYTES = 2**26
+"""Size up to which the last block of a compressed array stays in memory for the next frame."""
+
+
+def memory_mapped_array(
+    path: Path,
+    dtype: np.dtype,
+    shape: tuple[int, ...],
+    *,
+    offset: int = 0,
+    fortran: bool = False,
+) -> LazyArray:
+    """Open an array that lies in a file as it would in memory.
+
+    The file is mapped anew for each block, because the pages of a mapping count as memory of the
+    process until it is closed.
+    """
+    slowest_axis = _slowest_axis(shape, fortran)
+    row_bytes = math.prod(shape) // shape[slowest_axis] * dtype.itemsize
+    step = max(1, _BLOCK_BYTES // row_bytes)
+
+    def read(part: ArrayPart) -> np.ndarray:
+        values = np.empty([axis_slice.stop - axis_slice.start for axis_slice in part], dtype)
+        start = part[slowest_axis].start
+        for first in range(start, part[slowest_axis].stop, step):
+            rows = slice(first, min(first + step, part[slowest_axis].stop))
+            block = (*part[:slowest_axis], rows, *part[slowest_axis + 1 :])
+            target = [slice(None)] * len(shape)
+            target[slowest_axis] = slice(rows.start - start, rows.stop - start)
+            with _convert_read_errors(path):
+                mapping = np.memmap(
+                    path, dtype, "r", offset=offset, shape=shape, order="F" if fortran else "C"
+                )
+                values[tuple(target)] = mapping[block]
+        return values
+
+    return LazyArray(shape=shape, dtype=dtype, read=read)
+
+
+class InflateStream:
+    """Sequential reader of deflate-compressed bytes of a file.
+
+    Reading backwards restarts from the beginning. The file is open only during a read.
+    """
+
+    def __init__(self, path: Path, start: int, n_bytes: int, *, expected: str, wbits: int) -> None:
+        self._path, self._need, self._wbits = path, expected, wbits
+        self._start, self._end = start, start + n_bytes
+        self._restart()
+
+    def _restart(self) -> None:
+        self._inflater = zlib.decompressobj(self._wbits)
+        self._packed_at = self._start
+        self._at = 0
+
+    def fill(self, first: int, into: np.ndarray) -> None:
+        """Fill uint8 `into` with the decompressed bytes from `first` on."""
+        with convert_parser_errors(self._path, self._need):
+            if first < self._at:
+                self._restart()
+            while self._at < first:
+                self._inflate_block(first - self._at)
+            filled = 0
+            while filled < into.size:
+                block = self._inflate_block(into.size - filled)
+                into[filled : filled + len(block)] = np.frombuffer(block, np.uint8)
+                filled += len(block)
+
+    def read_head(self, n_bytes: int) -> bytes:
+        """Return at most the first `n_bytes` decompressed bytes."""
+        blocks: list[bytes] = []
+        with convert_parser_errors(self._path, self._need), suppress(EOFError):
+            self._restart()
+            while self._at < n_bytes:
+                blocks.append(self._inflate_block(n_bytes - self._at))
+        return b"".join(blocks)
+
+    def _inflate_block(self, n_bytes: int) -> bytes:
+        """Return the next decompressed bytes, at least one and at most `n_bytes`."""
+        while True:
+            packed = self._inflater.unconsumed_tail or self._read_compressed()
+            block = self._inflater.decompress(packed, min(n_bytes, _READ_BYTES))
+            if block:
+                self._at += len(block)
+                return block
+            if not packed:
+                raise EOFError(f"data end after {self._at} bytes")
+
+    def _read_compressed(self) -> bytes:
+        with self._path.open("rb") as file:
+            file.seek(self._packed_at)
+            packed = file.read(min(_READ_BYTES, self._end - self._packed_at))
+        self._packed_at += len(packed)
+        return packed
+
+
+def sequential_array(
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    fill: Callable[[int, np.ndarray], None],
+    *,
+    fortran: bool = False,
+) -> LazyArray:
+    """Open an array whose bytes can only be read sequentially, such as compressed ones.
+
+    Parameters
+    ----------
+    shape, dtype
+        Of the array.
+    fill : function (first, into)
+        Fills uint8 `into` with the bytes from `first` on, both within the array.
+    fortran : bool
+        Whether the first axis runs fastest.
+    """
+    slowest_axis = _slowest_axis(shape, fortran)
+    row_bytes = math.prod(shape) // shape[slowest_axis] * dtype.itemsize
+    cache: dict[tuple[int, int], np.ndarray] = {}
+
+    def read_rows(first: int, last: int) -> np.ndarray:
+        if (first, last) in cache:
+            return cache[first, last]
+        raw = np.empty((last - first) * row_bytes, np.uint8)
+        fill(first * row_bytes, raw)
+        sizes = [*shape[:slowest_axis], last - first, *shape[slowest_axis + 1 :]]
+        block = raw.view(dtype).reshape(sizes, order="F" if fortran else "C")
+        cache.clear()
+        # Frames along another axis all need the same rows, which the cache keeps.
+        if raw.size <= CACHE_BYTES:
+            cache[first, last] = block
+        return block
+
+    def read(part: ArrayPart) -> np.ndarray:
+        block = read_rows(part[slowest_axis].start, part[slowest_axis].stop)
+        return block[(*part[:slowest_axis], slice(None), *part[slowest_axis + 1 :])]
+
+    return LazyArray(shape=shape, dtype=dtype, read=read, outer_axis=slowest_axis)
+
+
+def _slowest_axis(shape: tuple[int, ...], fortran: bool) -> int:
+    """Return the slowest axis longer than 1."""
+    axes = range(len(shape) - 1, -1, -1) if fortran else range(len(shape))
+    return next((axis for axis in axes if shape[axis] > 1), axes[0])
+
+
+@contextmanager
+def _convert_read_errors(path: Path) -> Iterator[None]:
+    """Convert errors of a file that changed while it was read to a `RecordingError`."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # a mapping beyond the end of its file raises ValueError
+        raise RecordingError(
+            path,
+            value=f"the file has changed since it was opened ({error})",
+            expected="a file that does not change while it is read",
+            fix="open it again after the writing program has finished",
+        ) from None

@@ -1,0 +1,95 @@
+"""Small values of MATLAB files (version 5 to 7): texts, arrays and structures, read at once."""
+
+import math
+import struct
+from collections.abc import Iterator
+
+import numpy as np
+
+from dechirp.recordings.arrays.mat5 import (
+    CLASSES,
+    TYPES,
+    ArrayHeader,
+    Element,
+    parse_array_header,
+    parse_tag,
+)
+
+Value = str | np.ndarray | dict[str, np.ndarray]
+"""A text, an array with its axes as MATLAB shows them, or a structure of such arrays."""
+
+_STRUCTURE, _TEXT = 2, 4
+# Text encodings, by type number.
+_TEXT_CODECS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+
+
+def read_value(element: Element, max_bytes: int) -> Value:
+    """Read the value of a variable, of at most `max_bytes`.
+
+    Raises
+    ------
+    RecordingError
+        If it is larger.
+    ValueError, KeyError, struct.error
+        If it is damaged, or neither text, numbers, nor one structure of arrays.
+    """
+    data, order = element.read_content(max_bytes), element.byte_order
+    header = parse_array_header(data, 0, order)
+    if header.class_code == _TEXT:
+        return _parse_text(data, header, order)
+    if header.class_code == _STRUCTURE:
+        return dict(_iter_fields(data, header, order, max_bytes))
+    return _parse_array(data, header, order, max_bytes)
+
+
+def _parse_text(data: bytes, header: ArrayHeader, order: str) -> str:
+    """Decode a text."""
+    kind, n_bytes, offset, _ = parse_tag(data, header.data_offset, order)
+    codec = _TEXT_CODECS[kind]
+    endian_suffix = {"<": "-le", ">": "-be"}[order] if codec in ("utf-16", "utf-32") else ""
+    return data[offset : offset + n_bytes].decode(codec + endian_suffix)
+
+
+def _iter_fields(
+    data: bytes, header: ArrayHeader, order: str, max_bytes: int
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield name and array of each field of a structure."""
+    if math.prod(header.shape) != 1:
+        raise ValueError(f"an array of {header.shape} structures")
+    _, _, offset, next_offset = parse_tag(data, header.data_offset, order)
+    (width,) = struct.unpack_from(f"{order}I", data, offset)
+    _, n_bytes, offset, next_offset = parse_tag(data, next_offset, order)
+    for start in range(offset, offset + n_bytes, max(width, 1)):
+        name = data[start : start + width].split(b"\0")[0].decode("latin-1")
+        field_offset, (_, _, _, next_offset) = next_offset, parse_tag(data, next_offset, order)
+        yield (
+            name,
+            _parse_array(data, parse_array_header(data, field_offset, order), order, max_bytes),
+        )
+
+
+def _parse_array(data: bytes, header: ArrayHeader, order: str, max_bytes: int) -> np.ndarray:
+    """Parse an array of numbers."""
+    numbers = np.dtype(CLASSES[header.class_code])
+    # Stored numbers may have a smaller type, so the array may be larger than the file.
+    n_bytes = math.prod(header.shape) * numbers.itemsize
+    if not 0 <= n_bytes <= max_bytes:
+        raise ValueError(f"an array {header.name!r} of {n_bytes} bytes")
+    real, imaginary_offset = _parse_part(data, header, order, header.data_offset)
+    if header.is_complex:
+        values = np.empty(header.shape, np.result_type(numbers, np.complex64))
+        values.real, values.imag = real, _parse_part(data, header, order, imaginary_offset)[0]
+        return values
+    return real.astype(bool if header.is_logical else numbers)
+
+
+def _parse_part(
+    data: bytes, header: ArrayHeader, order: str, offset: int
+) -> tuple[np.ndarray, int]:
+    """Parse the real or imaginary part; return it with the offset of the next part."""
+    kind, n_bytes, offset, next_offset = parse_tag(data, offset, order)
+    dtype = np.dtype(order + TYPES[kind])
+    if n_bytes != math.prod(header.shape) * dtype.itemsize:
+        raise ValueError(f"{n_bytes} bytes for {header.name!r} of {header.shape}")
+    flat = np.frombuffer(data, dtype, n_bytes // dtype.itemsize, offset)
+    return flat.reshape(header.shape, order="F"), next_offset

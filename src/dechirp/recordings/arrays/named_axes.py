@@ -1,0 +1,378 @@
+"""Arrays with named axes as frames of a cube, for all readers of generic arrays."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.radar.array import Array
+from dechirp.radar.radar import Radar
+from dechirp.recordings.arrays.encodings import LIMITS, to_full_scale
+from dechirp.recordings.arrays.lazy_array import LazyArray, complex_field_names, format_shape
+from dechirp.recordings.arrays.lazy_files import CACHE_BYTES
+from dechirp.recordings.arrays.named_array import AXES, NamedArray, is_finite
+from dechirp.recordings.readers.base import Contents, RecordingHints
+from dechirp.recordings.settings.antenna_positions import fit_receivers
+from dechirp.recordings.settings.base import RecordingSettings
+from dechirp.recordings.settings_lookup import assumed_receiver_findings, find_recording_settings
+
+_EXAMPLES = {1: "sample", 2: "chirp,sample", 3: "chirp,rx,sample", 4: "frame,chirp,rx,sample"}
+# More than any radar has; it is another axis, and each would get an assumed position.
+_MAX_CHANNELS = 4096
+
+
+def interpret_array(
+    path: Path,
+    array: LazyArray,
+    hints: RecordingHints,
+    *,
+    file_bytes: int,
+    findings: Sequence[Finding] = (),
+) -> Contents:
+    """Check an array against the radar's settings, and return it as the contents of a recording.
+
+    Parameters
+    ----------
+    path : Path
+        The recording, for messages and for the settings beside it.
+    array : LazyArray
+        Its array, not empty.
+    hints : RecordingHints
+        Names of the axes, in the order of the array; encoding, order of I and Q, settings.
+    file_bytes : int
+        Size of the recording on disk.
+    findings : sequence of Finding
+        Findings of the reader.
+
+    Raises
+    ------
+    RecordingError
+        If axes or encoding are missing, or sizes or encoding do not fit the radar.
+    """
+    sizes = _axis_sizes(path, array, hints.axes)
+    settings = find_recording_settings(path, hints)
+    radar, receiver_findings = _fit_radar(path, sizes, settings.radar)
+    cube = NamedArray(
+        path=path,
+        array=array,
+        sizes=sizes,
+        tx_order=radar.frame.tdm_order or (),
+        is_complex=_check_complex(path, array, sizes, radar),
+        iq=hints.iq,
+    )
+    cube.check_memory(file_bytes)
+    encoding = hints.encoding or _default_encoding(path, array.dtype, cube)
+    is_full_scale_assumed = hints.encoding is None and encoding == "full-scale"
+    gaps = cube.find_gaps(radar.frame.n_chirps_total)
+
+    def decode(index: int, out: np.ndarray) -> None:
+        is_lost = np.zeros(len(out), bool) if gaps is None else gaps[index]
+        for first, parts in cube.iter_chirp_blocks(index, is_lost):
+            rows = out[first : first + len(parts[0])]
+            if not all(is_finite(part).all() for part in parts):
+                raise cube.not_finite_error(index, is_lost)
+            if is_full_scale_assumed:
+                _check_full_scale(path, index, parts)
+            _fill_chirps(path, index, parts, encoding, rows)
+            rows[is_lost[first : first + len(rows)]] = 0
+
+    return Contents(
+        radar=radar,
+        n_frames=sizes.get("frame", 1),
+        decode=decode,
+        gaps=gaps,
+        findings=(
+            *settings.findings,
+            *receiver_findings,
+            *findings,
+            *_slow_reading_note(cube),
+            *_absent_chunks_warning(gaps),
+        ),
+    )
+
+
+def infer_shape(
+    path: Path,
+    axes: tuple[str, ...] | None,
+    settings: RecordingSettings,
+    n_numbers: int,
+    *,
+    description: str,
+) -> tuple[tuple[int, ...], tuple[Finding, ...]]:
+    """Infer the shape of consecutive numbers, with findings in case of doubt.
+
+    All sizes follow from the radar except the number of frames, and the number of receivers if the
+    radar does not give it and there is one frame.
+
+    Raises
+    ------
+    RecordingError
+        If axes are not named, or the numbers are not a whole number of frames.
+    """
+    if axes is None:
+        raise _missing_axes_error(path, f"{description} without axis names")
+    _check_names(path, axes, description)
+    radar = settings.radar
+    n_slots, n_rx = radar.frame.n_slots, radar.array.n_rx
+    has_tx_axis = "tx" in axes or "element" in axes
+    sizes = {
+        "frame": 1,
+        "chirp": radar.frame.n_chirps if has_tx_axis else radar.frame.n_chirps_total,
+        "tx": n_slots,
+        "rx": n_rx,
+        "element": n_slots * n_rx,
+        "sample": radar.frame.chirp.n_samples,
+        "iq": 2,
+    }
+    numbers_per_frame = math.prod(sizes[name] for name in axes)
+    channel_axis = next((name for name in ("rx", "element") if name in axes), None)
+    if "frame" not in axes and channel_axis and radar.array == Array():
+        sizes[channel_axis] = max(1, n_numbers * sizes[channel_axis] // numbers_per_frame)
+        numbers_per_frame = math.prod(sizes[name] for name in axes)
+    receiver_findings = (
+        assumed_receiver_findings(settings) if "frame" in axes and channel_axis else ()
+    )
+    n_frames, rest = divmod(n_numbers, numbers_per_frame)
+    if n_frames < 1 or (n_frames > 1 and "frame" not in axes) or (rest and axes[0] != "frame"):
+        frame_text = " x ".join(f"{sizes[name]} {name}" for name in axes if name != "frame")
+        raise RecordingError(
+            path,
+            value=description,
+            expected=f"{'a multiple of ' if 'frame' in axes else ''}{numbers_per_frame} numbers:"
+            f" {frame_text}, from the radar's settings",
+            fix="name the axes in their order, with frame if there are several; or correct the"
+            " settings",
+        )
+    shape = tuple(n_frames if name == "frame" else sizes[name] for name in axes)
+    if not rest:
+        return shape, receiver_findings
+    cut_warning = Finding(
+        level="warning",
+        setting="recording",
+        value=f"{description}, cut short: {n_frames} complete frames and {rest} numbers left out",
+        expected=f"complete frames of {numbers_per_frame} numbers",
+        fix="if more than the end is missing, the settings are not those of this recording",
+    )
+    return shape, (*receiver_findings, cut_warning)
+
+
+def check_even_size(path: Path, n_bytes: int) -> None:
+    """Raise `RecordingError` if a size is not a whole number of 16-bit words."""
+    if n_bytes % 2:
+        raise RecordingError(
+            path,
+            value=f"{n_bytes} bytes",
+            expected="an even number of bytes, 2 per number",
+            fix="copy the whole file again from its source, or name another format",
+        )
+
+
+def _axis_sizes(path: Path, array: LazyArray, axes: tuple[str, ...] | None) -> dict[str, int]:
+    """Return the sizes by axis name, in the order of the file."""
+    shape = format_shape(array.shape)
+    if axes is None:
+        description = f"an array of {array.dtype} of shape {shape} without axis names"
+        raise _missing_axes_error(path, description, len(array.shape))
+    description = f"an array of shape {shape}"
+    _check_names(path, axes, description, n_axes=len(array.shape))
+    return dict(zip(axes, array.shape, strict=True))
+
+
+def _missing_axes_error(path: Path, description: str, n_axes: int = 2) -> RecordingError:
+    """Return the error of an array without axis names."""
+    return RecordingError(
+        path,
+        value=description,
+        expected=f"one name for each axis, out of {', '.join(AXES)}",
+        fix=f"give them, such as --axes {_EXAMPLES.get(n_axes, 'frame,chirp,rx,sample,iq')}"
+        " (axes=[...] in Python)",
+    )
+
+
+def _check_names(
+    path: Path, axes: tuple[str, ...], description: str, *, n_axes: int | None = None
+) -> None:
+    """Raise `RecordingError` unless the axis names are valid and as many as needed."""
+    has_error = set(axes) - set(AXES) or "sample" not in axes or len(set(axes)) < len(axes)
+    has_error = has_error or ("element" in axes and {"tx", "rx"} & set(axes))
+    if has_error or (n_axes is not None and len(axes) != n_axes):
+        raise RecordingError(
+            path,
+            value=f"{description} with axes {','.join(axes)}",
+            expected=f"{n_axes or 'only'} different names out of {', '.join(AXES)}, with sample,"
+            " and element only without tx and rx",
+            fix="name the axes in the order of the shape",
+        )
+
+
+def _fit_radar(
+    path: Path, sizes: dict[str, int], radar: Radar
+) -> tuple[Radar, tuple[Finding, ...]]:
+    """Check the sizes, and return the radar with as many receivers as the array holds."""
+    frame = radar.frame
+    has_tx_axis = "tx" in sizes or "element" in sizes
+    if has_tx_axis and frame.tdm_order is None:
+        raise RecordingError(
+            path,
+            value=f"an array with axes {','.join(sizes)}",
+            expected="no axes tx and element: several transmitters send in each chirp"
+            " (radar.frame.multiplexing)",
+            fix="give the samples in the order sent, with axes chirp and rx",
+        )
+    expected_sizes = {
+        "chirp": frame.n_chirps if has_tx_axis else frame.n_chirps_total,
+        "tx": frame.n_slots,
+        "sample": frame.chirp.n_samples,
+    }
+    if "chirp" not in sizes and expected_sizes["chirp"] > 1:
+        raise RecordingError(
+            path,
+            value=f"an array of shape {format_shape(tuple(sizes.values()))} with axes"
+            f" {','.join(sizes)}",
+            expected=f"an axis chirp of {expected_sizes['chirp']}, from the radar's settings",
+            fix="name the axis chirp, or correct radar.frame.n_chirps",
+        )
+    wrong_axes = [
+        name
+        for name, expected_size in expected_sizes.items()
+        if sizes.get(name, expected_size) != expected_size
+    ]
+    if wrong_axes:
+        raise RecordingError(
+            path,
+            value=" and ".join(f"{sizes[name]} along {name}" for name in wrong_axes),
+            expected=" and ".join(f"{expected_sizes[name]} along {name}" for name in wrong_axes)
+            + ", from the radar's settings",
+            fix="correct the order of the axes, or radar.frame.n_chirps,"
+            " radar.frame.multiplexing and radar.frame.chirp.n_samples",
+        )
+    n_elements = sizes.get("element", sizes.get("rx", 1) * frame.n_slots)
+    n_rx, rest = divmod(n_elements, frame.n_slots)
+    if rest or n_elements > _MAX_CHANNELS:
+        raise RecordingError(
+            path,
+            value=f"{n_elements} pairs of a transmitter and a receiver",
+            expected=f"a multiple of {frame.n_slots}, the transmitters that take turns, and at most"
+            f" {_MAX_CHANNELS}",
+            fix="correct the order of the axes, or radar.frame.multiplexing",
+        )
+    return fit_receivers(radar, n_rx, file=path)
+
+
+def _check_complex(path: Path, array: LazyArray, sizes: dict[str, int], radar: Radar) -> bool:
+    """Return whether the samples are complex; raise `RecordingError` if the radar contradicts."""
+    has_complex_numbers = array.dtype.kind == "c" or complex_field_names(array.dtype) is not None
+    if "iq" in sizes and (sizes["iq"] != 2 or has_complex_numbers):
+        raise RecordingError(
+            path,
+            value=f"an array of {array.dtype} with an axis iq of {sizes['iq']}",
+            expected="real numbers with an axis iq of 2, or complex numbers without it",
+            fix="correct the names of the axes",
+        )
+    is_complex = "iq" in sizes or has_complex_numbers
+    if radar.frame.chirp.sampling == "complex" and not is_complex:
+        raise RecordingError(
+            path,
+            value=f"an array of real numbers ({array.dtype})",
+            expected="complex numbers or an axis iq of 2 (radar.frame.chirp.sampling: complex)",
+            fix="name the axis iq, or set sampling: real",
+        )
+    return is_complex
+
+
+def _default_encoding(path: Path, dtype: np.dtype, cube: NamedArray) -> str:
+    """Return the encoding, if the dtype and the values leave no doubt."""
+    numbers = dtype if dtype.names is None else dtype[0]
+    if numbers.kind == "i" and numbers.itemsize == 2:
+        return "int16"
+    if numbers.kind not in "fc":
+        raise _missing_encoding_error(path, str(dtype))
+    for _, parts in cube.iter_chirp_blocks(0):
+        _check_full_scale(path, 0, parts)
+    return "full-scale"
+
+
+def _check_full_scale(path: Path, index: int, parts: list[np.ndarray]) -> None:
+    """Raise `RecordingError` if floats exceed full scale 1.
+
+    A first frame of small numbers, or of zeros, does not predict the others.
+    """
+    # NaN passes here: reading the samples raises its own error.
+    largest = max(float(np.max(np.abs(part))) for part in parts)
+    if largest > 1:
+        description = f"{parts[0].dtype} with numbers up to {largest:.6g} in frame {index}"
+        raise _missing_encoding_error(path, description)
+
+
+def _missing_encoding_error(path: Path, description: str) -> RecordingError:
+    """Return the error of an array whose encoding is ambiguous."""
+    return RecordingError(
+        path,
+        value=f"an array of {description} without an encoding",
+        expected=f"an encoding out of {', '.join(LIMITS)}",
+        fix="give one, such as --encoding int16 (encoding=... in Python); full-scale keeps the"
+        " numbers unchanged",
+    )
+
+
+def _fill_chirps(
+    path: Path, index: int, parts: list[np.ndarray], encoding: str, out: np.ndarray
+) -> None:
+    """Fill (chirp, rx, sample) with parts at full scale 1, after checking each number."""
+    try:
+        scaled = [to_full_scale(part, encoding) for part in parts]
+    except ValueError as error:
+        raise RecordingError(
+            path,
+            value=f"{error} in frame {index}, read as {encoding}",
+            expected=f"numbers that {encoding} can hold",
+            fix=f"choose another encoding: {', '.join(LIMITS)}",
+        ) from None
+    if np.iscomplexobj(out):
+        out.real, out.imag = scaled
+        return
+    if len(scaled) == 2 and scaled[1].any():
+        raise RecordingError(
+            path,
+            value=f"complex samples, with a non-zero imaginary part in frame {index}",
+            expected="real samples (radar.frame.chirp.sampling: real)",
+            fix="set sampling: complex",
+        )
+    out[:] = scaled[0]
+
+
+def _slow_reading_note(cube: NamedArray) -> tuple[Finding, ...]:
+    """Return a note if the whole array is decompressed for each frame."""
+    n_frames, n_bytes = cube.sizes.get("frame", 1), cube.unpacked_bytes_per_frame
+    if cube.is_frame_major or n_frames == 1 or n_bytes <= CACHE_BYTES:
+        return ()
+    return (
+        Finding(
+            level="note",
+            setting="recording",
+            value=f"a compressed array of {n_bytes} bytes, decompressed again for each of"
+            f" {n_frames} frames (slow)",
+            expected="frames along the slowest axis, or no compression",
+            fix="save it with its frames along the first axis, in MATLAB the last",
+        ),
+    )
+
+
+def _absent_chunks_warning(gaps: np.ndarray | None) -> tuple[Finding, ...]:
+    """Warn about chunks that were never written."""
+    if gaps is None:
+        return ()
+    return (
+        Finding(
+            level="warning",
+            setting="recording",
+            value=f"chunks that were never written: {gaps.sum()} of {gaps.size} chirps have gaps,"
+            f" the first in frame {int(np.flatnonzero(gaps.any(axis=1))[0])}",
+            expected="all chunks of the array",
+            fix="copy the recording again if it was complete; those chirps are zero, and the"
+            " cube's coordinate `gap` marks them",
+        ),
+    )

@@ -1,0 +1,50 @@
+"""Contents of a message file: a native recording, or point clouds of a foreign radar."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from dechirp.core.errors import RecordingError
+from dechirp.recordings.arrays.lazy_array import convert_parser_errors
+from dechirp.recordings.description import is_description
+from dechirp.recordings.messages import foreign_point_clouds, native_tables
+from dechirp.recordings.messages.message_arrays import collect_messages
+from dechirp.recordings.messages.ros import Message, message_types
+from dechirp.recordings.native import check_hints_agree
+from dechirp.recordings.readers.base import Contents, RecordingHints
+
+
+def read_messages(
+    path: Path, messages: Iterable[Message], hints: RecordingHints, expected: str
+) -> Contents:
+    """Read all messages of a file.
+
+    Raises
+    ------
+    RecordingError
+        If they are damaged, or none are points of a radar.
+    InvalidSetting
+        If the extra `io` is missing.
+    """
+    message_types()  # a missing extra is no damage
+    settings = hints.settings
+    radar = None if settings is None else settings.radar
+    with convert_parser_errors(path, expected):
+        arrays = collect_messages(path, messages, hints.inner_name)
+        text = arrays.description
+        if text is None or not is_description(text):
+            contents = foreign_point_clouds.read_foreign_clouds(
+                path, arrays, radar, hints.inner_name
+            )
+        elif hints.inner_name is None:
+            contents = native_tables.read_native_tables(path, text, arrays, radar)
+            check_hints_agree(path, hints, device=contents.device, iq=contents.iq)
+        else:
+            raise RecordingError(
+                path,
+                value=f"topic {hints.inner_name!r} of a recording written by dechirp",
+                expected="the recording itself, whose detections and tables belong together",
+                fix=f"open {path.name}",
+            )
+    setting_findings = () if settings is None else settings.findings
+    return replace(contents, findings=(*setting_findings, *contents.findings))

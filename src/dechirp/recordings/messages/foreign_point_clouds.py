@@ -1,0 +1,151 @@
+"""Point clouds of other radars' drivers, as detections.
+
+x points forward, y left, z up (REP 103); a velocity is taken as radial, receding positive. Other
+fields keep their names, because their meaning depends on the driver.
+
+References
+----------
+ROS Enhancement Proposal 103, Standard Units of Measure and Coordinate Conventions.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.detection_columns import UNITS
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.units import from_decibels
+from dechirp.radar.radar import Radar
+from dechirp.recordings.messages.message_arrays import VELOCITIES, MessageArrays, PointCloud
+from dechirp.recordings.messages.ros import NANO
+from dechirp.recordings.readers.base import Contents
+
+_SNRS = ("snr", "snr_db")
+_XYZ = ("x", "y", "z")
+_COMPUTED = ("frame", "time", "range", "velocity", "azimuth", "elevation", "snr")
+
+
+def read_foreign_clouds(
+    path: Path, arrays: MessageArrays, radar: Radar | None, topic_name: str | None
+) -> Contents:
+    """Return the detections of the named topic, or of the first with velocities.
+
+    Raises
+    ------
+    RecordingError
+        If there is none, or its points have no coordinates.
+    """
+    topic = f"/{topic_name}" if topic_name else min(arrays.clouds, default="")
+    if topic not in arrays.clouds:
+        topics = {**arrays.unread_topics, **dict.fromkeys(arrays.clouds, "points")}
+        raise RecordingError(
+            path,
+            value=f"no point cloud {f'on {topic}' if topic_name else 'of a radar'}:"
+            f" {_format_topics(topics)}",
+            expected="a topic of sensor_msgs/msg/PointCloud2, with velocities unless it is named",
+            fix="append the topic to the recording, as in bag.mcap/front/radar",
+        )
+    clouds = arrays.clouds[topic]
+    fields = clouds[0].points.dtype.names or ()
+    names = {name.lower(): name for name in fields}
+    if not names.keys() >= set(_XYZ):
+        raise RecordingError(
+            path,
+            value=f"points with fields {', '.join(fields) or '(none)'} on {topic}",
+            expected="points with fields x, y and z",
+            fix="append another topic to the recording, as in bag.mcap/front/radar",
+        )
+    with np.errstate(all="ignore"):  # foreign numbers: overflow gives no valid position
+        points = _to_detections(clouds, names)
+    unread_topics = {
+        **arrays.unread_topics,
+        **{other_topic: "points" for other_topic in arrays.clouds if other_topic != topic},
+    }
+    return Contents(
+        radar=radar,
+        n_frames=len(clouds),
+        points=points,
+        findings=_topic_findings(topic, clouds[0].frame_id, names, unread_topics),
+    )
+
+
+def _to_detections(clouds: list[PointCloud], names: dict[str, str]) -> xr.Dataset:
+    """Convert clouds to detections; `names` maps lower-case field names to their spelling."""
+    counts = [len(cloud.points) for cloud in clouds]
+    frame = np.repeat(np.arange(len(clouds)), counts)
+    times_s = np.array([cloud.time_ns - clouds[0].time_ns for cloud in clouds]) / NANO
+
+    def column(name: str) -> np.ndarray:
+        return np.concatenate([cloud.points[names[name]] for cloud in clouds]).astype(float)
+
+    x, y, z = map(column, _XYZ)
+    velocity = next((name for name in VELOCITIES if name in names), None)
+    snr = next((name for name in _SNRS if name in names), None)
+    ground = np.hypot(x, y)
+    unknown = np.full(len(x), np.nan)
+    columns = {
+        "frame": frame,
+        "time": np.repeat(times_s, counts),
+        "range": np.hypot(ground, z),
+        "velocity": unknown if velocity is None else column(velocity),
+        "azimuth": np.arctan2(y, x),
+        "elevation": np.arctan2(z, ground),
+        "snr": unknown if snr is None else from_decibels(column(snr)),
+    }
+    point_dtype = clouds[0].points.dtype
+    used_names = {*columns, *_XYZ, velocity, snr}
+    for name in names:  # in file order: the order of a set changes from run to run
+        if name not in used_names and not point_dtype[names[name]].shape:
+            columns[name] = column(name)
+    has_position = np.isfinite(columns["range"])  # the others pad an organised cloud
+    return xr.Dataset(
+        {
+            name: (
+                "detection",
+                values[has_position],
+                {"units": UNITS[name]} if name in _COMPUTED else {},
+            )
+            for name, values in columns.items()
+        }
+    )
+
+
+def _topic_findings(
+    topic: str, frame_id: str, names: dict[str, str], unread_topics: dict[str, str]
+) -> tuple[Finding, ...]:
+    """Report the topic and the fields that were used, and topics that were not read."""
+    used_fields = [
+        f"{quantity} from {next((names[name] for name in candidates if name in names), 'nothing')}"
+        for quantity, candidates in (("velocity", VELOCITIES), ("snr in dB", _SNRS))
+    ]
+    findings = [
+        Finding(
+            level="warning" if "nothing" in used_fields[0] else "note",
+            setting="points",
+            value=f"points of {topic} (frame_id {frame_id!r}), fields {', '.join(names.values())};"
+            f" {', '.join(used_fields)}",
+            expected="x forward, y left, z up, and velocities along the line of sight, receding"
+            " positive",
+            fix="convert them if the driver of the radar uses other conventions",
+        )
+    ]
+    if unread_topics:
+        findings.append(
+            Finding(
+                level="note",
+                setting="recording",
+                value=f"other topics, not read: {_format_topics(unread_topics)}",
+                expected="one topic of points",
+                fix="append another topic to the recording, as in bag.mcap/front/radar",
+            )
+        )
+    return tuple(findings)
+
+
+def _format_topics(topics: dict[str, str]) -> str:
+    """Format topics with their types."""
+    descriptions = [f"{topic} ({kind})" for topic, kind in sorted(topics.items())]
+    more = f" and {len(descriptions) - 12} more" if len(descriptions) > 12 else ""
+    return f"{', '.join(descriptions[:12]) or 'no topics'}{more}"

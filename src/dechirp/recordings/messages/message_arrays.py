@@ -1,0 +1,112 @@
+"""Arrays of the messages in a file: point clouds, number arrays, and the native description.
+
+Native topics lie below `/radar`, as `recordings.writers.point_clouds` writes them. Of other topics,
+clouds with a velocity field are read; the others are those of lidars and cameras.
+"""
+
+from collections.abc import Iterable
+from dataclasses import field
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.memory import SMALL_BYTES, check_memory
+from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.messages.ros import (
+    CLOUD,
+    NANO,
+    TEXT,
+    Message,
+    cloud_points,
+    decode_message,
+    is_number_array,
+    number_array,
+)
+
+ROOT = "/radar"
+DESCRIPTION = f"{ROOT}/description"
+VELOCITIES = (
+    "velocity",
+    "doppler",
+    "doppler_velocity",
+    "radial_velocity",
+    "velocity_radial",
+    "radial_speed",
+    "range_rate",
+    "vel",
+    "v_radial",
+    "v_r",
+    "vr",
+    "v",
+)
+"""Names of a field of radial velocities, in lower case."""
+
+
+@frozen_dataclass
+class PointCloud:
+    """Point cloud of one message."""
+
+    time_ns: int
+    frame_id: str
+    points: np.ndarray = field(repr=False)
+    """(n,), with the fields of its points."""
+
+
+@frozen_dataclass
+class MessageArrays:
+    """Arrays read from a file."""
+
+    description: str | None
+    """Native description."""
+    clouds: dict[str, list[PointCloud]]
+    """Clouds by topic."""
+    arrays: dict[str, np.ndarray]
+    """Number arrays by topic, the last one of each."""
+    unread_topics: dict[str, str]
+    """Type of each topic that was not read."""
+
+
+def collect_messages(
+    path: Path, messages: Iterable[Message], topic_name: str | None
+) -> MessageArrays:
+    """Read the arrays of all messages.
+
+    `topic_name` selects a topic of clouds, without its first slash.
+    """
+    text: str | None = None
+    clouds: dict[str, list[PointCloud]] = {}
+    arrays: dict[str, np.ndarray] = {}
+    unread_topics: dict[str, str] = {}
+    n_bytes = 0
+    for message in messages:
+        topic = message.topic
+        is_native = topic.startswith(f"{ROOT}/")
+        if topic == DESCRIPTION and message.type == TEXT:
+            text = str(decode_message(message).data)
+        elif is_native and is_number_array(message.type):
+            arrays[topic] = number_array(decode_message(message))
+        elif message.type == CLOUD and topic not in unread_topics:
+            cloud = decode_message(message)
+            names = {point_cloud.name.lower() for point_cloud in cloud.fields}
+            if not (is_native or topic == f"/{topic_name}" or names.intersection(VELOCITIES)):
+                unread_topics[topic] = message.type
+                continue
+            stamp = cloud.header.stamp
+            time_ns = stamp.sec * NANO + stamp.nanosec or message.time_ns
+            point_cloud = PointCloud(
+                time_ns=time_ns, frame_id=cloud.header.frame_id, points=cloud_points(cloud)
+            )
+            clouds.setdefault(topic, []).append(point_cloud)
+            earlier_bytes, n_bytes = n_bytes, n_bytes + point_cloud.points.nbytes
+            if n_bytes // SMALL_BYTES > earlier_bytes // SMALL_BYTES:
+                # Twice the memory: clouds become columns.
+                check_memory(
+                    f"the points in {path.name}",
+                    needed_bytes=n_bytes,
+                    fix="split the bag into shorter ones",
+                )
+        else:
+            unread_topics[topic] = message.type
+    return MessageArrays(
+        description=text, clouds=clouds, arrays=arrays, unread_topics=unread_topics
+    )

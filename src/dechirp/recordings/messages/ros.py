@@ -1,0 +1,103 @@
+"""Messages of ROS 2, independent of the file format.
+
+Types are those of the distribution Humble; other distributions define the types read here equally.
+Definitions in a file are ignored, because they could contain code.
+
+References
+----------
+OMG, DDS Extensible and Dynamic Topic Types 1.3, 7.4 (CDR); ros2/common_interfaces,
+sensor_msgs/msg/PointCloud2.msg and std_msgs/msg/Float64MultiArray.msg.
+"""
+
+import math
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dechirp.core.optional_imports import import_optional
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+TEXT = "std_msgs/msg/String"
+NUMBERS = {"i": "Int", "u": "UInt", "f": "Float"}
+"""Part of the name of an array type, by the kind of its numbers."""
+
+FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""Types of numbers in a cloud, by their code."""
+
+_MAX_FIELDS = 64
+NANO = 10**9
+
+
+class Message(NamedTuple):
+    """One message, as sent."""
+
+    topic: str
+    type: str
+    time_ns: int
+    data: bytes | memoryview
+    """Content in CDR."""
+
+
+@cache
+def message_types() -> Any:
+    """Return the store of message types, which serialises messages."""
+    stores = import_optional("rosbags.typesys", setting="recording")
+    return stores.get_typestore(stores.Stores.ROS2_HUMBLE)
+
+
+def create_message(type_name: str, **fields: object) -> Any:
+    """Create a message of a type, or a part of one."""
+    return message_types().types[type_name](**fields)
+
+
+def encode_message(message: Any) -> bytes:
+    """Serialise a message to CDR."""
+    return bytes(message_types().serialize_cdr(message, message.__msgtype__))
+
+
+def decode_message(message: Message) -> Any:
+    """Deserialise a message; raises any error of rosbags or NumPy if it is damaged."""
+    return message_types().deserialize_cdr(bytes(message.data), message.type)
+
+
+def is_number_array(type_name: str) -> bool:
+    """Return whether a type is an array of numbers, such as `std_msgs/msg/Float64MultiArray`."""
+    return type_name.startswith("std_msgs/msg/") and type_name.endswith("MultiArray")
+
+
+def cloud_points(cloud: Any) -> np.ndarray:
+    """Return the points of a decoded cloud, (n,), with its fields; `ValueError` if damaged."""
+    if len(cloud.fields) > _MAX_FIELDS:
+        raise ValueError(f"{len(cloud.fields)} fields in a point")
+    order = ">" if cloud.is_bigendian else "<"
+    formats = [
+        (order + FIELD_TYPES[field.datatype], (field.count,) if field.count > 1 else ())
+        for field in cloud.fields
+    ]
+    kind = np.dtype(
+        {
+            "names": [field.name for field in cloud.fields],
+            "formats": formats,
+            "offsets": [field.offset for field in cloud.fields],
+            "itemsize": cloud.point_step,
+        }
+    )
+    if not (cloud.width and cloud.height):
+        return np.empty(0, kind)
+    row_bytes = cloud.width * cloud.point_step
+    row_step = cloud.row_step if cloud.height > 1 else row_bytes
+    if row_step < row_bytes or (cloud.height - 1) * row_step + row_bytes > len(cloud.data):
+        raise ValueError(f"{len(cloud.data)} bytes for {cloud.width} x {cloud.height} points")
+    strides = (row_step, cloud.point_step)
+    rows = np.ndarray((cloud.height, cloud.width), kind, cloud.data, strides=strides)
+    return rows.reshape(-1).copy()
+
+
+def number_array(array: Any) -> np.ndarray:
+    """Return the array of a decoded message in its declared shape; `ValueError` if damaged."""
+    shape = [dimension.size for dimension in array.layout.dim]
+    values = np.asarray(array.data)
+    if math.prod(shape) != values.size:
+        raise ValueError(f"{values.size} numbers for an array of shape {shape}")
+    return values.reshape(shape).copy()

@@ -1,0 +1,151 @@
+"""Contents of native files: samples with their description, lost chirps and tables."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.errors import RecordingError
+from dechirp.recordings.arrays.lazy_array import LazyArray, convert_parser_errors, format_shape
+from dechirp.recordings.arrays.named_axes import interpret_array
+from dechirp.recordings.description import (
+    Description,
+    is_description,
+    parse_description,
+    read_tables,
+)
+from dechirp.recordings.readers.base import Contents, RecordingHints
+from dechirp.recordings.settings.base import Iq, RecordingSettings
+
+MAX_DESCRIPTION_CHARACTERS = 2**24
+"""Largest length of a description; one of 10,000 calibrated channels has 2^20."""
+MAX_SCALE = 1e30  # times the largest code it is still a single-precision number
+
+
+def is_native_file(text: str | None, hints: RecordingHints) -> bool:
+    """Return True if a text is a native description and no hint says how to read the array."""
+    has_array_hints = hints.inner_name or hints.axes or hints.encoding
+    return text is not None and is_description(text) and not has_array_hints
+
+
+def check_hints_agree(
+    path: Path, hints: RecordingHints, *, device: str | None, iq: Iq | None
+) -> None:
+    """Raise `RecordingError` if a native file has another device or I/Q order than the user gave.
+
+    A device given together with a radar belongs to the radar: it gives the antenna positions.
+    """
+    chip = None if hints.device is None or hints.settings is not None else hints.device.kind()
+    for name, hint, actual in (("device", chip, device), ("iq", hints.iq, iq)):
+        if hint not in (None, actual):
+            raise RecordingError(
+                path,
+                value=f"written by dechirp, with --{name} {hint}",
+                expected=f"read with its own order and device"
+                f" ({name}: {actual or 'none'}), since --{name} is for raw samples",
+                fix=f"leave out --{name} ({name}=... in Python)",
+            )
+
+
+def native_contents(
+    path: Path,
+    text: str,
+    stored: LazyArray,
+    hints: RecordingHints,
+    *,
+    columns: Callable[[str, str], np.ndarray],
+    gaps: np.ndarray | None,
+    file_bytes: int,
+    axes: tuple[str, ...] = CUBE_AXES,
+) -> Contents:
+    """Read the contents of a native file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    text : str
+        Its description.
+    stored : LazyArray
+        Its samples, or their codes if the description has a scale.
+    hints : RecordingHints
+        A radar in it replaces that of the file.
+    columns : function (table, column)
+        Returns the arrays of the tables.
+    gaps : array (frame, chirp), optional
+        Non-zero where samples were lost.
+    file_bytes : int
+        Size of the file of samples.
+    axes : names
+        Axes of the samples, in order; a further last one, of size 2, is `iq`.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged, or does not match the radar.
+    """
+    radar = None if hints.settings is None else hints.settings.radar
+    with convert_parser_errors(path, "a file with a complete description"):
+        description = parse_description(path, text, radar)
+        check_hints_agree(path, hints, device=description.device, iq=description.iq)
+        _check_scale(path, description, stored.dtype)
+        if len(stored.shape) == len(axes) + 1:
+            axes = (*axes, "iq")
+        settings = hints.settings or RecordingSettings(radar=description.radar)
+        array_hints = RecordingHints(settings=settings, axes=axes, encoding="full-scale")
+        contents = interpret_array(path, stored, array_hints, file_bytes=file_bytes)
+        tables = read_tables(path, description, columns)
+    decode, scale = contents.decode, description.scale
+    assert decode is not None
+
+    def scaled(index: int, out: np.ndarray) -> None:
+        decode(index, out)
+        if scale is not None:
+            out *= np.float32(scale)
+
+    return replace(
+        contents,
+        decode=scaled,
+        units=description.units,
+        gaps=lost_chirp_mask(path, gaps, contents),
+        scale=scale,
+        tables=tables,
+        device=description.device,
+        iq=description.iq,
+    )
+
+
+def _check_scale(path: Path, description: Description, dtype: np.dtype) -> None:
+    """Raise `RecordingError` unless codes have a scale and floats have none."""
+    numbers = dtype if dtype.names is None else dtype[0]
+    is_coded = numbers.kind == "i" and numbers.itemsize == 2
+    scale = description.scale
+    if (scale is None and numbers.kind in "fc") or (
+        scale is not None and is_coded and 0 < scale < MAX_SCALE
+    ):
+        return
+    raise RecordingError(
+        path,
+        value=f"a file with samples of type {dtype} and a scale of {scale}",
+        expected="codes of 16 bits with a positive scale, or floats without any",
+        fix="copy the file again from its source",
+    )
+
+
+def lost_chirp_mask(path: Path, gaps: np.ndarray | None, contents: Contents) -> np.ndarray | None:
+    """Return (frame, chirp), True where chirps are marked as lost or samples are absent."""
+    if gaps is None:
+        return contents.gaps
+    assert contents.radar is not None
+    expected_shape = (contents.n_frames, contents.radar.frame.n_chirps_total)
+    if gaps.shape != expected_shape:
+        raise RecordingError(
+            path,
+            value=f"a file with an array gap of {format_shape(gaps.shape)}",
+            expected=f"of {format_shape(expected_shape)}, frames and chirps of its samples",
+            fix="copy the file again from its source",
+        )
+    is_lost = gaps != 0
+    return is_lost if contents.gaps is None else is_lost | contents.gaps

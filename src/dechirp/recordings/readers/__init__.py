@@ -1,0 +1,1 @@
+"""Readers of recordings: a family, one file per format."""

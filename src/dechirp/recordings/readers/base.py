@@ -1,0 +1,188 @@
+"""Base class of the recording formats: recognise a file by its content and decode its frames."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import field
+from enum import IntEnum
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.families import Family
+from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.devices.base import Device
+from dechirp.radar.radar import Radar
+from dechirp.recordings.settings.base import Iq, RecordingSettings
+
+IQ_ORDERS = ("iq", "qi")
+
+Units = Literal["sqrt(W)", "full scale"]
+"""Units of a cube: absolute (sqrt(W)) where the recording is calibrated."""
+
+
+class MatchQuality(IntEnum):
+    """Quality of the match between the content of a file and a format; the best is chosen."""
+
+    NO = 0
+    """The file is something else."""
+    POSSIBLE = 1
+    """Nothing contradicts the format; raw samples give no better evidence."""
+    LIKELY = 2
+    """Raw samples whose values are typical of the format."""
+    CONTAINER = 3
+    """A file of this type, whose array the user has to describe."""
+    SELF_DESCRIBING = 4
+    """A recording of this format that contains its own settings."""
+
+
+@frozen_dataclass
+class RecordingHints:
+    """Facts about a recording that the user gives because its file does not contain them."""
+
+    settings: RecordingSettings | None = None
+    device: Device | None = None
+    inner_name: str | None = None
+    """Name of the array or topic to read in a file that holds several."""
+    axes: tuple[str, ...] | None = None
+    encoding: str | None = None
+    iq: Iq | None = None
+
+
+@frozen_dataclass
+class Contents:
+    """Contents of a recording: frames of samples, decoded one by one, or detections."""
+
+    radar: Radar | None
+    """The radar of the recording; None if only its detections were stored."""
+    n_frames: int
+    decode: Callable[[int, np.ndarray], None] | None = field(default=None, repr=False)
+    """Function that fills (chirp, rx, sample), complex64 or float32, with one frame."""
+    units: Units = "full scale"
+    """Units of the samples; "full scale" means that full scale is 1."""
+    gaps: np.ndarray | None = field(default=None, repr=False)
+    """(frame, chirp), True where samples of the chirp were lost (zero); None without losses."""
+    points: xr.Dataset | None = field(default=None, repr=False)
+    """Detections made by the radar itself, in the columns of `processing.detect`."""
+    findings: tuple[Finding, ...] = ()
+    iq: Iq | None = None
+    """Order of I and Q in which complex samples were read, where the format allows both."""
+    settings_path: Path | None = None
+    """File that describes the layout of raw samples."""
+    device: str | None = None
+    """Kind of the radar chip, as in `radar.devices`; None if unknown."""
+    scale: float | None = None
+    """Size of one ADC step in `units`, if every sample is an integer multiple of it."""
+    tables: Mapping[str, xr.Dataset] = field(default_factory=dict, repr=False)
+    """Tables stored with the samples, by name: `detections`, `truth` and others."""
+    concentration: float | None = None
+    """Concentration of the energy in few beat frequencies, at most 1; raw samples read in a wrong
+    order have a lower one. None if the format is unambiguous.
+    """
+
+
+class Format(Family):
+    """A file format of recordings."""
+
+    group: ClassVar[str] = "dechirp.format"
+    options: ClassVar[tuple[str, ...]] = ()
+    """Hints that the format uses, out of axes, encoding, iq and inner_name."""
+    encodings: ClassVar[tuple[str, ...]] = ()
+    """Accepted values of `encoding`, if that is one of the options."""
+    must_be_named: ClassVar[bool] = False
+    """Whether the user must name the format because its files cannot be recognised."""
+
+    @abstractmethod
+    def recognise(self, path: Path) -> MatchQuality:
+        """Return how well the content of an existing file or folder fits the format."""
+
+    @abstractmethod
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        """Check the recording against its settings, without decoding samples.
+
+        Raises
+        ------
+        RecordingError
+            If the recording is damaged or does not fit its settings.
+        InvalidFile
+            If the settings file has mistakes.
+        """
+
+
+# First bytes of file types that are not raw samples.
+_SIGNATURES = {
+    b"\x93NUMPY": "a NumPy array",
+    b"PK\x03\x04": "a ZIP archive",
+    b"\x89HDF": "an HDF5 file",
+    b"\x1f\x8b": "a gzip archive",
+    b"RIFF": "a WAV or AVI file",
+    b"\x89PNG": "a PNG picture",
+    b"\xff\xd8\xff": "a JPEG picture",
+    b"%PDF": "a PDF document",
+    b"MATLAB": "a MATLAB file",
+    **dict.fromkeys((b"CDF\1", b"CDF\2", b"CDF\5"), "a netCDF file of version 3"),
+    b"\x89MCAP0\r\n": "an MCAP file",
+    **dict.fromkeys(
+        (b"\xd4\xc3\xb2\xa1", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\xa1\xb2\x3c\x4d"),
+        "a network capture (pcap)",
+    ),
+    b"\x0a\x0d\x0d\x0a": "a network capture (pcapng)",
+    b"\x02\x01\x04\x03\x06\x05\x08\x07": "detections from a TI radar's serial port",
+}
+
+
+# Suffixes of file types that begin with a signature; without it, the file is damaged.
+_SUFFIXES_WITH_SIGNATURE = {
+    ".npy",
+    ".npz",
+    ".mat",
+    ".h5",
+    ".hdf5",
+    ".nc",
+    ".wav",
+    ".pcap",
+    ".pcapng",
+    ".zip",
+    ".gz",
+}
+
+
+def describe_foreign_content(path: Path) -> str | None:
+    """Return the type of a file that is clearly not raw samples; None if it may be."""
+    with path.open("rb") as file:
+        head = file.read(512)
+    for magic, kind in _SIGNATURES.items():
+        if head.startswith(magic):
+            return kind
+    # int16 samples of a silent input are mostly bytes 0 and 255; text has neither.
+    if head and all(byte in b"\t\n\r\f" or 32 <= byte < 127 for byte in head):
+        return "text"
+    if path.suffix.lower() in _SUFFIXES_WITH_SIGNATURE:
+        return f"bytes without the signature of a {path.suffix} file"
+    return None
+
+
+def experimental_warning(kind: str) -> Finding:
+    """Warn about a format whose reader was never checked on a real file."""
+    return Finding(
+        level="warning",
+        setting="format",
+        value=f"{kind}, an experimental reader: written from the documentation of the format,"
+        " never checked on a real file",
+        expected="a range-Doppler map in which a known target has the right range and velocity",
+        fix="check that in the first map; if it is wrong, name the axes with a generic format",
+    )
+
+
+def check_stays_in_folder(folder: Path, file: Path) -> None:
+    """Raise `RecordingError` if a file of a folder is a link that leads out of the folder."""
+    if file.resolve().parent != folder.resolve():
+        raise RecordingError(
+            folder,
+            value=f"{file.name} is a link to another folder",
+            expected="files inside the folder; links out of it are not followed",
+            fix="copy the folder and the targets of its links",
+        )

@@ -1,0 +1,93 @@
+"""ROS 2 bags with radar point clouds, without samples.
+
+A folder with `metadata.yaml`, which names the message files (`.db3` or `.mcap`) in it.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path, PurePath
+from typing import Any, ClassVar
+
+from dechirp.config.yaml_tree import parse_yaml
+from dechirp.core.errors import InvalidFile, RecordingError
+from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.arrays.lazy_array import convert_parser_errors
+from dechirp.recordings.messages import mcap_messages, sqlite_messages
+from dechirp.recordings.messages.contents import read_messages
+from dechirp.recordings.messages.ros import Message
+from dechirp.recordings.readers.base import (
+    Contents,
+    Format,
+    MatchQuality,
+    RecordingHints,
+    check_stays_in_folder,
+)
+
+METADATA = "metadata.yaml"
+
+_MARK = "rosbag2_bagfile_information"
+_MAX_METADATA_BYTES = 2**20  # bytes of metadata; a topic takes a few hundred
+_STORAGES = {
+    "sqlite3": sqlite_messages.iter_sqlite_messages,
+    "mcap": mcap_messages.iter_mcap_messages,
+}
+_EXPECTED = "a complete ROS 2 bag with storage sqlite3 or mcap, without bag compression"
+
+
+@frozen_dataclass
+class Ros2Bag(Format):
+    """Detections in a ROS 2 bag: point clouds (`sensor_msgs/msg/PointCloud2`).
+
+    The folder of the bag, with storage sqlite3 or mcap. Needs the extra `io`.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("inner_name",)
+
+    def recognise(self, path: Path) -> MatchQuality:
+        metadata = path / METADATA
+        if not metadata.is_file():
+            return MatchQuality.NO
+        with metadata.open("rb") as file:
+            return (
+                MatchQuality.SELF_DESCRIBING
+                if _MARK.encode() in file.read(_MAX_METADATA_BYTES)
+                else MatchQuality.NO
+            )
+
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        with convert_parser_errors(path, _EXPECTED):
+            metadata = _read_metadata(path)
+            storage, names = metadata["storage_identifier"], metadata["relative_file_paths"]
+            compression = str(metadata.get("compression_mode") or "none").lower()
+            if storage not in _STORAGES or compression != "none":
+                raise RecordingError(
+                    path,
+                    value=f"a bag with storage {storage!r} and compression {compression!r}",
+                    expected=_EXPECTED,
+                    fix="convert it: ros2 bag convert",
+                )
+            # Before bag version 4, file names begin with the folder name.
+            files = [path / PurePath(str(name)).name for name in names]
+            for file in files:
+                check_stays_in_folder(path, file)
+                if not file.is_file():
+                    raise FileNotFoundError(f"no {file.name}")
+
+        def messages() -> Iterator[Message]:
+            for file in files:
+                yield from _STORAGES[storage](file)
+
+        return read_messages(path, messages(), hints, _EXPECTED)
+
+
+def _read_metadata(path: Path) -> dict[str, Any]:
+    """Read the metadata of a bag; raise `ValueError` if they are damaged."""
+    with (path / METADATA).open("rb") as file:
+        text = file.read(_MAX_METADATA_BYTES).decode()
+    try:
+        document = parse_yaml(text, str(path / METADATA)).plain_data
+    except InvalidFile as error:
+        raise ValueError(str(error)) from None
+    metadata = document[_MARK] if isinstance(document, dict) else None
+    if not isinstance(metadata, dict):
+        raise ValueError(f"no {_MARK}")
+    return metadata

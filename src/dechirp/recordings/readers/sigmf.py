@@ -1,0 +1,305 @@
+"""SigMF recordings: a pair of `.sigmf-meta` and `.sigmf-data`; either file names the recording.
+
+Samples of all channels alternate: those of the receivers at each instant. With the extension
+`radar` (docs/sigmf-radar.md) a recording is complete; without it, its numbers are the consecutive
+chirps of the radar that the user gives.
+"""
+
+import hashlib
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.arrays.encodings import LIMITS
+from dechirp.recordings.arrays.json_columns import from_json_column
+from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray, convert_parser_errors
+from dechirp.recordings.arrays.lazy_files import memory_mapped_array
+from dechirp.recordings.arrays.named_axes import infer_shape, interpret_array
+from dechirp.recordings.arrays.sigmf_meta import (
+    ARCHIVE,
+    DATA,
+    EXTENSION,
+    META,
+    SigmfMetadata,
+    file_pair,
+    parse_metadata,
+    read_metadata,
+)
+from dechirp.recordings.description import VERSION as DESCRIPTION_VERSION
+from dechirp.recordings.native import native_contents
+from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+from dechirp.recordings.settings.antenna_positions import fit_receivers
+from dechirp.recordings.settings.json_text import is_integer, quote_json
+from dechirp.recordings.settings_lookup import find_recording_settings
+
+AXES = ("frame", "chirp", "sample", "rx")
+_TAR_AT, _TAR = 257, b"ustar"
+_BLOCK_BYTES = 2**20
+_HASHED_BYTES = 2**27  # 0.2 s, half of it for reading
+_EXPECTED = "a SigMF recording"
+
+
+@frozen_dataclass
+class Sigmf(Format):
+    """SigMF: samples with alternating receivers, one chirp after the other.
+
+    Integers of b bits have their full scale at 2^(b - 1); unsigned ones have their zero there.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("axes", "encoding", "iq")
+    encodings: ClassVar[tuple[str, ...]] = tuple(LIMITS)
+
+    def recognise(self, path: Path) -> MatchQuality:
+        if not path.is_file() or not path.name.endswith((META, DATA, ARCHIVE)):
+            return MatchQuality.NO
+        if path.name.endswith(ARCHIVE):
+            return MatchQuality.CONTAINER if _is_archive(path) else MatchQuality.NO
+        meta, _ = file_pair(path)
+        if not meta.is_file():
+            return MatchQuality.NO
+        try:
+            global_fields = parse_metadata(meta)["global"]
+        except RecordingError:  # `read` reports the damage
+            return MatchQuality.CONTAINER
+        return (
+            MatchQuality.SELF_DESCRIBING
+            if f"{EXTENSION}:radar" in global_fields
+            else MatchQuality.CONTAINER
+        )
+
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        if path.name.endswith(ARCHIVE):
+            raise RecordingError(
+                path,
+                value="an archive of SigMF recordings",
+                expected=f"one recording: a {META} and its {DATA}",
+                fix=f"unpack it (tar -xf {path.name}) and open its {META}",
+            )
+        meta = read_metadata(path)
+        is_layout_given = hints.axes or hints.encoding
+        contents = (
+            _read_foreign(meta, hints)
+            if is_layout_given or not meta.is_native
+            else _read_native(meta, hints)
+        )
+        return replace(
+            contents, findings=(*meta.findings, *_checksum_findings(meta), *contents.findings)
+        )
+
+
+def _is_archive(path: Path) -> bool:
+    """Return whether a file is a tar archive."""
+    with path.open("rb") as file:
+        return file.read(_TAR_AT + len(_TAR))[_TAR_AT:] == _TAR
+
+
+def _lazy_samples(meta: SigmfMetadata, shape: tuple[int, ...]) -> LazyArray:
+    """Open the data file with a shape; both parts of complex floats as one number."""
+    if meta.dtype.kind == "f" and meta.is_complex:
+        size = 2 * meta.dtype.itemsize
+        return memory_mapped_array(meta.data, np.dtype(f"{meta.dtype.str[0]}c{size}"), shape)
+    return memory_mapped_array(meta.data, meta.dtype, (*shape, 2) if meta.is_complex else shape)
+
+
+def _read_native(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
+    """Read a recording with the extension `radar`."""
+    fields, file_bytes = meta.global_fields, meta.data.stat().st_size
+    names = ("n_frames", "n_chirps", "n_samples")
+    sizes = [fields.get(f"{EXTENSION}:{name}") for name in names]
+    sample_bytes = meta.dtype.itemsize * (2 if meta.is_complex else 1)
+    if not all(isinstance(size, int) and is_integer(size) and size > 0 for size in sizes):
+        raise _damaged_error(
+            meta, f"of {', '.join(map(quote_json, sizes))} frames, chirps, samples", "counts"
+        )
+    shape = (*(int(size) for size in sizes if size is not None), meta.n_channels)
+    expected_bytes = math.prod(shape) * sample_bytes
+    if file_bytes != expected_bytes:
+        raise RecordingError(
+            meta.data,
+            value=f"{file_bytes} bytes",
+            expected=f"{expected_bytes} bytes, from {meta.path.name}",
+            fix="copy both files again from their source",
+        )
+    with convert_parser_errors(meta.path, _EXPECTED):
+        tables = fields.get(f"{EXTENSION}:tables", {})
+        text = json.dumps(
+            {
+                "dechirp_exchange": DESCRIPTION_VERSION,
+                "radar": fields[f"{EXTENSION}:radar"],
+                "units": fields.get(f"{EXTENSION}:units"),
+                **{name: fields.get(f"{EXTENSION}:{name}") for name in ("scale", "device", "iq")},
+                "tables": {name: _table_description(table) for name, table in tables.items()},
+            }
+        )
+        return native_contents(
+            meta.path,
+            text,
+            _lazy_samples(meta, shape),
+            hints,
+            columns=lambda table, column: from_json_column(tables[table]["variables"][column]),
+            gaps=_lost_chirps(meta, shape),
+            file_bytes=file_bytes,
+            axes=AXES,
+        )
+
+
+def _table_description(table: dict[str, Any]) -> dict[str, Any]:
+    """Return the description of a table, without values, in the form of `core.dataset_arrays`."""
+    variables = {
+        name: {
+            "dims": variable["dims"],
+            "attrs": variable["attrs"],
+            "is_text": False,
+            "is_coordinate": variable["is_coordinate"],
+        }
+        for name, variable in table["variables"].items()
+    }
+    return {"attrs": table["attrs"], "variables": variables}
+
+
+def _lost_chirps(meta: SigmfMetadata, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Return (frame, chirp), True where annotations mark a chirp as lost; None without losses."""
+    n_frames, n_chirps, n_samples, _ = shape
+    is_lost = np.zeros(n_frames * n_chirps, bool)
+    for annotation in meta.annotations:
+        if annotation.get(f"{EXTENSION}:lost") is not True:
+            continue
+        start, n_lost = annotation["core:sample_start"], annotation.get("core:sample_count")
+        end = start + n_lost if isinstance(n_lost, int) else -1
+        if not 0 <= start < end <= is_lost.size * n_samples or start % n_samples or end % n_samples:
+            description = f"with samples from {start} to before {end} lost"
+            raise _damaged_error(meta, description, f"whole chirps, of {n_samples} samples each")
+        is_lost[start // n_samples : end // n_samples] = True
+    return is_lost.reshape(n_frames, n_chirps) if is_lost.any() else None
+
+
+def _read_foreign(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
+    """Read consecutive numbers as the chirps of the radar that the user gives."""
+    settings = find_recording_settings(meta.path, hints)
+    rate_hz, chirp = meta.sample_rate_hz, settings.radar.frame.chirp
+    if rate_hz is not None and abs(chirp.sample_rate_hz / rate_hz - 1) > 1e-6:
+        raise RecordingError(
+            meta.path,
+            value=f"sample rate {rate_hz:.6g} Hz",
+            expected=f"{chirp.sample_rate_hz:.6g} Hz, the radar.frame.chirp.sample_rate",
+            fix="correct the settings, or core:sample_rate",
+        )
+    if hints.axes is None:
+        radar, receiver_findings = fit_receivers(settings.radar, meta.n_channels, file=meta.path)
+        settings = replace(settings, radar=radar).with_findings(*receiver_findings)
+    file_bytes = meta.data.stat().st_size
+    n_values, rest = divmod(file_bytes, meta.dtype.itemsize * (2 if meta.is_complex else 1))
+    if rest or n_values % meta.n_channels or not n_values:
+        raise RecordingError(
+            meta.data,
+            value=f"{file_bytes} bytes",
+            expected=f"complete samples of {meta.n_channels} channels, from {meta.path.name}",
+            fix="copy both files again from their source",
+        )
+    description = f"a file of {n_values} samples,"
+    axes = hints.axes or AXES
+    shape, cut_findings = infer_shape(meta.data, axes, settings, n_values, description=description)
+    samples = _lazy_samples(meta, shape)
+    is_full_scale = meta.dtype.kind == "f" or hints.encoding is not None
+    complete_hints = replace(
+        hints,
+        settings=settings,
+        axes=(*axes, "iq") if len(samples.shape) > len(axes) else axes,
+        encoding=hints.encoding if is_full_scale else "full-scale",
+    )
+    return interpret_array(
+        meta.path,
+        samples if is_full_scale else _to_full_scale(samples),
+        complete_hints,
+        file_bytes=file_bytes,
+        findings=(
+            *cut_findings,
+            *_missing_samples_warning(meta, math.prod(shape[axes[0] == "frame" :])),
+        ),
+    )
+
+
+def _missing_samples_warning(meta: SigmfMetadata, n_per_frame: int) -> tuple[Finding, ...]:
+    """Warn about samples that are missing within a frame of `n_per_frame` numbers.
+
+    `core:global_index` of a capture also counts dropped samples. Gaps between frames are normal.
+    """
+    offset = meta.global_fields.get("core:offset", 0)
+    n_before, gaps = 0, []
+    for number, capture in enumerate(meta.captures):
+        start, index = capture["core:sample_start"], capture.get("core:global_index")
+        n_dropped = index - start if is_integer(index) else n_before
+        sample_index = start - offset if is_integer(offset) else start
+        if number and n_dropped != n_before and sample_index * meta.n_channels % n_per_frame:
+            gaps.append((start, n_dropped - n_before))
+        n_before = n_dropped
+    if not gaps:
+        return ()
+    (start, n_lost), n_gaps = gaps[0], len(gaps)
+    return (
+        Finding(
+            level="warning",
+            setting="core:global_index",
+            value=f"samples missing within frames in {n_gaps} places, the first {n_lost} before"
+            f" sample {start}",
+            expected="complete frames: those after a gap begin at a wrong sample",
+            fix="cut the recording at its gaps and open each part",
+        ),
+    )
+
+
+def _to_full_scale(codes: LazyArray) -> LazyArray:
+    """Scale integers of any size to full scale 1 when they are read."""
+    full_scale = np.float32(2.0 ** (8 * codes.dtype.itemsize - 1))
+    zero = np.float32(full_scale if codes.dtype.kind == "u" else 0)
+
+    def read(part: ArrayPart) -> np.ndarray:
+        return (codes.read(part).astype(np.float32) - zero) / full_scale
+
+    return replace(codes, dtype=np.dtype(np.float32), read=read)
+
+
+def _checksum_findings(meta: SigmfMetadata) -> tuple[Finding, ...]:
+    """Compare the data file with its SHA-512, and report a difference or a file too large."""
+    if meta.sha512 is None:
+        return ()
+    n_bytes = meta.data.stat().st_size
+    if n_bytes > _HASHED_BYTES:
+        return (
+            Finding(
+                level="note",
+                setting="core:sha512",
+                value=f"not compared: {meta.data.name} has {n_bytes} bytes",
+                expected=f"at most {_HASHED_BYTES} bytes to be compared each time it is opened",
+                fix=f"compare it once with sha512sum {meta.data.name}",
+            ),
+        )
+    checksum = hashlib.sha512()
+    with meta.data.open("rb") as file:
+        while block := file.read(_BLOCK_BYTES):
+            checksum.update(block)
+    if checksum.hexdigest() == meta.sha512:
+        return ()
+    return (
+        Finding(
+            level="warning",
+            setting="core:sha512",
+            value=f"not the checksum of {meta.data.name}, which was changed or damaged",
+            expected="the samples that were recorded",
+            fix="copy both files again from their source",
+        ),
+    )
+
+
+def _damaged_error(meta: SigmfMetadata, value: str, expected: str) -> RecordingError:
+    """Return the error of damaged metadata."""
+    return RecordingError(
+        meta.path, value=value, expected=expected, fix="copy it again from its source"
+    )

@@ -1,0 +1,362 @@
+"""Silicon Radar SiRad: JSON with the settings and one row of numbers a ramp.
+
+`{"Bandwidth": 6000, "SamplingFrequency": 2.571, "Ramps": 1, "Samps": 32, "PRI": "0.01577",
+"Gain": 8, "data": [[I0, Q0, I1, Q1, ...], ...]}`, in MHz, s and dB.
+
+The ramp sweeps the bandwidth in 37.5 more sample periods than are recorded: 32 samples cover only
+2.76 of 6 GHz. Verified on a recording in which ranges computed so change as the phase does.
+"""
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, ClassVar
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
+from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+from dechirp.recordings.samples.continuous import check_single_receiver, divide_into_frames
+from dechirp.recordings.samples.iq_order import guess_iq_order, wrong_side_findings
+from dechirp.recordings.settings.base import Iq, RecordingSettings, convert_setting_errors
+
+_KEYS = ("Bandwidth", "SamplingFrequency", "Ramps", "Samps", "PRI")
+_HEAD_BYTES = 1024
+_BLOCK_BYTES = 2**20
+_DATA = re.compile(rb'"data"\s*:\s*\[')
+_END = re.compile(rb"(\[[^\[\]]*\])\s*\]\s*\}\s*")
+_NUMBERS = b"0123456789-,[] \t\r\n"
+
+_UNRECORDED_SAMPLES = 37.5
+_START_HZ = 119e9
+# Limits of the chirps, and of their numbers, whose spectrum decides the order of I and Q.
+_MAX_SAMPLED_ROWS, _MAX_SAMPLED_NUMBERS = 4096, 2**20
+# Rows, and numbers, between two stored offsets of the file.
+_ROWS_PER_OFFSET, _NUMBERS_PER_OFFSET = 16, 2**17
+
+
+@frozen_dataclass
+class Sirad(Format):
+    """Silicon Radar SiRad: JSON with its settings.
+
+    One file; each row is a chirp, and all rows are one frame unless the radar is given.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("iq",)
+
+    def recognise(self, path: Path) -> MatchQuality:
+        if not path.is_file():
+            return MatchQuality.NO
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+        data = _DATA.search(head)
+        header = head[: data.start()] if data else b""
+        has_all_keys = all(b'"%b"' % key.encode() in header for key in _KEYS)
+        return (
+            MatchQuality.SELF_DESCRIBING
+            if has_all_keys and header.lstrip()[:1] == b"{"
+            else MatchQuality.NO
+        )
+
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        header, start = _read_header(path)
+        n_samples = _positive_count(path, header, "Samps")
+        if _positive_count(path, header, "Ramps") != 1:
+            raise RecordingError(
+                path,
+                value=f"Ramps {header['Ramps']!r}",
+                expected="Ramps 1: the layout of several ramps is not known",
+                fix="record one ramp a frame",
+            )
+        rows = _index_rows(path, start, 2 * n_samples)
+        settings = hints.settings or _settings_from_header(path, header, n_samples, rows.n_rows)
+        check_single_receiver(path, settings.radar, "complex")
+        if settings.radar.frame.chirp.n_samples != n_samples:
+            raise RecordingError(
+                path,
+                value=f"{n_samples} samples a chirp",
+                expected=f"{settings.radar.frame.chirp.n_samples}, the radar.frame.chirp.n_samples",
+                fix="correct it, or leave out the radar: the file has its own settings",
+            )
+        radar, n_frames, frame_findings = divide_into_frames(path, settings.radar, rows.n_rows)
+        full_scale, scale_note = _guess_full_scale(rows.lowest, rows.highest)
+        findings = (*settings.findings, *frame_findings, scale_note)
+        sampled_chirps = rows.sampled_rows[:, 0::2] + 1j * rows.sampled_rows[:, 1::2]
+        if hints.iq is None:
+            iq, guess_finding = guess_iq_order(sampled_chirps)
+            findings += (guess_finding,)
+        else:
+            iq = hints.iq
+            swapped = 1j * sampled_chirps.conj() if iq == "qi" else sampled_chirps
+            findings += wrong_side_findings(swapped, iq)
+        n_chirps = radar.frame.n_chirps_total
+
+        def decode(index: int, out: np.ndarray) -> None:
+            for chirp, codes in _read_rows(path, rows, index * n_chirps, (index + 1) * n_chirps):
+                _decode_chirps(codes, full_scale, iq, out[chirp : chirp + len(codes)])
+
+        return Contents(
+            radar=radar,
+            n_frames=n_frames,
+            decode=decode,
+            findings=findings,
+            iq=iq,
+            scale=1 / full_scale,
+        )
+
+
+@frozen_dataclass
+class _RowIndex:
+    """Positions of the rows of numbers, and the statistics of a first pass over them."""
+
+    n_numbers: int
+    """Numbers in a row."""
+    n_rows: int
+    rows_per_offset: int
+    offsets: np.ndarray
+    """First byte of every `rows_per_offset`-th row, and the end of the last row."""
+    lowest: int
+    highest: int
+    sampled_rows: np.ndarray
+    """(row, number): rows from all over the file."""
+
+
+def _decode_chirps(codes: np.ndarray, full_scale: int, iq: Iq, out: np.ndarray) -> None:
+    """Fill (chirp, 1, sample) with rows of codes."""
+    first, second = codes[:, None, 0::2], codes[:, None, 1::2]
+    out.real, out.imag = (first, second) if iq == "iq" else (second, first)
+    out *= np.float32(1 / full_scale)
+
+
+def _guess_full_scale(low: int, high: int) -> tuple[int, Finding]:
+    """Guess the full scale of the ADC, which the file does not contain."""
+    bits = 12 if low >= -2048 and high <= 2047 else 16
+    return 2 ** (bits - 1), Finding(
+        level="note",
+        setting="encoding",
+        value=f"codes from {low} to {high}, taken as signed ones of {bits} bits",
+        expected="the full scale of the ADC, which only absolute powers need",
+        fix="no action needed for ranges and velocities",
+    )
+
+
+def _settings_from_header(
+    path: Path, header: dict[str, Any], n_samples: int, n_chirps: int
+) -> RecordingSettings:
+    """Build the settings from the header of the file."""
+    bandwidth_mhz = _positive_number(path, header, "Bandwidth")
+    sample_rate_mhz = _positive_number(path, header, "SamplingFrequency")
+    interval_s = _positive_number(path, header, "PRI")
+    with convert_setting_errors(path):
+        sample_rate_hz = sample_rate_mhz * 1e6
+        ramp_s = (n_samples + _UNRECORDED_SAMPLES) / sample_rate_hz
+        chirp = Chirp(
+            start_frequency_hz=_START_HZ,
+            slope_hz_per_s=bandwidth_mhz * 1e6 / ramp_s,
+            # The position of the samples in the ramp is unknown; in its middle, their centre
+            # frequency is that of the band.
+            adc_start_s=_UNRECORDED_SAMPLES / 2 / sample_rate_hz,
+            ramp_duration_s=ramp_s,
+            sample_rate_hz=sample_rate_hz,
+            n_samples=n_samples,
+            sampling="complex",
+        )
+        radar = Radar(frame=Frame(chirp=chirp, n_chirps=n_chirps, interval_s=interval_s))
+    start_frequency_note = Finding(
+        level="note",
+        setting="radar.frame.chirp.start_frequency",
+        value="not in the file, taken as 119 GHz of the 122 GHz device",
+        expected="the start frequency of the device; 1.2 GHz change velocities by 1 %",
+        fix="give the radar if the device is another one",
+    )
+    one_frame_note = Finding(
+        level="note",
+        setting="radar.frame.n_chirps",
+        value=f"{n_chirps} frames of one chirp, read as one frame of {n_chirps} chirps,"
+        f" {interval_s * 1e3:g} ms apart",
+        expected="several chirps in a frame, to measure velocity",
+        fix="give the radar with another number of chirps for other frames",
+    )
+    return RecordingSettings(
+        radar=radar, has_merged_frames=True, findings=(start_frequency_note, one_frame_note)
+    )
+
+
+def _read_header(path: Path) -> tuple[dict[str, Any], int]:
+    """Return the settings before the numbers, and the byte at which the rows begin."""
+    with path.open("rb") as file:
+        text = file.read(_HEAD_BYTES)
+    data = _DATA.search(text)
+    try:
+        header = json.loads(text[: data.start()] + b'"data": 0}') if data else None
+    except (ValueError, RecursionError):
+        header = None
+    if data is None or not isinstance(header, dict) or not set(_KEYS) <= set(header):
+        raise RecordingError(
+            path,
+            value=f"no settings of a recording in the first {len(text)} bytes",
+            expected=f"a JSON object with {', '.join(_KEYS)} before its data",
+            fix="copy it again from its source",
+        )
+    return header, data.end()
+
+
+def _positive_number(path: Path, header: dict[str, Any], key: str) -> float:
+    """Return a positive setting; some are written as text."""
+    try:
+        if isinstance(header[key], bool):
+            raise ValueError
+        number = float(header[key])
+    except (ValueError, TypeError, OverflowError):
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise RecordingError(
+            path,
+            value=f"{key} {str(header[key])[:40]!r}",
+            expected=f"a positive number as {key}",
+            fix="copy the file again from its source, or correct it",
+        )
+    return number
+
+
+def _positive_count(path: Path, header: dict[str, Any], key: str) -> int:
+    """Return a positive integer setting."""
+    number = _positive_number(path, header, key)
+    # Longer chirps would not fit into a block of text.
+    if number != int(number) or number > _BLOCK_BYTES / 8:
+        raise RecordingError(
+            path,
+            value=f"{key} {str(header[key])[:40]!r}",
+            expected=f"a positive integer as {key}",
+            fix="copy the file again from its source, or correct it",
+        )
+    return int(number)
+
+
+def _index_rows(path: Path, start: int, n_numbers: int) -> _RowIndex:
+    """Find all rows, keeping only a few of them.
+
+    As Python numbers, the whole text would take 12 times its size.
+    """
+    offsets: list[np.ndarray] = []
+    sampled_rows: list[np.ndarray] = []
+    max_sampled = max(2, min(_MAX_SAMPLED_ROWS, _MAX_SAMPLED_NUMBERS // n_numbers))
+    rows_per_offset = max(1, min(_ROWS_PER_OFFSET, _NUMBERS_PER_OFFSET // n_numbers))
+    n_rows, n_sampled, step, lowest, highest, end = 0, 0, 1, 2**15, -(2**15), start
+    with path.open("rb") as file:
+        file.seek(start)
+        for text_offset, text in _iter_row_text(path, file, start, n_numbers):
+            rows = _parse_rows(path, text_offset, text, n_numbers)
+            row_starts = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("["))
+            offsets.append(text_offset + row_starts[-n_rows % rows_per_offset :: rows_per_offset])
+            sampled_rows.append(rows[-n_rows % step :: step].copy())
+            n_sampled += len(sampled_rows[-1])
+            while n_sampled > max_sampled:
+                sampled_rows = [np.concatenate(sampled_rows)[::2]]
+                n_sampled, step = len(sampled_rows[0]), 2 * step
+            n_rows += len(rows)
+            lowest, highest = min(lowest, int(rows.min())), max(highest, int(rows.max()))
+            end = text_offset + len(text)
+    return _RowIndex(
+        n_numbers=n_numbers,
+        n_rows=n_rows,
+        rows_per_offset=rows_per_offset,
+        offsets=np.append(np.concatenate(offsets), end),
+        lowest=lowest,
+        highest=highest,
+        sampled_rows=np.concatenate(sampled_rows),
+    )
+
+
+def _read_rows(
+    path: Path, rows: _RowIndex, first: int, last: int
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the codes (row, number) of some rows block by block, with the index of the first."""
+    block, last_block = first // rows.rows_per_offset, -(-last // rows.rows_per_offset)
+    with path.open("rb") as file:
+        while block < last_block:
+            start = int(rows.offsets[block])
+            next_block = int(np.searchsorted(rows.offsets, start + _BLOCK_BYTES, side="right")) - 1
+            next_block = min(max(next_block, block + 1), last_block)
+            file.seek(start)
+            text = file.read(int(rows.offsets[next_block]) - start).rstrip().removesuffix(b",")
+            codes = _parse_rows(path, start, text, rows.n_numbers)
+            begin, end = (
+                block * rows.rows_per_offset,
+                min(next_block * rows.rows_per_offset, rows.n_rows),
+            )
+            if len(codes) != end - begin:
+                raise _malformed_error(
+                    path, start, "other rows than when it was opened", rows.n_numbers
+                )
+            selected_codes = codes[max(first - begin, 0) : last - begin]
+            yield max(begin - first, 0), selected_codes
+            block = next_block
+
+
+def _iter_row_text(
+    path: Path, file: BinaryIO, start: int, n_numbers: int
+) -> Iterator[tuple[int, bytes]]:
+    """Yield the text of several complete rows, with the byte at which it begins."""
+    offset, text = start, b""
+    while block := file.read(_BLOCK_BYTES):
+        text += block
+        last_row = text.rfind(b"[")
+        complete_rows = text[: max(last_row, 0)].rstrip()
+        if complete_rows.endswith(b","):
+            yield offset, complete_rows[:-1]
+            offset, text = offset + last_row, text[last_row:]
+        if len(text) > _BLOCK_BYTES + 16 * n_numbers:
+            raise _malformed_error(path, offset, "a row that does not end", n_numbers)
+    final_row = _END.fullmatch(text.lstrip())
+    if final_row is None:
+        raise _malformed_error(path, offset, "rows that do not end in ]}", n_numbers)
+    yield offset + len(text) - len(text.lstrip()), final_row[1]
+
+
+def _parse_rows(path: Path, offset: int, text: bytes, n_numbers: int) -> np.ndarray:
+    """Parse the text of complete rows to codes (row, number)."""
+    if unexpected := text.translate(None, _NUMBERS):
+        character = chr(unexpected[0])
+        raise _malformed_error(
+            path, offset + text.index(unexpected[:1]), f"{character!r} among numbers", n_numbers
+        )
+    try:
+        rows = json.loads(b"[" + text + b"]")
+    except (ValueError, RecursionError) as error:
+        error_offset = offset + max(getattr(error, "pos", 1) - 1, 0)
+        raise _malformed_error(
+            path, error_offset, "text other than a list of numbers", n_numbers
+        ) from None
+    for row in rows:
+        if not isinstance(row, list) or len(row) != n_numbers:
+            found_row = (
+                f"a row of {len(row)} numbers"
+                if isinstance(row, list)
+                else "a number outside of a row"
+            )
+            raise _malformed_error(path, offset, found_row, n_numbers)
+    try:
+        codes = np.array(rows, dtype=np.int64)
+        if codes.ndim == 2 and abs(codes).max() < 2**15:
+            return codes.astype(np.int16)
+    except (ValueError, TypeError, OverflowError):  # nested lists, or numbers beyond 64 bits
+        pass
+    raise _malformed_error(path, offset, "a value other than a 16-bit integer", n_numbers)
+
+
+def _malformed_error(path: Path, offset: int, value: str, n_numbers: int) -> RecordingError:
+    """Return the error of rows that are not numbers of 16 bits."""
+    return RecordingError(
+        path,
+        value=f"{value}, at byte {offset} or soon after",
+        expected=f"rows of {n_numbers} 16-bit integers, I and Q alternating, from Samps",
+        fix="copy it again from its source",
+    )

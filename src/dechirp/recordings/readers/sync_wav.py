@@ -1,0 +1,248 @@
+"""Stereo WAV radars ("coffee can"): the beat signal, and the sync of the ramps.
+
+Channel 1 is the beat signal, channel 2 a square wave that is high during each up-ramp. Sound
+cards invert both, which is undone (`encoding` inverted, the default); `upright` takes them
+unchanged. A chirp begins at a rising edge of the sync.
+
+The sync of a triangular radar is high for half of the time, so the opposite polarity selects the
+down-ramps. Their beat frequencies are as good, but the range-Doppler coupling and the velocities
+of moving targets have the opposite sign.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
+from dechirp.recordings.samples.continuous import (
+    check_single_receiver,
+    divide_into_frames,
+    interval_findings,
+)
+from dechirp.recordings.settings_lookup import find_recording_settings
+from dechirp.recordings.streams.riff import Wav, is_wav_header, open_wav
+
+_BLOCK = 2**18
+_MAX_LEVEL_SAMPLES = 2**20
+_BEAT, _SYNC = 0, 1
+
+
+@frozen_dataclass
+class SyncWav(Format):
+    """Stereo WAV radars: beat signal, and sync of the ramps.
+
+    One file; chirps follow one another, and the radar's settings divide them into frames.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("encoding",)
+    encodings: ClassVar[tuple[str, ...]] = ("inverted", "upright")
+
+    def recognise(self, path: Path) -> MatchQuality:
+        if not path.is_file():
+            return MatchQuality.NO
+        with path.open("rb") as file:
+            return MatchQuality.CONTAINER if is_wav_header(file.read(12)) else MatchQuality.NO
+
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        sign = 1 if hints.encoding == "upright" else -1
+        recording = open_wav(path)
+        settings = find_recording_settings(path, hints)
+        check_single_receiver(path, settings.radar, "real")
+        chirp = settings.radar.frame.chirp
+        rate_hz = recording.sample_rate_hz
+        if recording.n_channels != 2 or abs(chirp.sample_rate_hz / rate_hz - 1) > 1e-6:
+            raise RecordingError(
+                path,
+                value=f"{recording.n_channels} channels, sampled at {rate_hz} Hz",
+                expected="2 channels, the beat signal and its sync, sampled at"
+                f" {chirp.sample_rate_hz:.6g} Hz, the radar.frame.chirp.sample_rate",
+                fix="correct the settings, or record both channels",
+            )
+        delay = round(chirp.adc_start_s * rate_hz)
+        ramps = _find_ramps(recording, sign, delay + chirp.n_samples)
+        radar, n_frames, frame_findings = divide_into_frames(
+            path, settings.radar, len(ramps.starts)
+        )
+        n_chirps = radar.frame.n_chirps_total
+        chirp_starts = ramps.starts[: n_frames * n_chirps].reshape(n_frames, n_chirps)
+        findings = settings.findings + recording.findings + frame_findings + ramps.findings
+        if hints.encoding is None:
+            findings += (_assumed_polarity_note(),)
+        if ramps.interval_s is not None:
+            findings += interval_findings(radar.frame, ramps.interval_s, source="the sync")
+
+        def decode(index: int, out: np.ndarray) -> None:
+            for chirp_index, start in enumerate(chirp_starts[index].tolist()):
+                if start < 0:
+                    out[chirp_index] = 0
+                    continue
+                samples = recording.read_samples(start + delay, chirp.n_samples)[:, _BEAT]
+                if not np.isfinite(samples).all():
+                    raise RecordingError(
+                        path,
+                        value=f"non-finite samples in chirp {chirp_index} of frame {index}",
+                        expected="finite numbers (no NaN, no infinity)",
+                        fix="record it again",
+                    )
+                np.multiply(samples, np.float32(sign), out=out[chirp_index, 0])
+
+        missing = chirp_starts < 0
+        return Contents(
+            radar=radar,
+            n_frames=n_frames,
+            decode=decode,
+            gaps=missing if missing.any() else None,
+            findings=findings,
+        )
+
+
+@frozen_dataclass
+class _Ramps:
+    """Start of each ramp of a recording."""
+
+    starts: np.ndarray
+    """(chirp,) int64: first sample of each ramp, -1 where its sync is missing."""
+    interval_s: float | None
+    """Mean interval between ramps; None for a single ramp."""
+    findings: tuple[Finding, ...] = ()
+
+
+def _find_ramps(recording: Wav, sign: int, n_needed: int) -> _Ramps:
+    """Find the ramps by their sync, and number them so that missing ramps keep their place.
+
+    Raises
+    ------
+    RecordingError
+        If there is no sync, or most of its pulses are shorter than `n_needed` samples.
+    """
+    low, high = _sync_levels(recording, sign)
+    middle, half = (low + high) / 2, (high - low) / 4
+    if not half > 0:
+        raise _no_ramps_error(recording, n_needed, f"a sync (channel 2) that stays at {low:.3g}")
+    long_starts, n_short, n_high_samples = [], 0, 0
+    for starts, lengths in _iter_high_intervals(
+        recording, sign, middle - half, middle + half, n_needed
+    ):
+        long = lengths >= n_needed
+        long_starts.append(starts[long])
+        n_short += int(np.count_nonzero(~long))
+        n_high_samples += int(lengths.sum())
+    starts = np.concatenate(long_starts)
+    if len(starts) <= n_short:
+        n_pulses = len(starts) + n_short
+        raise _no_ramps_error(
+            recording,
+            n_needed,
+            f"a sync (channel 2) that is high {n_pulses} times, for"
+            f" {n_high_samples / max(n_pulses, 1):.6g} samples on average",
+        )
+    return _number_ramps(starts, n_short, recording.sample_rate_hz)
+
+
+def _sync_levels(recording: Wav, sign: int) -> tuple[float, float]:
+    """Estimate the low and high level of the sync; 0.1 % of the samples may lie beyond each."""
+    rng = np.random.default_rng(1)  # regular sampling could be synchronous with the sync
+    share = min(1.0, _MAX_LEVEL_SAMPLES / recording.n_samples)
+    sampled_blocks = [
+        rng.choice(block, math.ceil(share * block.size), replace=False) if share < 1 else block
+        for _, block in _iter_sync_blocks(recording, sign)
+    ]
+    low, high = np.quantile(np.concatenate(sampled_blocks).astype(float), [0.001, 0.999])
+    return float(low), float(high)
+
+
+def _iter_sync_blocks(recording: Wav, sign: int) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the sync channel block by block, with the index of the first sample."""
+    for first in range(0, recording.n_samples, _BLOCK):
+        block = recording.read_samples(first, min(_BLOCK, recording.n_samples - first))[:, _SYNC]
+        yield first, np.where(np.isfinite(block), block, np.float32(0)) * np.float32(sign)
+
+
+def _iter_high_intervals(
+    recording: Wav, sign: int, lower: float, upper: float, n_needed: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield start and length of the intervals in which the sync is high, block by block.
+
+    The sync is high from where it exceeds `upper` until it falls below `lower`, so noise below half
+    of its amplitude makes no edges. A last interval cut by the end of the recording counts if it
+    has `n_needed` samples.
+    """
+    last_edge, state = -1, 0  # index and state of the last edge
+    for first, block in _iter_sync_blocks(recording, sign):
+        level = (block > upper).astype(np.int8) - (block < lower)
+        crossings = np.flatnonzero(level)
+        levels = level[crossings]
+        is_edge = levels != np.concatenate([[state], levels])[:-1]
+        edges = np.concatenate([[last_edge], first + crossings[is_edge]])
+        edge_states = np.concatenate([[state], levels[is_edge]])
+        if state == 0 and len(edges) > 1:
+            edges[1] = -1  # the start of the recording, not of a ramp
+        is_high = (edge_states[:-1] > 0) & (edges[:-1] >= 0)
+        yield edges[:-1][is_high], np.diff(edges)[is_high]
+        last_edge, state = int(edges[-1]), int(edge_states[-1])
+    if state > 0 and 0 <= last_edge <= recording.n_samples - n_needed:
+        yield np.array([last_edge]), np.array([recording.n_samples - last_edge])
+
+
+def _number_ramps(starts: np.ndarray, n_short: int, sample_rate_hz: float) -> _Ramps:
+    """Number the ramps by their spacing, with -1 for those that are missing."""
+    if len(starts) == 1:
+        return _Ramps(starts=starts, interval_s=None)
+    steps = np.diff(starts)
+    median_step = float(np.median(steps))
+    periods = np.maximum(np.rint(steps / median_step).astype(np.int64), 1)
+    ramp_numbers = np.concatenate([[0], np.cumsum(periods)])
+    numbered_starts = np.full(int(ramp_numbers[-1]) + 1, -1, np.int64)
+    numbered_starts[ramp_numbers] = starts
+    # Intervals of a fractional number of samples vary by one sample.
+    is_uneven = abs(steps - periods * median_step) > max(0.01 * median_step, 2)
+    findings = []
+    if (periods > 1).any() or is_uneven.any() or n_short:
+        longest = int(np.argmax(steps))
+        findings.append(
+            Finding(
+                level="warning",
+                setting="recording",
+                value=f"an irregular sync: {int((periods - 1).sum())} ramps missing,"
+                f" {int(is_uneven.sum())} intervals off by more than 1 %, pulses too short"
+                f" {n_short} times; the longest interval, {steps[longest] / sample_rate_hz:.4g} s,"
+                f" begins {starts[longest] / sample_rate_hz:.4g} s after the start",
+                expected=f"a ramp every {median_step / sample_rate_hz:.6g} s",
+                fix="leave out those frames; samples of missing ramps are zero and marked as gaps",
+            )
+        )
+    even_steps = steps[(periods == 1) & ~is_uneven]
+    return _Ramps(
+        starts=numbered_starts,
+        interval_s=float(np.mean(even_steps) if even_steps.size else median_step) / sample_rate_hz,
+        findings=tuple(findings),
+    )
+
+
+def _no_ramps_error(recording: Wav, n_needed: int, value: str) -> RecordingError:
+    """Return the error of a recording without usable ramps."""
+    return RecordingError(
+        recording.path,
+        value=value,
+        expected=f"a sync that is high for at least {n_needed} samples in most ramps"
+        " (radar.frame.chirp.n_samples and adc_start)",
+        fix="give fewer samples or the other encoding (inverted or upright), or record the sync"
+        " of the ramps in channel 2",
+    )
+
+
+def _assumed_polarity_note() -> Finding:
+    """Return the note that the polarity of the sync was assumed."""
+    return Finding(
+        level="note",
+        setting="encoding",
+        value="not given, taken as inverted, as by sound cards",
+        expected="the polarity of the sync, which distinguishes up-ramps from down-ramps",
+        fix="give --encoding upright if the signals were not inverted, or to read the down-ramps",
+    )

@@ -1,0 +1,55 @@
+"""TI TSW1400 captures: offset binary uint16, `I1 Q1 I2 Q2 ...` for each sample."""
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.readers.base import (
+    Contents,
+    Format,
+    MatchQuality,
+    RecordingHints,
+    describe_foreign_content,
+)
+from dechirp.recordings.samples.layouts import N_LANES, Pairs
+from dechirp.recordings.samples.raw_samples import (
+    check_alternating_receivers,
+    interpret_raw_samples,
+)
+from dechirp.recordings.settings_lookup import find_recording_settings
+from dechirp.recordings.streams.byte_sources import open_files
+
+_SAMPLED_BYTES = 2**16  # bytes
+
+
+@frozen_dataclass
+class Tsw1400(Format):
+    """TI TSW1400 captures: offset binary.
+
+    Receivers alternate; everything else comes from the settings.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("iq",)
+
+    def recognise(self, path: Path) -> MatchQuality:
+        if not path.is_file() or describe_foreign_content(path) is not None:
+            return MatchQuality.NO
+        with path.open("rb") as file:
+            content = file.read(_SAMPLED_BYTES)
+        codes = np.frombuffer(content[: len(content) // 2 * 2], "<u2")
+        # In two's complement, weak signals lie below 0x4000 and above 0xC000, strong ones
+        # everywhere: a tone at full scale has a third of its codes in the middle half.
+        middle_fraction = np.mean((codes >= 0x4000) & (codes < 0xC000)) if codes.size else 0.0
+        return MatchQuality.LIKELY if middle_fraction > 0.9 else MatchQuality.POSSIBLE
+
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        settings = find_recording_settings(path, hints)
+        check_alternating_receivers(path, settings)
+        order = Pairs(
+            receivers=settings.receiver_indices(settings.radar.array.n_rx), n_present=N_LANES
+        )
+        return interpret_raw_samples(
+            path, open_files(path), [order], settings, hints, offset_binary=True
+        )

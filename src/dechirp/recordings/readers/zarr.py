@@ -1,0 +1,141 @@
+"""Native Zarr stores: `cube.zarr`, or the folder of a run that contains it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.errors import RecordingError
+from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.arrays.lazy_array import convert_parser_errors
+from dechirp.recordings.arrays.named_axes import interpret_array
+from dechirp.recordings.arrays.zarr_arrays import (
+    EXPECTED,
+    lazy_zarr_array,
+    read_json,
+    read_small_array,
+)
+from dechirp.recordings.arrays.zarr_tables import ZarrTables
+from dechirp.recordings.arrays.zarr_uncompressed import (
+    UncompressedChunks,
+    parse_uncompressed_chunks,
+    scale_codes,
+)
+from dechirp.recordings.description import UNITS, parse_radar
+from dechirp.recordings.native import MAX_SCALE, check_hints_agree, lost_chirp_mask
+from dechirp.recordings.readers.base import (
+    IQ_ORDERS,
+    Contents,
+    Format,
+    MatchQuality,
+    RecordingHints,
+    Units,
+)
+from dechirp.recordings.settings.base import RecordingSettings
+
+_CUBE, _MARK = "cube.zarr", "zarr.json"
+_VERSION = 1
+
+
+@frozen_dataclass
+class Zarr(Format):
+    """Native store `cube.zarr`, or the folder of a run.
+
+    The radar is that of the run, samples keep their units, and tables are read with them.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("iq",)
+
+    def recognise(self, path: Path) -> MatchQuality:
+        folder = _find_cube_folder(path)
+        if folder is None:
+            return MatchQuality.NO
+        try:
+            attributes = read_json(folder / _MARK).get("attributes")
+        except (OSError, ValueError, RecursionError):
+            return MatchQuality.NO
+        is_native = isinstance(attributes, dict) and {"format_version", "radar"} <= set(attributes)
+        return MatchQuality.SELF_DESCRIBING if is_native else MatchQuality.NO
+
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        folder = _find_cube_folder(path)
+        with convert_parser_errors(path, EXPECTED):
+            if folder is None:
+                raise FileNotFoundError(f"no {_CUBE}")
+            attributes = read_json(folder / _MARK)["attributes"]
+            cube = read_json(folder / "cube" / _MARK)
+            cube_attributes = cube["attributes"]
+            units, scale = cube_attributes["units"], float(cube_attributes.get("scale", 1.0))
+            if not 0 < scale < MAX_SCALE:
+                raise ValueError(f"its scale is {scale}")
+            axes = tuple(cube.get("dimension_names") or CUBE_AXES)
+            radar = None if hints.settings else attributes["radar"]
+            device, iq = attributes.get("device"), attributes.get("iq")
+            if not isinstance(device, str | None) or iq not in (None, *IQ_ORDERS):
+                raise ValueError(f"its device is {device!r} and its order {iq!r}")
+            check_hints_agree(path, hints, device=device, iq=iq)
+        if attributes.get("format_version") != _VERSION or units not in UNITS:
+            raise RecordingError(
+                path,
+                value=f"format version {attributes.get('format_version')!r}, units {units!r}",
+                expected=f"version {_VERSION}, units {' or '.join(UNITS)}",
+                fix="read them with the version of dechirp that wrote them",
+            )
+        settings = hints.settings or RecordingSettings(radar=parse_radar(folder / _MARK, radar))
+        samples, file_bytes = lazy_zarr_array(folder, replace(hints, inner_name="cube"))
+        chunks = None
+        if axes[: len(CUBE_AXES)] == CUBE_AXES and samples.absent_chunks is None:
+            with convert_parser_errors(path, EXPECTED):
+                chunks = parse_uncompressed_chunks(folder / "cube", cube, samples.dtype)
+        if chunks is not None:
+            samples = replace(samples, read=chunks.read_part)
+        cube_hints = RecordingHints(settings=settings, axes=axes, encoding="full-scale")
+        contents = interpret_array(path, samples, cube_hints, file_bytes=file_bytes)
+        has_codes = samples.dtype == np.int16
+        return replace(
+            contents,
+            decode=_scaled_decoder(path, contents, chunks, scale) if has_codes else contents.decode,
+            units=cast(Units, units),
+            scale=scale if has_codes else None,
+            gaps=lost_chirp_mask(path, _read_gaps(path, folder / "gap"), contents),
+            tables=ZarrTables(folder, without=("calibration",)),
+            device=device,
+            iq=iq,
+        )
+
+
+def _scaled_decoder(
+    path: Path, contents: Contents, chunks: UncompressedChunks | None, scale: float
+) -> Callable[[int, np.ndarray], None]:
+    """Return a function that decodes codes to scaled samples, without a second copy if possible."""
+    decode, radar = contents.decode, contents.radar
+    assert decode is not None and radar is not None
+    n_parts = 2 if radar.frame.chirp.sampling == "complex" else 1
+    row_shape = (radar.array.n_rx, radar.frame.chirp.n_samples, *(2,) * (n_parts - 1))
+    step: Any = np.float32(scale)
+    is_direct = chunks is not None and chunks.row_shape == row_shape
+
+    def scaled(index: int, out: np.ndarray) -> None:
+        if chunks is None or not is_direct or not out.flags.c_contiguous:
+            decode(index, out)
+            out *= step
+            return
+        with convert_parser_errors(path, EXPECTED):
+            for first, rows in chunks.iter_chirp_blocks(index, 0, len(out)):
+                samples = out[first : first + len(rows)].reshape(-1).view(np.float32)
+                scale_codes(rows.reshape(-1), step, samples)
+
+    return scaled
+
+
+def _read_gaps(path: Path, folder: Path) -> np.ndarray | None:
+    """Read (frame, chirp), not zero where samples were lost; None if nothing was stored."""
+    return read_small_array(path, folder) if (folder / _MARK).is_file() else None
+
+
+def _find_cube_folder(path: Path) -> Path | None:
+    """Return the folder of the cube that a path refers to; None if there is none."""
+    return next((folder for folder in (path / _CUBE, path) if (folder / _MARK).is_file()), None)

@@ -1,0 +1,210 @@
+"""Format recognition of a path, from its content and the options of the user."""
+
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+from dechirp.core.errors import RecordingError
+from dechirp.recordings.readers.base import (
+    Contents,
+    Format,
+    MatchQuality,
+    RecordingHints,
+    describe_foreign_content,
+    experimental_warning,
+)
+from dechirp.recordings.readers.ros2_bag import Ros2Bag
+from dechirp.recordings.samples.sample_order import choose_sample_order
+from dechirp.recordings.settings.read import holds_settings
+
+
+def recognise_formats(
+    path: str | Path, format: str | None = None, *, given: Collection[str] = ()
+) -> tuple[str, ...]:
+    """Return the kinds of the formats that fit a path: one, or several for raw samples.
+
+    Parameters
+    ----------
+    path, format
+        As for `open`.
+    given : collection of str
+        The given ones of axes, encoding and iq.
+
+    Raises
+    ------
+    RecordingError
+        If no format fits or accepts the given options, or there is nothing to read.
+    """
+    path = Path(path)
+    members = _load_formats(path, format)
+    try:
+        file, inner_name = split_inner_path(path)
+        options = [*given, "inner_name"] if inner_name is not None else given
+        return tuple(_best_fitting_kinds(file, format, members, options))
+    except OSError as error:
+        raise unreadable_path_error(path, error) from None
+
+
+def read_contents(path: Path, wanted: str | None, hints: RecordingHints) -> tuple[str, Contents]:
+    """Return format kind and contents of a path, read as the wanted or best-fitting format."""
+    formats = _load_formats(path, wanted)
+    options = {name: getattr(hints, name) for name in ("axes", "encoding", "iq", "inner_name")}
+    given_options = [name for name, value in options.items() if value is not None]
+    kinds = _best_fitting_kinds(path, wanted, formats, given_options)
+    if len(kinds) == 1:
+        (kind,) = kinds
+        return kind, _read_as_format(path, formats[kind], hints)
+    # Raw samples: the format whose energy lies in clearly the fewest beat frequencies is chosen.
+    # If all fail, the first error is raised.
+    contents_by_kind, errors = {}, []
+    for kind in kinds:
+        try:
+            contents_by_kind[kind] = _read_as_format(path, formats[kind], hints)
+        except RecordingError as error:
+            errors.append(error)
+    if not contents_by_kind:
+        raise errors[0]
+    names, contents = list(contents_by_kind), list(contents_by_kind.values())
+    best_index, order_findings = choose_sample_order(
+        names,
+        [candidate.concentration or 0.0 for candidate in contents],
+        n_samples=max(
+            candidate.radar.frame.chirp.n_samples for candidate in contents if candidate.radar
+        ),
+        setting="format",
+        fix="give --format",
+    )
+    best_contents = contents[best_index]
+    return names[best_index], replace(
+        best_contents, findings=best_contents.findings + order_findings
+    )
+
+
+def _load_formats(path: Path, wanted: str | None) -> dict[str, Format]:
+    """Return all formats by kind; raise an error if the wanted one is unknown or not loadable."""
+    reason = Format.failed_plugins().get(wanted) if wanted else None
+    if reason:
+        raise RecordingError(
+            path,
+            value=f"given with format {wanted!r}, which cannot be loaded ({reason})",
+            expected="given with a format that can be loaded",
+            fix="repair or remove the package that provides it",
+        )
+    formats: dict[str, Format] = {
+        kind: format_class() for kind, format_class in Format.members().items()
+    }
+    check_choice(path, "format", wanted, tuple(formats))
+    return formats
+
+
+def _best_fitting_kinds(
+    path: Path, wanted: str | None, formats: dict[str, Format], given: Collection[str]
+) -> list[str]:
+    """Return the best fitting kinds that accept the given options; several for raw samples."""
+    if not path.exists():
+        raise FileNotFoundError(2, "no such file or folder")
+    if not (path.is_file() or path.is_dir()):
+        raise OSError(0, "neither a file nor a folder")
+    if path.is_file() and path.stat().st_size == 0:
+        content, qualities = "an empty file (0 bytes)", {}
+    else:
+        content = _describe_path(path)
+        candidates = [
+            kind for kind, member in formats.items() if wanted == kind or not member.must_be_named
+        ]
+        qualities = {kind: formats[kind].recognise(path) for kind in candidates}
+    best = (
+        qualities.get(wanted, MatchQuality.NO)
+        if wanted
+        else max(qualities.values(), default=MatchQuality.NO)
+    )
+    if best > MatchQuality.NO:
+        kinds = (
+            [wanted] if wanted else [kind for kind, quality in qualities.items() if quality == best]
+        )
+        return _kinds_with_options(path, kinds, formats, given)
+    fix = "copy it again from its source, or give its format: --format (format=...)"
+    if path.is_file() and holds_settings(path):
+        fix = "give the recording, and this file with --radar (radar=...)"
+    raise RecordingError(
+        path,
+        value=content,
+        expected=f"a recording of the format {wanted}, as specified"
+        if wanted
+        else f"a recording of one of the formats {', '.join(formats)}",
+        fix=fix,
+    )
+
+
+def _kinds_with_options(
+    path: Path, kinds: list[str], formats: dict[str, Format], given: Collection[str]
+) -> list[str]:
+    """Return the kinds that accept all given options; raise an error if there is none."""
+    accepting = [kind for kind in kinds if set(given) <= set(formats[kind].options)]
+    if accepting:
+        return accepting
+    kind = kinds[0]
+    name = next(name for name in given if name not in formats[kind].options)
+    if name == "inner_name":
+        raise RecordingError(
+            path,
+            value=f"of the format {kind}, with an array named inside",
+            expected="of a format that holds several",
+            fix=f"name {path.name} itself",
+        )
+    raise RecordingError(
+        path,
+        value=f"in the format {kind}, with {name} given",
+        expected=f"given without {name}, which the format defines",
+        fix=f"leave out {name}, or give the format that has it",
+    )
+
+
+def _read_as_format(path: Path, reader: Format, hints: RecordingHints) -> Contents:
+    """Read the contents of a path with a format and the given hints."""
+    check_choice(path, "encoding", hints.encoding, reader.encodings)
+    contents = reader.read(path, hints)
+    if not reader.experimental:
+        return contents
+    warning = experimental_warning(reader.kind())
+    return replace(contents, findings=(*contents.findings, warning))
+
+
+def split_inner_path(path: Path) -> tuple[Path, str | None]:
+    """Split a path into that of a file and the name of an array in it, if one is named."""
+    if not path.exists():
+        for parent in path.parents:
+            if parent.is_file() or Ros2Bag().recognise(parent):
+                return parent, path.relative_to(parent).as_posix()
+    return path, None
+
+
+def _describe_path(path: Path) -> str:
+    if path.is_file():
+        if holds_settings(path):
+            return "the settings of a recording, not its samples"
+        return describe_foreign_content(path) or "bytes without a known signature"
+    names = sorted(file.name for file in path.iterdir())
+    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+    return f"a folder with {', '.join(names[:8]) or 'nothing'}{more}"
+
+
+def check_choice(path: Path, name: str, value: str | None, choices: tuple[str, ...]) -> None:
+    """Raise `RecordingError` if a given value is not one of the choices."""
+    if value is not None and value not in choices:
+        raise RecordingError(
+            path,
+            value=f"given with {name} {value!r}",
+            expected=f"given with {name} one of {', '.join(choices)}",
+            fix="choose one of them",
+        )
+
+
+def unreadable_path_error(path: Path, error: OSError) -> RecordingError:
+    """Convert an operating-system error to a `RecordingError`."""
+    return RecordingError(
+        path,
+        value=f"not readable ({error.strerror or error})",
+        expected="a readable file or folder",
+        fix="check its name and permissions",
+    )

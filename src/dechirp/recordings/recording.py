@@ -1,0 +1,331 @@
+"""Recordings: samples in a file or folder, read as the cube that a simulation would return."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.conventions import CUBE_AXES
+from dechirp.core.display import Displayable, Table, pluralise
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding, findings_table
+from dechirp.core.memory import check_memory
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.calibration import Calibration
+from dechirp.radar.cube import label_cube
+from dechirp.radar.devices.base import Device
+from dechirp.radar.devices.lookup import device as known_device
+from dechirp.radar.radar import Radar
+from dechirp.recordings.readers.base import IQ_ORDERS, Contents, RecordingHints
+from dechirp.recordings.recognise import (
+    check_choice,
+    read_contents,
+    split_inner_path,
+    unreadable_path_error,
+)
+from dechirp.recordings.settings.base import Iq, RecordingSettings
+from dechirp.recordings.settings.calibration import read_calibration
+from dechirp.recordings.settings.read import read_settings
+
+
+@frozen_dataclass
+class Recording(Displayable):
+    """Samples on disk with the radar that recorded them, decoded on access.
+
+    Samples are complex64, or float32 for real sampling; full scale is 1 unless the recording is
+    calibrated. The converter's offset is not removed.
+    """
+
+    path: Path
+    format: str
+    contents: Contents
+    frame_numbers: range
+    """Selected frames of those on disk, zero-based."""
+
+    @property
+    def radar(self) -> Radar:
+        """The radar; its hardware is unknown unless the user gave it.
+
+        Raises
+        ------
+        RecordingError
+            If the recording contains only detections and the user gave no radar.
+        """
+        if self.contents.radar is None:
+            raise RecordingError(
+                self.path,
+                value=f"of the format {self.format}, which contains detections without their radar",
+                expected="a recording with a known radar",
+                fix="give the radar: --radar FILE (radar=FILE in Python); `points` needs none",
+            )
+        return self.contents.radar
+
+    @property
+    def n_frames(self) -> int:
+        """Number of selected frames."""
+        return len(self.frame_numbers)
+
+    def select_frames(self, first: int, stop: int) -> "Recording":
+        """Return a recording of the frames `first` to `stop` (zero-based, `stop` excluded).
+
+        Raises
+        ------
+        RecordingError
+            If the range is empty or exceeds the recording.
+        """
+        n_frames = self.contents.n_frames
+        if not 0 <= first < stop <= n_frames:
+            raise RecordingError(
+                self.path,
+                value=f"of {n_frames} frame{'s' if n_frames > 1 else ''}, with"
+                f" frames {first}:{stop} requested",
+                expected="a non-empty range of existing frames",
+                fix=f"select frames from 0:{n_frames}",
+            )
+        return replace(self, frame_numbers=range(first, stop))
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Assumptions made while reading, and suspicious content."""
+        return self.contents.findings
+
+    @property
+    def points(self) -> xr.Dataset | None:
+        """Detections of the radar itself, as `detect` returns them; None for samples only."""
+        points = self.contents.points
+        return None if points is None else self._select_rows(points)
+
+    @property
+    def tables(self) -> dict[str, xr.Dataset]:
+        """Tables stored with the samples, as `detections` and `truth`, for these frames."""
+        return {name: self._select_rows(table) for name, table in self.contents.tables.items()}
+
+    def _select_rows(self, table: xr.Dataset) -> xr.Dataset:
+        """Return the rows of the selected frames; all rows of a table without frames."""
+        if self.n_frames == self.contents.n_frames or "frame" not in table.variables:
+            return table
+        selected = self.frame_numbers
+        if "frame" in table.dims:
+            return table.isel(frame=slice(selected.start, selected.stop))
+        if table["frame"].ndim != 1:
+            return table
+        (row_axis,), numbers = table["frame"].dims, table["frame"].values
+        return table.isel(
+            {row_axis: np.flatnonzero((numbers >= selected.start) & (numbers < selected.stop))}
+        )
+
+    def _summary(self) -> str:
+        parts = [f"{Path(self.path).name}: {self.format}", pluralise(self.n_frames, "frame")]
+        if self.contents.decode is None:
+            parts.append("detections without samples")
+        if self.contents.radar is not None:
+            parts.append(self.contents.radar._summary())
+        return ", ".join(parts)
+
+    def _tables(self) -> Iterable[Table]:
+        if self.findings:
+            yield findings_table(self.findings)
+        if self.contents.radar is not None:
+            yield from self.contents.radar._tables()
+
+    def check_has_samples(self) -> None:
+        """Raise `RecordingError` if the recording contains only detections."""
+        if self.contents.decode is None:
+            raise RecordingError(
+                self.path,
+                value=f"of the format {self.format}, which contains detections without samples",
+                expected="a recording with samples",
+                fix="use its `points`, or `dechirp inspect` to see them",
+            )
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Size of the cube along each axis; empty without samples."""
+        if self.contents.decode is None:
+            return {}
+        frame = self.radar.frame
+        sizes = (self.n_frames, frame.n_chirps_total, self.radar.array.n_rx, frame.chirp.n_samples)
+        return dict(zip(CUBE_AXES, sizes, strict=True))
+
+    @cached_property
+    def cube(self) -> xr.DataArray:
+        """The selected frames, (frame, chirp, rx, sample), decoded on first access.
+
+        Lost samples are zero, and the coordinate `gap` (frame, chirp) marks their chirps.
+
+        Raises
+        ------
+        NotEnoughMemory
+            If it does not fit; `frames` needs one frame at a time.
+        RecordingError
+            If there are no samples, or invalid ones; the message gives their position.
+        """
+        shape, dtype = self._cube_shape(), self._sample_dtype()
+        check_memory(
+            f"the cube of {self.path.name}",
+            needed_bytes=math.prod(shape) * dtype.itemsize,
+            fix="read it frame by frame (frames() in Python), or fewer frames",
+        )
+        samples = np.empty(shape, dtype)
+        for index, number in enumerate(self.frame_numbers):
+            self._decode_frame(number, samples[index])
+        return self._label_samples(samples, self.frame_numbers)
+
+    def frames(self) -> Iterator[xr.DataArray]:
+        """Yield cubes of one frame each, decoded one by one; raises as `cube` does."""
+        shape, dtype = self._cube_shape(), self._sample_dtype()
+        for number in self.frame_numbers:
+            samples = np.empty((1, *shape[1:]), dtype)
+            self._decode_frame(number, samples[0])
+            yield self._label_samples(samples, range(number, number + 1))
+
+    def _cube_shape(self) -> tuple[int, ...]:
+        self.check_has_samples()
+        return tuple(self.sizes.values())
+
+    def _sample_dtype(self) -> np.dtype:
+        return np.dtype(
+            np.complex64 if self.radar.frame.chirp.sampling == "complex" else np.float32
+        )
+
+    def _decode_frame(self, number: int, out: np.ndarray) -> None:
+        assert self.contents.decode is not None  # `_cube_shape` was asked before
+        try:
+            self.contents.decode(number, out)
+        except OSError as error:
+            raise unreadable_path_error(self.path, error) from None
+
+    def _label_samples(self, samples: np.ndarray, numbers: range) -> xr.DataArray:
+        gaps = self.contents.gaps
+        return label_frames(
+            samples,
+            self.contents,
+            first=numbers.start,
+            gaps=None if gaps is None else gaps[numbers.start : numbers.stop],
+        )
+
+
+def label_frames(
+    samples: np.ndarray, contents: Contents, *, first: int, gaps: np.ndarray | None
+) -> xr.DataArray:
+    """Label samples (frame, chirp, rx, sample) of contents, from the frame number `first` on.
+
+    `gaps`, (frame, chirp), if not None, becomes the coordinate `gap`.
+    """
+    assert contents.radar is not None  # samples always have a radar
+    cube = label_cube(samples, contents.radar, units=contents.units, first_frame=first)
+    if contents.scale is not None:
+        cube.attrs["scale"] = contents.scale
+    if gaps is None:
+        return cube
+    attributes = {"long_name": "samples of the chirp were lost and are zero"}
+    return cube.assign_coords(gap=xr.Variable(("frame", "chirp"), gaps, attributes))
+
+
+def open(
+    path: str | Path,
+    *,
+    radar: Radar | str | Path | None = None,
+    settings: str | Path | None = None,
+    device: str | None = None,
+    format: str | None = None,
+    axes: Sequence[str] | str | None = None,
+    encoding: str | None = None,
+    iq: str | None = None,
+    calibration: Calibration | str | Path | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Recording:
+    """Open a recording; samples are decoded on access.
+
+    Parameters
+    ----------
+    path : path
+        A file, or a folder for formats that are folders. The name of an array in a file of several
+        follows it: `capture.mat/CollectionA`.
+    radar : Radar or path, optional
+        The radar, or its settings file (YAML, TI .cfg, .mmwave.json or .setup.json, mmWave
+        Studio log, Infineon config.json). Default: the settings in the recording, else the
+        settings file next to it whose name starts with the recording's, else the only one in
+        the folder.
+    settings : path, optional
+        With a modified radar or one from elsewhere: the vendor's file that defines the sample
+        layout.
+    device : str, optional
+        The chip or board, as xwr1843: it defines antenna positions and sample layout.
+    format : str, optional
+        Kind of the format; default: recognised from the content.
+    axes : names, optional
+        Meaning of each axis of a plain array: frame, chirp, tx, rx, element (of the virtual array,
+        in place of tx and rx), sample, iq. A list, or one text with commas.
+    encoding : str, optional
+        Encoding of the samples of a plain array: int16, uint16-wrapped, offset-binary or
+        full-scale. For WAV recordings: inverted or upright.
+    iq : {"iq", "qi"}, optional
+        Order of the parts of a complex sample, if no settings define it.
+    calibration : Calibration or path, optional
+        Replaces the calibration of the radar: a value, or a file written by `dechirp calibrate`.
+    frames : (int, int), optional
+        First frame to read, zero-based, and the one after the last; default: all. Other frames
+        are never decoded.
+
+    Raises
+    ------
+    RecordingError
+        If the recording does not match its options.
+    InvalidFile
+        If its YAML settings or the calibration file have mistakes.
+    InvalidSetting
+        If the calibration is for another array, or the device is unknown.
+    """
+    path = Path(path)
+    if isinstance(calibration, str | Path):
+        calibration = read_calibration(calibration)
+    if isinstance(axes, str):
+        axes = axes.replace(",", " ").split()
+    check_choice(path, "iq", iq, IQ_ORDERS)
+    known_device_type = None if device is None else known_device(device)
+    given_settings = combine_settings(radar, settings, known_device_type)
+    try:
+        file, inner_name = split_inner_path(path)
+        hints = RecordingHints(
+            settings=given_settings,
+            device=known_device_type,
+            inner_name=inner_name,
+            axes=None if axes is None else tuple(axes),
+            encoding=encoding,
+            iq=cast(Iq | None, iq),
+        )
+        kind, contents = read_contents(file, format, hints)
+    except OSError as error:
+        raise unreadable_path_error(path, error) from None
+    recording = Recording(
+        path=path, format=kind, contents=contents, frame_numbers=range(contents.n_frames)
+    )
+    if calibration is not None:
+        calibrated = replace(recording.radar, calibration=calibration)
+        recording = replace(recording, contents=replace(contents, radar=calibrated))
+    return recording if frames is None else recording.select_frames(*frames)
+
+
+def combine_settings(
+    radar: Radar | str | Path | None, layout: str | Path | None, device: Device | None
+) -> RecordingSettings | None:
+    """Combine the given radar with a given layout file; return None without either."""
+    layout_settings = None if layout is None else read_settings(Path(layout), device)
+    if radar is None:
+        return layout_settings
+    radar_settings = (
+        RecordingSettings(radar=radar).with_device(device)
+        if isinstance(radar, Radar)
+        else read_settings(Path(radar), device)
+    )
+    return (
+        radar_settings
+        if layout_settings is None
+        else layout_settings.with_radar(radar_settings.radar)
+    )

@@ -1,0 +1,1 @@
+"""Raw samples: word order, order of I and Q, and division into frames."""

@@ -1,0 +1,94 @@
+"""Continuous recordings: division of consecutive chirps into frames by the radar's settings."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.radar.chirp import Sampling
+from dechirp.radar.frame import Frame
+from dechirp.radar.radar import Radar
+
+
+def check_single_receiver(path: Path, radar: Radar, sampling: Sampling) -> None:
+    """Raise `RecordingError` unless the radar has one receiver and this kind of sampling."""
+    n_rx, radar_sampling = radar.array.n_rx, radar.frame.chirp.sampling
+    if n_rx != 1 or radar_sampling != sampling:
+        raise RecordingError(
+            path,
+            value=f"{radar_sampling} samples of {n_rx} receivers in the settings",
+            expected=f"{sampling} samples of one receiver, as in all files of this format",
+            fix="correct radar.array.rx or radar.frame.chirp.sampling",
+        )
+
+
+def divide_into_frames(
+    path: Path, radar: Radar, n_chirps: int
+) -> tuple[Radar, int, tuple[Finding, ...]]:
+    """Return the radar, the number of complete frames in so many chirps, and findings.
+
+    The returned radar has no pause between frames.
+
+    Raises
+    ------
+    RecordingError
+        If there is no complete frame.
+    """
+    frame = radar.frame
+    n_frames, n_left = divmod(n_chirps, frame.n_chirps_total)
+    if not n_frames:
+        raise RecordingError(
+            path,
+            value=f"{n_chirps} chirps",
+            expected=f"at least {frame.n_chirps_total}, one frame (radar.frame.n_chirps)",
+            fix="give a smaller radar.frame.n_chirps, or record for longer",
+        )
+    findings = []
+    if n_left:
+        findings.append(
+            Finding(
+                level="note",
+                setting="recording",
+                value=f"{n_frames} complete frames of {frame.n_chirps_total} chirps, and {n_left}"
+                " chirps that are left out",
+                expected="complete frames",
+                fix="give another radar.frame.n_chirps to read them",
+            )
+        )
+    period_s = frame.period_s
+    if period_s is not None and period_s > 1.01 * _mean_duration_s(frame):
+        findings.append(
+            Finding(
+                level="warning",
+                setting="radar.frame.period",
+                value=f"{period_s:.6g} s, ignored: the recording has no pauses",
+                expected=f"{_mean_duration_s(frame):.6g} s, the chirps of a frame",
+                fix="leave out radar.frame.period",
+            )
+        )
+        radar = replace(radar, frame=replace(frame, period_s=None))
+    return radar, n_frames, tuple(findings)
+
+
+def interval_findings(frame: Frame, measured_s: float, *, source: str) -> tuple[Finding, ...]:
+    """Warn if the measured chirp interval differs from the settings by more than 1 %."""
+    expected_s = _mean_duration_s(frame) / frame.n_chirps_total
+    ratio = measured_s / expected_s
+    if abs(ratio - 1) <= 0.01:
+        return ()
+    return (
+        Finding(
+            level="warning",
+            setting="radar.frame.interval",
+            value=f"{expected_s:.6g} s, but {measured_s:.6g} s on average by {source}",
+            expected="the interval at which the chirps were sent",
+            fix=f"give the measured one: true times are {ratio:.4g} of those shown, true velocities"
+            f" {1 / ratio:.4g}",
+        ),
+    )
+
+
+def _mean_duration_s(frame: Frame) -> float:
+    """Return the mean duration of the chirps of a frame, over all intervals."""
+    durations_s = [frame.for_frame(index).duration_s for index in range(frame.n_intervals)]
+    return sum(durations_s) / len(durations_s)

@@ -1,0 +1,314 @@
+"""Raw int16 samples: frames, gaps and word order, inferred from settings and samples."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.findings import Finding
+from dechirp.core.text import format_ranges
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.radar import Radar
+from dechirp.recordings.readers.base import Contents, RecordingHints
+from dechirp.recordings.samples.iq_order import guess_iq_order, wrong_side_findings
+from dechirp.recordings.samples.layouts import FourLanes, Layout, Pairs, SampleCode, TwoLanes
+from dechirp.recordings.samples.sample_order import choose_sample_order, spectral_concentration
+from dechirp.recordings.settings.base import RecordingSettings
+from dechirp.recordings.settings_lookup import assumed_receiver_findings
+from dechirp.recordings.streams.byte_sources import ByteSource
+
+_BLOCK_BYTES = 2**19  # decoded before the bytes leave the cache of a core
+_MAX_GUESS_CHIRPS = 64  # chirps; more add only time
+
+
+def interpret_raw_samples(
+    path: Path,
+    stream: ByteSource,
+    layouts: Sequence[Layout],
+    settings: RecordingSettings,
+    hints: RecordingHints,
+    *,
+    offset_binary: bool = False,
+) -> Contents:
+    """Interpret raw samples: everything but their order comes from the settings.
+
+    Of several layouts, the one that concentrates the energy in the fewest beat frequencies is used;
+    words in a wrong order spread it.
+
+    Raises
+    ------
+    RecordingError
+        If the bytes fit no layout.
+    """
+    interpretations, errors = [], []
+    for layout in layouts:
+        code = SampleCode(bits=settings.bits, offset_binary=offset_binary)
+        try:
+            interpretations.append(_interpret_bytes(path, stream, layout, code, settings))
+        except RecordingError as error:
+            errors.append(error)
+    if not interpretations:
+        raise errors[0]
+    concentrations = [
+        spectral_concentration(interpretation.decode_first_chirps())
+        for interpretation in interpretations
+    ]
+    best_index, order_findings = choose_sample_order(
+        [interpretation.layout.name for interpretation in interpretations],
+        concentrations,
+        n_samples=settings.radar.frame.chirp.n_samples,
+        setting="layout",
+        fix="give --device, or the settings file of the vendor",
+    )
+    best = interpretations[best_index]
+    findings = (
+        best.settings.findings
+        + assumed_receiver_findings(settings)
+        + _loss_findings(stream, best)
+        + order_findings
+    )
+    iq = hints.iq or settings.iq
+    if best.radar.frame.chirp.sampling == "real":
+        iq = None
+    elif iq is None:
+        iq, guess_finding = guess_iq_order(best.decode_first_chirps())
+        findings += (guess_finding,)
+    if iq is not None:
+        best = replace(best, code=replace(best.code, iq=iq))
+        findings += wrong_side_findings(best.decode_first_chirps(), iq)
+    return Contents(
+        radar=best.radar,
+        n_frames=best.n_frames,
+        decode=best.decode,
+        gaps=best.find_gaps(),
+        findings=findings,
+        scale=best.code.scale,
+        device=settings.device,
+        iq=iq,
+        settings_path=settings.path,
+        concentration=concentrations[best_index],
+    )
+
+
+@frozen_dataclass
+class _Interpretation:
+    """One interpretation of the bytes: layout, code and settings."""
+
+    stream: ByteSource
+    layout: Layout
+    code: SampleCode
+    settings: RecordingSettings
+    n_frames: int
+    first_frame: int
+    """First frame of which any byte arrived."""
+
+    @property
+    def radar(self) -> Radar:
+        return self.settings.radar
+
+    @property
+    def chirp_bytes(self) -> int:
+        return 2 * self.layout.chirp_words(self.radar.frame.chirp, self.radar.array.n_rx)
+
+    @property
+    def first_frame_offset(self) -> int:
+        """Offset of the first frame in bytes."""
+        return self.first_frame * self.radar.frame.n_chirps_total * self.chirp_bytes
+
+    def decode_first_chirps(self) -> np.ndarray:
+        """Return (chirp, rx, sample) of a frame: enough chirps to distinguish echoes from noise.
+
+        The first frame without gaps is used: lost samples, which are zero, are no evidence.
+        """
+        frame, gaps = self.radar.frame, self.find_gaps()
+        n_chirps = min(frame.n_chirps_total, _MAX_GUESS_CHIRPS)
+        # Without a complete frame, the one with the fewest gaps.
+        index = 0 if gaps is None else int(np.argmin(gaps[:, :n_chirps].sum(axis=1)))
+        shape = (n_chirps, self.radar.array.n_rx, frame.chirp.n_samples)
+        samples = np.empty(shape, np.complex64 if frame.chirp.sampling == "complex" else np.float32)
+        self.decode(index, samples)
+        return samples
+
+    def decode(self, index: int, out: np.ndarray) -> None:
+        """Fill (chirp, rx, sample) with one frame."""
+        size = self.chirp_bytes
+        start = self.first_frame_offset + index * self.radar.frame.n_chirps_total * size
+        per_block = max(1, _BLOCK_BYTES // size)
+        block = np.empty((min(per_block, len(out)), size), np.uint8)
+        for first in range(0, len(out), per_block):
+            part = out[first : first + per_block]
+            chirp_bytes = block[: len(part)]
+            self.stream.read(start + first * size, chirp_bytes.reshape(-1))
+            self.layout.decode(chirp_bytes.view("<i2"), part, self.code)
+
+    def find_gaps(self) -> np.ndarray | None:
+        """Return (frame, chirp), True where bytes of the chirp were lost; None without losses."""
+        lost_ranges = self.stream.lost_ranges
+        n_sent = self.radar.frame.n_chirps_total
+        starts_at = self.first_frame * n_sent
+        first = lost_ranges[:, 0] // self.chirp_bytes - starts_at
+        last = (lost_ranges[:, 1] - 1) // self.chirp_bytes - starts_at
+        # +1 where a gap begins and -1 after it: inside gaps the running sum is positive.
+        steps = np.zeros(self.n_frames * n_sent + 1, np.int64)
+        inside = (last >= 0) & (first < steps.size - 1)
+        np.add.at(steps, np.maximum(first[inside], 0), 1)
+        np.add.at(steps, np.minimum(last[inside] + 1, steps.size - 1), -1)
+        gaps = np.cumsum(steps[:-1]) > 0
+        return gaps.reshape(self.n_frames, n_sent) if gaps.any() else None
+
+
+def check_alternating_receivers(path: Path, settings: RecordingSettings) -> None:
+    """Raise `RecordingError` if the settings exclude alternating receivers."""
+    if settings.is_interleaved is False:
+        raise RecordingError(
+            path,
+            value="one receiver after the other in the settings",
+            expected="alternating receivers, as in this format",
+            fix="give --format dca1000, or correct the settings",
+        )
+
+
+def _interpret_bytes(
+    path: Path, stream: ByteSource, layout: Layout, code: SampleCode, settings: RecordingSettings
+) -> _Interpretation:
+    """Interpret the bytes with a layout; raise `RecordingError` if they do not fit."""
+    chirp = settings.radar.frame.chirp
+    if isinstance(layout, TwoLanes) and chirp.sampling == "complex" and chirp.n_samples % 2:
+        raise RecordingError(
+            path,
+            value=f"chirps of {chirp.n_samples} complex samples in the settings",
+            expected="an even number of complex samples: the format stores groups of two",
+            fix="correct radar.frame.chirp.n_samples",
+        )
+    # Positions beyond those of a sample belong to the next sample.
+    if isinstance(layout, FourLanes | Pairs) and max(layout.receivers) >= layout.n_present:
+        raise RecordingError(
+            path,
+            value=f"{settings.radar.array.n_rx} receivers in the settings, up to number"
+            f" {max(layout.receivers) + 1} of the chip",
+            expected=f"at most {layout.n_present} receivers: {layout.name}",
+            fix="correct radar.array.rx, or the device",
+        )
+    settings, first_frame, n_frames = _count_frames(path, stream, layout, settings)
+    return _Interpretation(
+        stream=stream,
+        layout=layout,
+        code=code,
+        settings=settings,
+        n_frames=n_frames,
+        first_frame=first_frame,
+    )
+
+
+def _count_frames(
+    path: Path, stream: ByteSource, layout: Layout, settings: RecordingSettings
+) -> tuple[RecordingSettings, int, int]:
+    """Return the settings, the first frame and the number of frames; warn of a cut last frame."""
+    frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
+    chirp_bytes = 2 * layout.chirp_words(frame.chirp, n_rx)
+    frame_bytes = frame.n_chirps_total * chirp_bytes
+    lost_ranges = stream.lost_ranges
+    # A capture started during a measurement begins with frames of which no byte arrived.
+    leading_bytes = int(lost_ranges[0, 1]) if len(lost_ranges) and lost_ranges[0, 0] == 0 else 0
+    first_frame = leading_bytes // frame_bytes
+    size = stream.n_bytes - first_frame * frame_bytes
+    n_frames, rest = divmod(size, frame_bytes)
+    expected_frames = settings.n_frames
+    frame_text = (
+        f"{frame_bytes} bytes a frame ({frame.n_chirps_total} chirps of {chirp_bytes} bytes:"
+        f" {n_rx} receivers, {frame.chirp.n_samples} {frame.chirp.sampling} samples,"
+        f" {layout.name})"
+    )
+    # A capture that stopped early ends with a whole network packet, 182 groups of 8 bytes.
+    # It can be shorter than the transmitted data, but never longer.
+    if settings.has_merged_frames and not n_frames and not size % 8 and size >= 2 * chirp_bytes:
+        n_chirps, rest = divmod(size, chirp_bytes)
+        shorter_radar = replace(
+            settings.radar, frame=replace(frame, n_chirps=n_chirps // frame.n_slots)
+        )
+        found_text = f"{n_chirps} complete chirps and {rest} bytes"
+        return (
+            _add_cut_warning(
+                replace(settings, radar=shorter_radar), size, value=found_text, expected=frame_text
+            ),
+            0,
+            1,
+        )
+    if (
+        n_frames < 1
+        or size % 8
+        or (expected_frames is not None and size > expected_frames * frame_bytes)
+    ):
+        expected = (
+            f"at least {frame_bytes}"
+            if expected_frames is None
+            else f"{expected_frames * frame_bytes}"
+        )
+        raise RecordingError(
+            path,
+            value=f"{size} bytes",
+            expected=f"{expected} bytes, a multiple of 8: {frame_text}",
+            fix="copy the whole file again, or give the settings of the recording",
+        )
+    if not rest and expected_frames in (None, n_frames):
+        return settings, first_frame, n_frames
+    found_text = f"{n_frames} complete frames and {rest} bytes"
+    expected_text = f"complete frames, {frame_text}" + (
+        f", {expected_frames} of them" if expected_frames else ""
+    )
+    return (
+        _add_cut_warning(settings, size, value=found_text, expected=expected_text),
+        first_frame,
+        n_frames,
+    )
+
+
+def _add_cut_warning(
+    settings: RecordingSettings, size: int, *, value: str, expected: str
+) -> RecordingSettings:
+    """Add the warning that the recording is cut short."""
+    warning = Finding(
+        level="warning",
+        setting="recording",
+        value=f"{size} bytes, cut short: {value} left out",
+        expected=expected,
+        fix="if more than the end is missing, the settings are not those of this recording",
+    )
+    return replace(settings, findings=(*settings.findings, warning))
+
+
+def _loss_findings(stream: ByteSource, interpretation: _Interpretation) -> tuple[Finding, ...]:
+    """Report frames that were not captured, and gaps."""
+    gaps = interpretation.find_gaps()
+    findings = []
+    if interpretation.first_frame:
+        findings.append(
+            Finding(
+                level="note",
+                setting="recording",
+                value=f"the first {interpretation.first_frame} frames not captured",
+                expected="a capture that starts with the measurement",
+                fix="no action needed: frames are counted from the first one captured",
+            )
+        )
+    if gaps is not None:
+        frames = np.flatnonzero(gaps.any(axis=1))
+        # Other findings report losses before the first and after the last frame.
+        end = interpretation.first_frame_offset + gaps.size * interpretation.chirp_bytes
+        lost_ranges = np.clip(stream.lost_ranges, interpretation.first_frame_offset, end)
+        lost_ranges = lost_ranges[lost_ranges[:, 1] > lost_ranges[:, 0]]
+        n_bytes = int(np.sum(lost_ranges[:, 1] - lost_ranges[:, 0]))
+        findings.append(
+            Finding(
+                level="warning",
+                setting="recording",
+                value=f"{n_bytes} bytes lost in {len(lost_ranges)} ranges: {gaps.sum()} of"
+                f" {gaps.size} chirps have gaps, in {format_ranges('frame', frames)}",
+                expected="every packet that the radar sent",
+                fix="leave those frames out, or record again with a longer packet delay; the lost"
+                " samples are zero, and the cube's coordinate `gap` marks their chirps",
+            )
+        )
+    return tuple(findings)

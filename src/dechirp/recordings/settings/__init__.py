@@ -1,0 +1,1 @@
+"""Settings files of recordings in the formats of vendors."""

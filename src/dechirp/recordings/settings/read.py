@@ -1,0 +1,189 @@
+"""Settings of a recording from any supported settings file, and the search for that file."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from dechirp.config import loading
+from dechirp.config.validation import Readers
+from dechirp.core.errors import DechirpError, RecordingError
+from dechirp.radar.calibration import Calibration
+from dechirp.radar.devices.base import Device
+from dechirp.radar.radar import Radar
+from dechirp.recordings.settings import (
+    infineon_json,
+    mmwave_json,
+    mmwave_setup,
+    mmwave_studio_log,
+    ti_cfg,
+)
+from dechirp.recordings.settings.base import RecordingSettings
+from dechirp.recordings.settings.calibration import read_calibration
+
+_YAML = (".yaml", ".yml")
+_SUFFIXES = (*_YAML, ".txt", ".log", ".json", ".cfg")
+_MAX_BYTES = 16 * 2**20  # a log of years; each line takes 8 more bytes of memory
+
+
+def read_radar(path: str | Path, device: Device | None = None) -> Radar:
+    """Read a radar from a settings file: native YAML, or a vendor's file.
+
+    Vendor files are TI's `.cfg`, `.mmwave.json`, `.setup.json` and mmWave Studio log, and
+    Infineon's `config.json`. The content determines the type, not the name.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    device : Device, optional
+        Device with the antenna positions; it has priority over the one named in the file. A YAML
+        file has its own array.
+
+    Raises
+    ------
+    RecordingError
+        If it is a vendor's file that cannot be read.
+    InvalidFile
+        If it is a YAML file or a `.cfg` with mistakes.
+    """
+    return read_settings(Path(path), device).radar
+
+
+def read_settings(file: Path, device: Device | None = None) -> RecordingSettings:
+    """Read a radar and the layout of the recording from a settings file.
+
+    See `read_radar` for supported files and errors.
+    """
+    text = _read_text(file)
+    name = file.name.lower()
+    if mmwave_studio_log.is_mmwave_studio_log(text):
+        settings = mmwave_studio_log.read_mmwave_studio_log(file, text, device)
+    elif ti_cfg.is_ti_cfg(text) or name.endswith(".cfg"):
+        settings = ti_cfg.read_ti_cfg(file, text, device)
+    elif mmwave_json.is_mmwave_json(text):
+        settings = mmwave_json.read_mmwave_json(file, text, device)
+    elif mmwave_setup.is_mmwave_setup(text):
+        used, chip = mmwave_setup.find_named_settings(file, text)
+        settings = mmwave_json.read_mmwave_json(used, _read_text(used), device, chip)
+    elif infineon_json.is_infineon_json(text) or name.endswith(".json"):
+        settings = infineon_json.read_infineon_json(file, text, device)
+    else:
+        readers: Readers = {Calibration: read_calibration}
+        settings = RecordingSettings(radar=loading.read_settings(file, Radar, readers=readers))
+    return replace(settings.with_device(device), path=file)
+
+
+def find_settings(recording: Path) -> Path:
+    """Find the settings file beside a recording: the one of the same name, else the only one.
+
+    A `.setup.json` and the `.mmwave.json` that it names count as one; of several equivalent files
+    with the recording's name, the first is used. Links that lead out of the folder are ignored.
+
+    Raises
+    ------
+    RecordingError
+        If there is none, or several are possible; the message names them.
+    """
+    candidates = sorted(
+        file for file in recording.parent.iterdir() if file != recording and holds_settings(file)
+    )
+    setup_files = {
+        named_file: file for file in candidates if (named_file := _named_settings(file)) is not None
+    }
+    candidates = [file for file in candidates if file not in setup_files]
+    # mmWave Studio calls the settings of adc_data_Raw_0.bin adc_data_LogFile.txt.
+    stem = re.sub(r"_Raw_\d+$", "", recording.stem)
+    stems = {file: [file.name] for file in candidates}
+    for named_file, file in setup_files.items():
+        stems[file].append(named_file.name)
+    named = [file for file in candidates if any(name.startswith(stem) for name in stems[file])]
+    # adc_data_1 is also a prefix of adc_data_10.
+    exact = [
+        file
+        for file in named
+        if any(
+            name.startswith(stem) and not name[len(stem) :][:1].isalnum() for name in stems[file]
+        )
+    ]
+    for choices in (exact, named, candidates):
+        if len(choices) == 1 or (
+            choices and choices is not candidates and _are_equivalent(choices)
+        ):
+            return choices[0]
+        if choices:
+            break
+    raise RecordingError(
+        recording,
+        value="no settings in the recording"
+        + (f"; in the folder {', '.join(file.name for file in choices)}" if candidates else ""),
+        expected="the radar of the recording",
+        fix="give the radar: --radar FILE (radar=FILE in Python), a YAML file or the settings"
+        " file of its vendor",
+    )
+
+
+def _are_equivalent(files: Sequence[Path]) -> bool:
+    """Return whether several files contain the same radar and layout."""
+    try:
+        settings = [replace(read_settings(file), path=None, findings=()) for file in files]
+    except DechirpError:
+        return False
+    return all(file_settings == settings[0] for file_settings in settings)
+
+
+def holds_settings(file: Path) -> bool:
+    """Return whether a file contains settings of a recording, native or a vendor's."""
+    # A meta.json describes a collection of recordings, not the radar.
+    if file.suffix.lower() not in _SUFFIXES or file.name == "meta.json":
+        return False
+    if not mmwave_setup.is_file_in_folder(file):
+        return False
+    try:
+        text = _read_text(file)
+    except RecordingError:
+        return False
+    if file.suffix.lower() == ".json":
+        is_recognised = infineon_json.is_infineon_json(text) or mmwave_json.is_mmwave_json(text)
+        return is_recognised or _named_settings(file) is not None
+    if file.suffix.lower() in _YAML:
+        return any(line.startswith("frame:") for line in text.splitlines())
+    return mmwave_studio_log.is_mmwave_studio_log(text) or ti_cfg.is_ti_cfg(text)
+
+
+def _named_settings(file: Path) -> Path | None:
+    """Return the settings file that a setup file names; None for other files."""
+    try:
+        text = _read_text(file) if file.suffix.lower() == ".json" else ""
+        return (
+            mmwave_setup.find_named_settings(file, text)[0]
+            if mmwave_setup.is_mmwave_setup(text)
+            else None
+        )
+    except RecordingError:
+        return None
+
+
+def _read_text(file: Path) -> str:
+    """Read the text of a settings file; raise `RecordingError` if it cannot be read."""
+    try:
+        if not file.is_file():
+            raise FileNotFoundError(2, "no such file")
+        with file.open("rb") as bytes_in:
+            content = bytes_in.read(_MAX_BYTES + 1)
+        if len(content) > _MAX_BYTES:
+            problem = f"longer than {_MAX_BYTES} bytes"
+        elif b"\0" in content:
+            problem = "not text"
+        else:
+            # Logs come from Windows and contain paths in any code page.
+            return content.decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        problem = f"not readable ({error.strerror})"
+    raise RecordingError(
+        file,
+        value=problem,
+        expected="a settings file: YAML, a TI .cfg, .mmwave.json or .setup.json, a mmWave Studio"
+        " log, or an Infineon config.json",
+        fix="give the settings file of the radar",
+    ) from None

@@ -1,0 +1,319 @@
+"""TI SDK 1 to 3: the commands sent to the demo (`.cfg`).
+
+Numbers are read unchanged, although the chip rounds them down to its own steps: the start frequency
+by up to 54 Hz, the slope by up to 48 kHz/us. So ranges are too short by up to 0.07 % at 70 MHz/us,
+7 mm at 10 m.
+
+TI mmWave SDK User Guide, section on the format of configuration files.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, RecordingError
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.devices.base import Device
+from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
+from dechirp.recordings.settings.ti_cfg_lines import COMMANDS, Command, parse_commands
+from dechirp.recordings.settings.ti_frame import (
+    BITS,
+    MAX_CHIRPS,
+    TiFrame,
+    to_recording_settings,
+    transmitter_order,
+)
+
+_NEWER = re.compile(r"^[ \t]*(chirpComnCfg|chirpTimingCfg)\b", re.MULTILINE)
+_EITHER = re.compile(r"^[ \t]*(profileCfg|frameCfg|chirpComnCfg|chirpTimingCfg)\b", re.MULTILINE)
+_PLATFORM = re.compile(r"^[ \t]*%[ \t]*Platform[ \t]*:[ \t]*([\w.-]{1,40})", re.MULTILINE)
+_MAX_CHARACTERS = 2**18  # characters; real files have some 2000
+_MAX_MISTAKES = 100  # more mistakes mean a wrong file
+
+_REQUIRED_COMMANDS = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpCfg")
+_FRAMES = ("frameCfg",)
+_SUB_FRAMES = ("advFrameCfg", "subFrameCfg")
+
+_SUPPORTED_VALUES = (
+    ("dfeDataOutputMode", "mode", (1, 3), "1 or 3: frames, or sub-frames"),
+    ("channelCfg", "rx_mask", range(1, 2**16), "a bit for each receiver, at least one"),
+    ("channelCfg", "cascading", (0,), "0: a chip alone"),
+    ("adcCfg", "bits", tuple(BITS), "0, 1 or 2: 12, 14 or 16 bits"),
+    ("adcCfg", "format", (0, 1, 2), "0, 1 or 2: real, or complex"),
+    ("adcbufCfg", "sample_swap", (0, 1), "0 or 1"),
+    ("adcbufCfg", "interleave", (0, 1), "0 or 1"),
+    ("bpmCfg", "enabled", (0, 1), "0 or 1: transmitters that take turns, or two together"),
+    ("lvdsStreamCfg", "header", (0,), "0: samples without headers"),
+    ("lvdsStreamCfg", "data_format", (0, 1), "0 or 1: samples alone"),
+    ("lvdsStreamCfg", "software", (0,), "0: samples alone"),
+    ("advFrameCfg", "n_sub_frames", (1,), "1: one sub-frame"),
+    ("advFrameCfg", "force_profile", (0,), "0: the profiles of chirpCfg"),
+    ("subFrameCfg", "sub_frame", (0,), "0: the first sub-frame"),
+    ("subFrameCfg", "n_bursts", (1,), "1: one burst"),
+    ("subFrameCfg", "n_burst_loops", (1,), "1: one burst"),
+    ("chirpCfg", "start_variation", (0,), "0: equal chirps"),
+    ("chirpCfg", "slope_variation", (0,), "0: equal chirps"),
+    ("chirpCfg", "idle_variation", (0,), "0: equal chirps"),
+    ("chirpCfg", "adc_start_variation", (0,), "0: equal chirps"),
+    ("chirpCfg", "tx_mask", range(1, 2**16), "a bit for each transmitter, at least one"),
+)
+"""Supported values of arguments that accept more."""
+
+
+def is_ti_cfg(text: str) -> bool:
+    """Return whether a text contains such commands."""
+    return _EITHER.search(text) is not None
+
+
+def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> RecordingSettings:
+    """Read the settings that were valid when the sensor was last started.
+
+    The last command of a kind counts. The device is the given one, else the one in a comment
+    `% Platform:`.
+
+    Raises
+    ------
+    InvalidFile
+        If commands are missing, invalid or unsupported: all of them, with their lines.
+    RecordingError
+        If the numbers are not those of a radar.
+    """
+    if len(text) > _MAX_CHARACTERS:
+        raise RecordingError(
+            file,
+            value=f"{len(text)} characters",
+            expected=f"a list of commands of at most {_MAX_CHARACTERS} characters",
+            fix="use the file that was sent to the radar",
+        )
+    xwrl_command = _NEWER.search(text)
+    if xwrl_command:
+        raise InvalidFile(_unsupported_chip_mistake(file, text, xwrl_command))
+    mistakes: list[Mistake] = []
+    commands = parse_commands(file, text, mistakes)
+    last_commands = {line.name: line for line in commands}
+    mode = last_commands.get("dfeDataOutputMode")
+    frames = _SUB_FRAMES if mode and mode["mode"] == 3 else _FRAMES
+    _note_missing_commands(file, (*_REQUIRED_COMMANDS, *frames), last_commands, mistakes)
+    if mistakes:
+        raise InvalidFile(*mistakes[:_MAX_MISTAKES])
+    frame = last_commands[frames[-1]]
+    chirps = _chirp_commands(file, commands, frame)
+    _check_supported(file, [*last_commands.values()], chirps, frames)
+    bpm = last_commands.get("bpmCfg")
+    if bpm is not None and not bpm["enabled"]:
+        bpm = None
+    profile = _find_profile(file, commands, chirps, frame, bpm)
+    adc, buffer = last_commands["adcCfg"], last_commands["adcbufCfg"]
+    platform = _PLATFORM.search(text)
+    with convert_setting_errors(file):
+        ti_frame = TiFrame(
+            chirp=_to_chirp(profile, real=adc["format"] == 0),
+            interval_s=(profile["idle_us"] + profile["ramp_end_us"]) / 1e6,
+            masks=tuple(chirp.integer("tx_mask") for chirp in chirps),
+            n_loops=frame.integer("n_loops"),
+            n_frames=last_commands[frames[0]].integer("n_frames"),
+            period_s=frame["period_ms"] / 1e3,
+            rx_mask=last_commands["channelCfg"].integer("rx_mask"),
+            bpm=bpm is not None,
+        )
+        return to_recording_settings(
+            ti_frame,
+            iq="qi" if buffer["sample_swap"] else "iq",
+            interleaved=not buffer["interleave"],
+            bits=BITS[adc.integer("bits")],
+            chip_name=platform.group(1) if platform else "",
+            device=device,
+        )
+
+
+def _unsupported_chip_mistake(file: Path, text: str, match: re.Match[str]) -> Mistake:
+    """Return the mistake of a file for low-power chips."""
+    return Mistake(
+        setting=match.group(1),
+        value="a command of the low-power chips (xWRL)",
+        expected="a file with profileCfg and chirpCfg, of SDK 1 to 3",
+        fix="give the radar as a YAML file; these files are not supported yet",
+        file=str(file),
+        line=len(text[: match.end()].splitlines()),
+    )
+
+
+def _note_missing_commands(
+    file: Path, required: Sequence[str], commands: dict[str, Command], mistakes: list[Mistake]
+) -> None:
+    """Append a mistake for each missing command, unless it is present but invalid."""
+    named = {mistake.setting for mistake in mistakes}
+    mistakes += [
+        Mistake(
+            setting=command,
+            value="missing",
+            expected=f"the command before sensorStart, with {', '.join(COMMANDS[command])}",
+            fix="use the whole file that was sent to the radar",
+            file=str(file),
+        )
+        for command in required
+        if command not in commands and command not in named
+    ]
+
+
+def _chirp_commands(file: Path, commands: Sequence[Command], frame: Command) -> list[Command]:
+    """Return the chirpCfg command of each chirp of a loop, in the order sent."""
+    first = frame.integer("first")
+    last = (
+        frame.integer("last") if "last" in frame.numbers else first + frame.integer("n_chirps") - 1
+    )
+    by_index = {
+        index: command
+        for command in commands
+        if command.name == "chirpCfg"
+        for index in range(
+            max(command.integer("first"), 0), min(command.integer("last") + 1, MAX_CHIRPS)
+        )
+    }
+    missing = [n for n in range(max(first, 0), min(last + 1, MAX_CHIRPS)) if n not in by_index]
+    if not 0 <= first <= last < MAX_CHIRPS or missing:
+        description = f"chirps {first} to {last}"
+        raise InvalidFile(
+            frame.mistake(
+                file,
+                value=description + (f", without chirpCfg for {missing[0]}" if missing else ""),
+                expected=f"chirps within 0 to {MAX_CHIRPS - 1}, each with its chirpCfg",
+                fix="correct the range, or give the missing chirps",
+            )
+        )
+    return [by_index[index] for index in range(first, last + 1)]
+
+
+def _check_supported(
+    file: Path,
+    last_commands: Sequence[Command],
+    chirps: Sequence[Command],
+    frame_names: Sequence[str],
+) -> None:
+    """Raise `InvalidFile` if the valid commands have unsupported values."""
+    ignored = {"chirpCfg", *_FRAMES, *_SUB_FRAMES} - set(
+        frame_names
+    )  # chirps are checked one by one
+    commands = [line for line in last_commands if line.name not in ignored]
+    # Without a stream, its layout does not matter.
+    commands = [line for line in commands if line.name != "lvdsStreamCfg" or line["data_format"]]
+    commands += _unique_commands(chirps)
+    mistakes = [
+        line.mistake(
+            file,
+            value=f"{name} {line[name]:g}",
+            expected=f"{name} {expected}",
+            fix="record so; other values are not supported yet",
+        )
+        for line in commands
+        for command, name, supported, expected in _SUPPORTED_VALUES
+        if line.name == command and line[name] not in supported
+    ]
+    adc, buffer = (line for line in last_commands if line.name in ("adcCfg", "adcbufCfg"))
+    if not mistakes and buffer["format"] != (adc["format"] == 0):
+        mistakes = [
+            buffer.mistake(
+                file,
+                value=f"format {buffer['format']:g}, with format {adc['format']:g} in adcCfg",
+                expected="format 0 for complex samples, 1 for real ones",
+                fix="correct one of the two",
+            )
+        ]
+    if mistakes:
+        raise InvalidFile(*sorted(mistakes, key=lambda mistake: mistake.line or 0))
+
+
+def _find_profile(
+    file: Path,
+    commands: Sequence[Command],
+    chirps: Sequence[Command],
+    frame: Command,
+    bpm: Command | None,
+) -> Command:
+    """Return the common profile of the chirps; check that transmitters use TDM or a BPM pair."""
+    profiles = {line["profile"]: line for line in commands if line.name == "profileCfg"}
+    used = {chirp["profile"] for chirp in chirps}
+    mistakes = [
+        chirp.mistake(
+            file,
+            value=f"profile {chirp['profile']:g}"
+            + (", with another one in the same frame" if chirp["profile"] in profiles else ""),
+            expected="one profile for all chirps, defined by profileCfg",
+            fix="record equal chirps; others are not supported yet",
+        )
+        for chirp in _unique_commands(chirps)
+        if len(used) > 1 or chirp["profile"] not in profiles
+    ]
+    if bpm is None:
+        mistakes += _tdm_mistakes(file, chirps, frame)
+    else:
+        mistakes += _bpm_mistakes(file, chirps, frame, bpm)
+    if mistakes:
+        raise InvalidFile(*mistakes)
+    return profiles[used.pop()]
+
+
+def _tdm_mistakes(file: Path, chirps: Sequence[Command], frame: Command) -> list[Mistake]:
+    """Return the mistakes of transmitters that do not take turns."""
+    mistakes = [
+        chirp.mistake(
+            file,
+            value=f"tx_mask {chirp['tx_mask']:g}",
+            expected="a tx_mask of one bit (one transmitter), unless bpmCfg is enabled",
+            fix="record so, or give the radar as a YAML file with its multiplexing",
+        )
+        for chirp in _unique_commands(chirps)
+        if chirp.integer("tx_mask").bit_count() != 1
+    ]
+    if mistakes:
+        return mistakes
+    try:
+        transmitter_order([chirp.integer("tx_mask") for chirp in chirps])
+    except InvalidSetting as error:
+        (order,) = error.mistakes
+        description = f"chirps of transmitters {order.value}"
+        return [frame.mistake(file, value=description, expected=order.expected, fix=order.fix)]
+    return []
+
+
+def _bpm_mistakes(
+    file: Path, chirps: Sequence[Command], frame: Command, bpm: Command
+) -> list[Mistake]:
+    """Return the mistakes of the two chirps that two transmitters send together.
+
+    The demo sends the first without phase shift, the second with 180 degrees on the later
+    transmitter (SDK User Guide, bpmCfg).
+    """
+    masks = [chirp.integer("tx_mask") for chirp in chirps]
+    covers_frame = (bpm["first"], bpm["second"]) == (frame["first"], frame["first"] + 1)
+    if covers_frame and len(masks) == 2 and masks[0] == masks[1] and masks[0].bit_count() == 2:
+        return []
+    mask_text = ", ".join(map(str, masks[:8])) + (" ..." if len(masks) > 8 else "")
+    return [
+        bpm.mistake(
+            file,
+            value=f"enabled 1, for chirps {bpm['first']:g} and {bpm['second']:g}, in a frame"
+            f" of chirps with tx_mask {mask_text}",
+            expected="the two chirps of the frame in the order sent, both with the same two"
+            " transmitters, or enabled 0",
+            fix="record so, or give the radar as a YAML file with its multiplexing",
+        )
+    ]
+
+
+def _unique_commands(chirps: Sequence[Command]) -> list[Command]:
+    """Return each command once, in the order of the chirps."""
+    return [*{chirp.line_number: chirp for chirp in chirps}.values()]
+
+
+def _to_chirp(profile: Command, *, real: bool) -> Chirp:
+    """Convert a profile to a chirp."""
+    return Chirp(
+        start_frequency_hz=profile["start_ghz"] * 1e9,
+        slope_hz_per_s=profile["slope_mhz_per_us"] * 1e12,
+        adc_start_s=profile["adc_start_us"] / 1e6,
+        ramp_duration_s=profile["ramp_end_us"] / 1e6,
+        sample_rate_hz=profile["sample_rate_ksps"] * 1e3,
+        n_samples=profile.integer("n_samples"),
+        sampling="real" if real else "complex",
+    )

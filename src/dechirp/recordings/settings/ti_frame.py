@@ -1,0 +1,174 @@
+"""Frame settings common to all settings files of TI radars: chirps, transmitter masks, loops."""
+
+from collections.abc import Sequence
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.chirp import Chirp
+from dechirp.radar.devices.base import Device
+from dechirp.radar.frame import Frame
+from dechirp.radar.multiplexing.base import Multiplexing
+from dechirp.radar.multiplexing.bpm import Bpm
+from dechirp.radar.multiplexing.tdm import Tdm
+from dechirp.radar.radar import Radar
+from dechirp.recordings.settings.antenna_positions import antenna_positions, find_device
+from dechirp.recordings.settings.base import Iq, RecordingSettings
+
+MAX_CHIRPS = 512
+"""Number of chirps that the chip can store before they repeat."""
+
+BITS = {0: 12, 1: 14, 2: 16}
+"""ADC bits, by the chip's code for them."""
+
+
+@frozen_dataclass
+class TiFrame:
+    """Equal chirps, and their transmitters."""
+
+    chirp: Chirp
+    interval_s: float
+    masks: tuple[int, ...]
+    """Transmitters of each chirp of a loop, a bit each, the lowest for the first."""
+    n_loops: int
+    n_frames: int
+    """Number of frames; 0 means until stopped."""
+    period_s: float
+    rx_mask: int
+    bpm: bool = False
+    """Whether the loop is two chirps of the same two transmitters, + + and then + -."""
+
+
+def transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
+    """Return the transmitters of one TDM round, from 0, in the order in which they send.
+
+    Parameters
+    ----------
+    masks : sequence of int
+        Transmitters of each chirp of a loop: a single one, or rounds of several.
+
+    Raises
+    ------
+    InvalidSetting
+        If a chirp has none or several, or the loop does not consist of equal rounds.
+    """
+    for index, mask in enumerate(masks):
+        if mask > 0 and mask.bit_count() == 1:
+            continue
+        problem = f"chirp {index} with transmitters {_format_mask(mask)} at once"
+        raise InvalidSetting(
+            "transmitters",
+            value=problem if mask > 0 else f"chirp {index} without transmitter",
+            expected="one transmitter in each chirp",
+            fix="record with transmitters that take turns, or give the radar as a YAML file with"
+            " multiplexing of kind bpm, ddma or phase-code",
+        )
+    one_round = tuple(dict.fromkeys(masks))
+    n_rounds, rest = divmod(len(masks), len(one_round))
+    if rest or tuple(masks) != one_round * n_rounds:
+        order_text = " ".join(_format_mask(mask) for mask in masks[:16])
+        raise InvalidSetting(
+            "transmitters",
+            value=f"the order {order_text}{' ...' if len(masks) > 16 else ''}",
+            expected="equal rounds, with each transmitter once in a round",
+            fix="record with transmitters that take turns, chirp by chirp",
+        )
+    return tuple(mask.bit_length() - 1 for mask in one_round)
+
+
+def to_recording_settings(
+    ti_frame: TiFrame,
+    *,
+    iq: Iq | None,
+    interleaved: bool,
+    bits: int,
+    chip_name: str,
+    device: Device | None,
+) -> RecordingSettings:
+    """Convert the settings of a TI chip to those of a recording.
+
+    A frame of one chirp has no slow time. Consecutive frames of one chirp are merged into one
+    frame, with a finding.
+
+    Parameters
+    ----------
+    ti_frame : TiFrame
+        The frame.
+    iq, interleaved, bits
+        See `RecordingSettings`.
+    chip_name : str
+        Name of the chip in the file; empty without one.
+    device : Device or None
+        Device given by the user, which has priority over the name.
+
+    Raises
+    ------
+    InvalidSetting
+        If the frame is impossible.
+    """
+    known_device = device or find_device(chip_name)
+    order = (
+        _mask_to_indices(ti_frame.masks[0]) if ti_frame.bpm else transmitter_order(ti_frame.masks)
+    )
+    transmitters = sorted(order)
+    # The array has the transmitters that send, in the chip's order.
+    tx_indices = tuple(transmitters.index(transmitter) for transmitter in order)
+    n_chirps = ti_frame.n_loops * (len(ti_frame.masks) // len(order))
+    multiplexing: Multiplexing | None = Tdm(order=tx_indices) if len(order) > 1 else None
+    if ti_frame.bpm:
+        multiplexing = Bpm(order=tx_indices)
+    array, findings = antenna_positions(
+        ti_frame.chirp,
+        tx_mask=sum(1 << transmitter for transmitter in order),
+        rx_mask=ti_frame.rx_mask,
+        device=known_device,
+    )
+    is_merged = n_chirps == len(order) == 1 and ti_frame.n_frames > 0
+    if is_merged:
+        frame = Frame(
+            chirp=ti_frame.chirp, n_chirps=ti_frame.n_frames, interval_s=ti_frame.period_s
+        )
+        findings += (_merged_frames_note(ti_frame.n_frames, ti_frame.period_s),)
+    else:
+        frame = Frame(
+            chirp=ti_frame.chirp,
+            n_chirps=n_chirps,
+            interval_s=ti_frame.interval_s,
+            period_s=ti_frame.period_s,
+            multiplexing=multiplexing,
+        )
+    return RecordingSettings(
+        radar=Radar(frame=frame, array=array),
+        iq=iq if ti_frame.chirp.sampling == "complex" else None,
+        n_frames=1 if is_merged else ti_frame.n_frames or None,
+        has_merged_frames=is_merged,
+        is_interleaved=interleaved,
+        bits=bits,
+        receivers=tuple(
+            n for n in range(ti_frame.rx_mask.bit_length()) if ti_frame.rx_mask >> n & 1
+        ),
+        device=None if known_device is None else known_device.kind(),
+        findings=findings,
+    )
+
+
+def _mask_to_indices(mask: int) -> tuple[int, ...]:
+    """Return the indices of the bits of a mask."""
+    return tuple(n for n in range(mask.bit_length()) if mask >> n & 1)
+
+
+def _format_mask(mask: int) -> str:
+    """Format the transmitters of a mask, from 1."""
+    return "+".join(str(n + 1) for n in _mask_to_indices(mask)) or "none"
+
+
+def _merged_frames_note(n_frames: int, period_s: float) -> Finding:
+    """Return the note that frames of one chirp were merged."""
+    return Finding(
+        level="note",
+        setting="radar.frame.n_chirps",
+        value=f"{n_frames} frames of one chirp, read as one frame of {n_frames} chirps,"
+        f" {period_s * 1e3:g} ms apart",
+        expected="several chirps in a frame, to measure velocity",
+        fix="give the radar with another number of chirps for other frames",
+    )

@@ -1,0 +1,1 @@
+"""Long files: random access, sequential scans, and assembly of packets."""

@@ -1,0 +1,140 @@
+"""Byte streams of a recording in the order sent by the radar, over files or packets."""
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import numpy as np
+
+from dechirp.core.errors import RecordingError
+from dechirp.core.values import frozen_dataclass
+
+_NOTHING_LOST = np.empty((0, 2), np.int64)
+
+
+class ByteSource(ABC):
+    """A stream of bytes on disk, readable at any position; nothing is cached."""
+
+    n_bytes: int
+
+    @abstractmethod
+    def read(self, start: int, into: np.ndarray) -> None:
+        """Fill `into`, uint8, with the bytes from `start` on, and zeros for lost ones."""
+
+    @property
+    def lost_ranges(self) -> np.ndarray:
+        """(n, 2): first byte, and the one after the last, of each range that never arrived."""
+        return _NOTHING_LOST
+
+
+@frozen_dataclass
+class FileSource(ByteSource):
+    """Files, one after the other."""
+
+    paths: tuple[Path, ...]
+    sizes: tuple[int, ...]
+    n_bytes: int
+    """Bytes of all files together."""
+
+    def read(self, start: int, into: np.ndarray) -> None:
+        begin, filled = 0, 0
+        for path, size in zip(self.paths, self.sizes, strict=True):
+            first = start + filled - begin
+            if 0 <= first < size and filled < into.size:
+                part = into[filled : filled + size - first]
+                _read_file_part(path, first, part)
+                filled += part.size
+            begin += size
+
+
+def open_files(*paths: Path) -> FileSource:
+    """Return a source over files, with their present sizes."""
+    sizes = tuple(path.stat().st_size for path in paths)
+    return FileSource(paths=paths, sizes=sizes, n_bytes=sum(sizes))
+
+
+@frozen_dataclass
+class PacketSource(ByteSource):
+    """Payloads of packets in files, which may have arrived in any order, twice or not at all.
+
+    Stored as runs of consecutive packets of one size, sorted by `starts`, without overlap.
+    """
+
+    files: FileSource
+    n_bytes: int
+    starts: np.ndarray
+    """(n,) int64: position in the stream of the first byte of each run."""
+    offsets: np.ndarray
+    """(n,) int64: position of that byte in the concatenated files."""
+    sizes: np.ndarray
+    """(n,) int64: payload size of each of its packets."""
+    counts: np.ndarray
+    """(n,) int64: number of its packets."""
+    spacings: np.ndarray
+    """(n,) int64: distance between consecutive payloads in the files."""
+
+    def read(self, start: int, into: np.ndarray) -> None:
+        into[:] = 0
+        stop = start + into.size
+        first = int(np.searchsorted(self.starts, start, side="right")) - 1
+        runs = slice(max(first, 0), int(np.searchsorted(self.starts, stop)))
+        starts, offsets, sizes = self._packets_in_range(runs, start, stop)
+        if not starts.size:
+            return
+        # One read covers all packets of a range, 1 % more than the payloads if they are in order.
+        # Packets far out of order are read one by one.
+        low, high = int(offsets.min()), int((offsets + sizes).max())
+        if high - low <= 2 * into.size + 2**16:
+            block = np.empty(high - low, np.uint8)
+            self.files.read(low, block)
+        else:
+            block = None
+        for packet_start, offset, size in zip(
+            starts.tolist(), offsets.tolist(), sizes.tolist(), strict=True
+        ):
+            skip, end = max(start - packet_start, 0), min(stop - packet_start, size)
+            if end <= skip:
+                continue
+            part = into[packet_start + skip - start : packet_start + end - start]
+            if block is None:
+                self.files.read(offset + skip, part)
+            else:
+                part[:] = block[offset + skip - low : offset + end - low]
+
+    def _packets_in_range(self, runs: slice, start: int, stop: int) -> tuple[np.ndarray, ...]:
+        """Return starts, offsets and sizes of the packets of runs that overlap a byte range."""
+        starts, sizes = self.starts[runs], self.sizes[runs]
+        first = np.maximum((start - starts) // sizes, 0)
+        n_packets = np.minimum(-((starts - stop) // sizes), self.counts[runs]) - first
+        n_packets = np.maximum(n_packets, 0)
+        run = np.repeat(np.arange(n_packets.size), n_packets)
+        first_row = np.repeat(np.cumsum(n_packets) - n_packets, n_packets)
+        packet = np.arange(run.size) - first_row + first[run]
+        return (
+            starts[run] + packet * sizes[run],
+            self.offsets[runs][run] + packet * self.spacings[runs][run],
+            sizes[run],
+        )
+
+    @property
+    def lost_ranges(self) -> np.ndarray:
+        ends = np.concatenate([[0], self.starts + self.sizes * self.counts])
+        begins = np.concatenate([self.starts, [self.n_bytes]])
+        return np.stack([ends, begins], axis=1)[begins > ends]
+
+
+def _read_file_part(path: Path, start: int, into: np.ndarray) -> None:
+    """Fill `into` from a file that must be long enough."""
+    with path.open("rb", buffering=0) as file:
+        file.seek(start)
+        view, filled = into.data, 0
+        while filled < into.size:
+            n_read = file.readinto(view[filled:])
+            if not n_read:
+                raise RecordingError(
+                    path,
+                    value="the file has become shorter since it was opened, by at least"
+                    f" {into.size - filled} bytes",
+                    expected="a file that does not change while it is read",
+                    fix="open it again after the writing program has finished",
+                )
+            filled += n_read

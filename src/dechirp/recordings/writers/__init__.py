@@ -1,0 +1,1 @@
+"""Writers of recordings: a family, one file for each format."""

@@ -1,0 +1,1 @@
+"""Report of a study: the page, its figures and tables."""

@@ -1,0 +1,286 @@
+"""Data set on disk (Zarr 3): metadata of sharded arrays, and small columns next to them."""
+
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import xarray as xr
+import zarr
+
+from dechirp.core.errors import DechirpError, Mistake
+from dechirp.results.shards import ShardedArray, is_leftover
+
+FORMAT_VERSION = 1
+GROUPS = ("settings", "truth", "detections")
+
+Store: TypeAlias = zarr.Group
+
+_CHUNK_BYTES = 2**22
+_STAGING_FOLDER = ".making"
+
+
+@dataclass(frozen=True)
+class TrialColumn:
+    """One array of small values over (point, trial, ...)."""
+
+    path: str
+    """Name, with its group: `truth/range`."""
+    dtype: str
+    dims: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()
+    fill_value: float | int | bool = 0
+    """Value of trials without a result."""
+    attributes: Mapping[str, Any] | None = None
+
+
+class TrialColumns:
+    """Columns over points and trials, written several points at a time, in order."""
+
+    def __init__(
+        self, store: Store, columns: Iterable[TrialColumn], n_points: int, n_trials: int
+    ) -> None:
+        self._columns = {column.path: column for column in columns}
+        sizes = [
+            prod(column.shape) * np.dtype(column.dtype).itemsize
+            for column in self._columns.values()
+        ]
+        self._per_slab = min(max(_CHUNK_BYTES // (n_trials * max(sizes)), 1), n_points)
+        self._n_points, self._n_trials = n_points, n_trials
+        self._arrays = {
+            column.path: self._create_array(store, column) for column in self._columns.values()
+        }
+        self._start_slab(0)
+
+    def put_values(self, point: int, first: int, values: Mapping[str, np.ndarray]) -> None:
+        """Buffer the values of trials `first`, ... of a point: (n, ...) for each column."""
+        while point >= self._first + self._per_slab:
+            self.flush()
+            self._start_slab(self._first + self._per_slab)
+        for path, trial_values in values.items():
+            self._slab[path][point - self._first, first : first + len(trial_values)] = trial_values
+
+    def flush(self) -> None:
+        """Write the buffered values."""
+        last = min(self._first + self._per_slab, self._n_points)
+        for path, array in self._arrays.items():
+            array[self._first : last] = self._slab[path][: last - self._first]
+
+    def _start_slab(self, first: int) -> None:
+        self._first = first
+        self._slab = {
+            path: np.full(
+                (self._per_slab, self._n_trials, *column.shape), column.fill_value, column.dtype
+            )
+            for path, column in self._columns.items()
+        }
+
+    def _create_array(self, store: Store, column: TrialColumn) -> zarr.Array[Any]:
+        return store.create_array(
+            column.path,
+            shape=(self._n_points, self._n_trials, *column.shape),
+            chunks=(self._per_slab, self._n_trials, *column.shape),
+            dtype=column.dtype,
+            fill_value=column.fill_value,
+            dimension_names=("point", "trial", *column.dims),
+            attributes=dict(column.attributes or {}),
+        )
+
+
+class DetectionRows:
+    """Growing columns of detections, one row for each detection."""
+
+    def __init__(self, store: Store, group: str, columns: Mapping[str, TrialColumn]) -> None:
+        self._arrays = {
+            name: store.create_array(
+                f"{group}/{name}",
+                shape=(0,),
+                chunks=(_CHUNK_BYTES // 8,),
+                dtype=column.dtype,
+                dimension_names=("detection",),
+                attributes=dict(column.attributes or {}),
+            )
+            for name, column in columns.items()
+        }
+        self._pending: list[Mapping[str, np.ndarray]] = []
+        self._n_pending = self._n_written = 0
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows so far."""
+        return self._n_written + self._n_pending
+
+    def append_rows(self, rows: Mapping[str, np.ndarray]) -> None:
+        """Append rows: (n,) for each column."""
+        self._pending.append(rows)
+        self._n_pending += len(next(iter(rows.values())))
+        if self._n_pending >= _CHUNK_BYTES // 8:
+            self._write_rows(self._n_pending - self._n_pending % (_CHUNK_BYTES // 8))
+
+    def flush(self) -> None:
+        """Write the pending rows."""
+        self._write_rows(self._n_pending)
+
+    def _write_rows(self, n: int) -> None:
+        """Write the first n pending rows: complete chunks, except at the end."""
+        remaining: dict[str, np.ndarray] = {}
+        for name, array in self._arrays.items():
+            waiting = np.concatenate(
+                [np.empty(0, array.dtype), *(rows[name] for rows in self._pending)]
+            )
+            array.resize((self._n_written + n,))
+            array[self._n_written :] = waiting[:n]
+            remaining[name] = waiting[n:]
+        self._pending = [remaining]
+        self._n_pending, self._n_written = self._n_pending - n, self._n_written + n
+
+
+def is_complete(folder: Path) -> bool:
+    """Return True if a data set can be opened: its metadata is written last."""
+    return (folder / "zarr.json").is_file()
+
+
+def missing_shards(folder: Path, shards: Iterable[ShardedArray], blocks: np.ndarray) -> list[str]:
+    """List the absent shard files of counted blocks.
+
+    `blocks`: point, first trial and number of trials of each.
+    """
+    present = {array.name: _file_names(folder / array.name) for array in shards}
+    return [
+        f"{array.name}/{name}"
+        for array in shards
+        for point, first, n in blocks.tolist()
+        for name in array.shard_names(point, first, n)
+        if name not in present[array.name]
+    ]
+
+
+def complete_data_set(
+    folder: Path,
+    shards: Iterable[ShardedArray],
+    blocks: np.ndarray,
+    *,
+    tables: Mapping[str, xr.Dataset],
+    add_columns: Callable[[Store], None],
+) -> None:
+    """Complete the data set of counted blocks: write its metadata and columns, remove other shards.
+
+    `tables` contains small tables by group, the root group under an empty name; `add_columns`
+    writes all other columns. An interrupted call leaves nothing that can be opened, and the next
+    call starts afresh.
+
+    Raises
+    ------
+    DechirpError
+        If it cannot be written, or the disk is full.
+    """
+    staging = folder / _STAGING_FOLDER
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(staging, ignore_errors=True)
+        _remove_uncounted_shards(folder, shards, blocks)
+        for name, table in tables.items():
+            _add_table(staging, name, table)
+        store = zarr.open_group(staging, mode="r+")
+        for array in shards:
+            array.create_metadata(store)
+        add_columns(store)
+        _consolidate(staging)
+        if hasattr(os, "sync"):
+            os.sync()
+        _move_into_place(staging, folder, {array.name for array in shards})
+    except OSError as error:
+        raise DechirpError(
+            Mistake(
+                setting="--out",
+                value=f"{folder}, not writable ({error.strerror or error})",
+                expected="a folder with room",
+                fix="correct this and call again to complete the data set; all trials are kept",
+            )
+        ) from None
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def read_data_set(folder: Path) -> dict[str, xr.Dataset]:
+    """Open the root group (under an empty name) and the other groups, lazily.
+
+    Raises
+    ------
+    DechirpError
+        If the folder has no complete data set.
+    """
+    if not is_complete(folder):
+        raise DechirpError(
+            Mistake(
+                setting="data set",
+                value=f"{folder}, without a complete data set",
+                expected="the folder data.zarr of a completed study",
+                fix="call `dechirp study` again with the same file and folder",
+            )
+        )
+    names = ("", *(group for group in GROUPS if (folder / group).is_dir()))
+    return {
+        name: xr.open_dataset(folder, engine="zarr", group=name or None, chunks=None)
+        for name in names
+    }
+
+
+def total_bytes(folder: Path) -> int:
+    """Return the total size of all files in a folder."""
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+
+
+def _add_table(staging: Path, name: str, table: xr.Dataset) -> None:
+    # Variable-length texts: Zarr has no stable specification of fixed-length ones.
+    texts = {key: v.astype(object) for key, v in table.variables.items() if v.dtype.kind == "U"}
+    table.assign(texts).to_zarr(
+        staging, group=name or None, mode="a", zarr_format=3, consolidated=False
+    )
+
+
+def _consolidate(staging: Path) -> None:
+    """Copy the metadata of all arrays into their groups, so that opening needs one read."""
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # other readers may ignore consolidated metadata
+        for group in (*GROUPS, None):
+            if group is None or (staging / group).is_dir():
+                zarr.consolidate_metadata(staging, path=group)
+
+
+def _file_names(folder: Path) -> set[str]:
+    try:
+        return {file.name for file in folder.iterdir()}
+    except FileNotFoundError:
+        return set()
+
+
+def _remove_uncounted_shards(
+    folder: Path, shards: Iterable[ShardedArray], blocks: np.ndarray
+) -> None:
+    """Remove shards past the end of a point, and temporary files of killed workers."""
+    for array in shards:
+        wanted = {name for block in blocks.tolist() for name in array.shard_names(*block)}
+        for name in _file_names(folder / array.name) - wanted:
+            if name.startswith("c.") or is_leftover(name):
+                (folder / array.name / name).unlink()
+
+
+def _move_into_place(staging: Path, folder: Path, shard_folders: set[str]) -> None:
+    """Move the staged files into place, the metadata that marks a data set last."""
+    for item in sorted(staging.iterdir()):
+        if item.name in shard_folders:
+            (item / "zarr.json").replace(folder / item.name / "zarr.json")
+        elif item.is_dir():
+            with suppress(FileNotFoundError):
+                shutil.rmtree(folder / item.name)
+            item.replace(folder / item.name)
+    (staging / "zarr.json").replace(folder / "zarr.json")

@@ -1,0 +1,302 @@
+"""DBC layout of the object list: the signal and code of each column."""
+
+import math
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.optional_imports import import_optional
+from dechirp.results.object_lists.can_bus import FRAME_LENGTHS
+
+HEADER, PART = "ObjectListHeader", "ObjectListPart"
+
+_UNKNOWN_NAMES = ("NotTold", "SNA")
+"""Names, in a value table, of the code for unknown values."""
+
+
+class RequiredSignal(NamedTuple):
+    """Smallest acceptable range and resolution of a signal, in its unit."""
+
+    column: str
+    low: float
+    high: float
+    step: float
+
+
+_HEADER_SIGNALS = {
+    "Counter": RequiredSignal("", 0, 15, 1),
+    "NumberOfObjects": RequiredSignal("", 0, 15, 1),
+    "LeftOut": RequiredSignal("", 0, 15, 1),
+    "Frame": RequiredSignal("frame", 0, 65535, 1),
+    "Time": RequiredSignal("time", 0, 3600, 1e-3),
+    "Checksum": RequiredSignal("", 0, 2**32 - 1, 1),
+}
+_PART_SIGNALS = {"Counter": RequiredSignal("", 0, 15, 1), "Part": RequiredSignal("", 0, 15, 1)}
+OBJECT_SIGNALS = {
+    "Number": RequiredSignal("number", 0, 255, 1),
+    "Status": RequiredSignal("status", 0, 2, 1),
+    "X": RequiredSignal("x", -100, 100, 0.5),
+    "Y": RequiredSignal("y", -100, 100, 0.5),
+    "Z": RequiredSignal("z", -10, 10, 0.5),
+    "VX": RequiredSignal("vx", -60, 60, 0.5),
+    "VY": RequiredSignal("vy", -60, 60, 0.5),
+    "XStd": RequiredSignal("x_std", 0, 2, 0.2),
+    "YStd": RequiredSignal("y_std", 0, 2, 0.2),
+    "VXStd": RequiredSignal("vx_std", 0, 2, 0.2),
+    "VYStd": RequiredSignal("vy_std", 0, 2, 0.2),
+    "Snr": RequiredSignal("snr", 0, 60, 1),
+    "Length": RequiredSignal("length", 0, 20, 0.5),
+    "Width": RequiredSignal("width", 0, 5, 0.5),
+}
+"""Signals of an object, each followed by `_` and its index in the frame. Snr is in dB."""
+
+
+class SignalCodes(NamedTuple):
+    """Integer codes of a signal; value = code x `scale` + `offset`."""
+
+    scale: float
+    offset: float
+    min_code: int
+    max_code: int
+    unknown_code: int | None
+
+    @property
+    def min_value(self) -> float:
+        """Smallest value that has a code."""
+        return min(self.min_code * self.scale, self.max_code * self.scale) + self.offset
+
+    @property
+    def max_value(self) -> float:
+        """Largest value that has a code."""
+        return max(self.min_code * self.scale, self.max_code * self.scale) + self.offset
+
+    def encode_values(self, values: np.ndarray) -> np.ndarray:
+        """Return the nearest code of each value, clipped to the range.
+
+        NaN becomes `unknown_code`.
+        """
+        nearest = np.round((values - self.offset) / self.scale)
+        codes = np.clip(
+            np.nan_to_num(nearest, posinf=np.inf, neginf=-np.inf), self.min_code, self.max_code
+        )
+        return np.where(np.isnan(values), self.unknown_code or 0, codes).astype(np.int64)
+
+    def is_out_of_range(self, values: np.ndarray) -> np.ndarray:
+        """Return True for values more than half a step outside the range."""
+        half = abs(self.scale) / 2
+        return (values < self.min_value - half) | (values > self.max_value + half)
+
+    def decode_codes(self, codes: np.ndarray) -> np.ndarray:
+        """Return the value of each code, NaN for `unknown_code`."""
+        told = codes != (self.unknown_code if self.unknown_code is not None else self.max_code + 1)
+        return np.where(told, codes * self.scale + self.offset, np.nan)
+
+
+class DbcLayout(NamedTuple):
+    """Messages and signals of the object list in a DBC."""
+
+    name: str
+    header: Any
+    part: Any
+    codes: dict[str, SignalCodes]
+    """Codes by signal; object signals without their index in the frame."""
+    objects_per_part: int
+
+    @property
+    def counter_period(self) -> int:
+        """Number of lists after which the counter wraps."""
+        return self.codes["Counter"].max_code + 1
+
+    @property
+    def max_objects(self) -> int:
+        """Largest number of objects in a list."""
+        parts = self.codes["Part"].max_code + 1
+        return min(self.codes["NumberOfObjects"].max_code, parts * self.objects_per_part)
+
+    def encode_column(self, name: str, values: np.ndarray) -> np.ndarray:
+        """Encode a column; raise `InvalidSetting` if NaN has no code."""
+        codes = self.codes[name]
+        if codes.unknown_code is None and np.isnan(values).any():
+            raise _dbc_error(
+                Path(self.name),
+                f"no code in {name} for unknown values, and {OBJECT_SIGNALS[name].column} has some",
+                f"one named {_UNKNOWN_NAMES[0]} in its value table",
+                "add it to the DBC, outside the range of the signal",
+            )
+        return codes.encode_values(values)
+
+
+def shipped_dbc() -> Path:
+    """Return the path of the DBC in the package."""
+    return Path(str(files("dechirp.results.object_lists") / "dechirp.dbc"))
+
+
+def read_layout(dbc: str | Path | None = None) -> DbcLayout:
+    """Read the layout of the object list from a DBC.
+
+    Parameters
+    ----------
+    dbc : path, optional
+        Default: the DBC of the package. Another one must have the same message and signal names;
+        bit positions, byte order, scales, the number of objects in a frame and further signals are
+        free.
+
+    Raises
+    ------
+    InvalidSetting
+        If it cannot be read, lacks a message or a signal, or a signal has too few bits.
+    """
+    if not isinstance(dbc, str | Path | None):
+        raise InvalidSetting("dbc", value=repr(dbc), expected="a path", fix="give it as a text")
+    path = shipped_dbc() if dbc is None else Path(dbc)
+    messages = {message.name: message for message in _load_messages(path)}
+    for name in (HEADER, PART):
+        if name not in messages:
+            actual = ", ".join(messages) or "no message"
+            raise _dbc_error(path, actual, f"a message {name}", "add it as in the shipped DBC")
+        _check_plain_message(path, messages[name])
+    header, part = messages[HEADER], messages[PART]
+    if (header.frame_id, header.is_extended_frame) == (part.frame_id, part.is_extended_frame):
+        raise _dbc_error(
+            path, f"one identifier for {HEADER} and {PART}", "two", "change one of them"
+        )
+    codes = dict(_read_signals(path, header, _HEADER_SIGNALS, ""))
+    part_codes = dict(_read_signals(path, part, _PART_SIGNALS, ""))
+    if codes["Counter"] != part_codes["Counter"]:
+        actual = (
+            f"a Counter to {codes['Counter'].max_code} in {HEADER}, to"
+            f" {part_codes['Counter'].max_code} in "
+        )
+        raise _dbc_error(path, f"{actual}{PART}", "the same in both", "give both the same bits")
+    codes.update(part_codes)
+    n_per_part = _count_objects_per_part(part)
+    codes.update(_read_signals(path, part, OBJECT_SIGNALS, "_0"))
+    for index in range(1, n_per_part):
+        for name, signal_codes in _read_signals(path, part, OBJECT_SIGNALS, f"_{index}"):
+            if signal_codes != codes[name]:
+                actual = f"a signal {name}_{index} with other codes than {name}_0"
+                raise _dbc_error(
+                    path, actual, "the same codes for every object of a frame", "correct it"
+                )
+    return DbcLayout(str(path), header, part, codes, n_per_part)
+
+
+def _load_messages(path: Path) -> list[Any]:
+    cantools = import_optional("cantools")
+    try:
+        database = cantools.database.load_file(str(path), database_format="dbc", strict=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise _dbc_error(path, reason, "a readable DBC", "check the path") from None
+    except (cantools.Error, ValueError, KeyError, AttributeError, TypeError, IndexError) as error:
+        # The parser raises various exceptions for files that are not a DBC.
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise _dbc_error(
+            path, f"not a DBC ({reason})", "a DBC", "correct it, or use the shipped one"
+        ) from None
+    return list(database.messages)
+
+
+def _check_plain_message(path: Path, message: Any) -> None:
+    if message.is_multiplexed() or message.is_container:
+        raise _dbc_error(
+            path, f"{message.name} multiplexed", "a message without multiplexing", "flatten it"
+        )
+    if message.length not in FRAME_LENGTHS:
+        lengths = ", ".join(map(str, FRAME_LENGTHS))
+        got = f"{message.name} of {message.length} bytes"
+        raise _dbc_error(path, got, f"one of {lengths}", "use the next longer length")
+
+
+def _count_objects_per_part(part: Any) -> int:
+    """Return the number of objects in a part frame: the indices of its signals."""
+    names = {signal.name for signal in part.signals}
+    index = 0
+    while any(f"{name}_{index}" in names for name in OBJECT_SIGNALS):
+        index += 1
+    return max(index, 1)
+
+
+def _read_signals(
+    path: Path, message: Any, required_signals: dict[str, RequiredSignal], suffix: str
+) -> Iterator[tuple[str, SignalCodes]]:
+    """Yield the codes of each required signal; raise `InvalidSetting` if one does not fit."""
+    signals = {signal.name: signal for signal in message.signals}
+    missing = [f"{name}{suffix}" for name in required_signals if f"{name}{suffix}" not in signals]
+    if missing:
+        raise _dbc_error(
+            path,
+            f"{message.name} without {', '.join(missing)}",
+            f"with {', '.join(f'{name}{suffix}' for name in required_signals)}",
+            "add the missing signals as in the shipped DBC",
+        )
+    for name, required in required_signals.items():
+        yield name, _signal_codes(path, message.name, signals[f"{name}{suffix}"], required)
+
+
+def _signal_codes(path: Path, message: str, signal: Any, required: RequiredSignal) -> SignalCodes:
+    where = f"{message}.{signal.name}"
+    if signal.conversion.is_float:
+        raise _dbc_error(path, f"{where} of floats", "integers with a scale", "make it an integer")
+    if not all(
+        _is_finite(number)
+        for number in (signal.scale, signal.offset, signal.minimum, signal.maximum)
+    ):
+        raise _dbc_error(
+            path,
+            f"{where} with numbers beyond the range of floats",
+            "smaller numbers",
+            "correct them",
+        )
+    scale, offset = float(signal.scale), float(signal.offset)
+    if not scale or not (required.column or (scale, offset) == (1, 0)):
+        got = f"{where} with scale {scale:.6g} and offset {offset:.6g}"
+        raise _dbc_error(path, got, "a scale, and (1,0) for counts", "write (1,0) before its range")
+    n_bits = min(signal.length, 53)  # larger integers are inexact in floats
+    low = -(2 ** (n_bits - 1)) if signal.is_signed else 0
+    high = low + 2**n_bits - 1
+    limits = sorted(
+        (limit - offset) / scale for limit in (signal.minimum, signal.maximum) if limit is not None
+    )
+    if len(limits) == 2:  # a DBC without limits has [0|0], read as None
+        first, last = np.clip(limits, low, high)  # small scales make large limits infinite
+        low, high = int(np.ceil(first - 1e-6)), int(np.floor(last + 1e-6))
+    texts = {str(text): int(code) for code, text in (signal.choices or {}).items()}
+    unknown_code = next((texts[text] for text in _UNKNOWN_NAMES if text in texts), None)
+    if unknown_code is not None:
+        low, high = low + (unknown_code == low), high - (unknown_code == high)
+    codes = SignalCodes(scale, offset, low, high, unknown_code)
+    slack = 1e-9 * max(abs(required.low), abs(required.high))
+    fits = codes.min_value <= required.low + slack and codes.max_value >= required.high - slack
+    if low >= high or not fits or abs(scale) > required.step * (1 + 1e-9):
+        raise _dbc_error(
+            path,
+            f"{where} of {signal.length} bits, from {codes.min_value:.6g} to {codes.max_value:.6g}"
+            f" in steps of {abs(scale):.6g}",
+            f"from {required.low:.6g} to {required.high:.6g} or more, in"
+            f" steps of {required.step:.6g} or less",
+            "give it more bits, or another scale",
+        )
+    if unknown_code is not None and low <= unknown_code <= high:
+        raise _dbc_error(
+            path,
+            f"{where} with the code {unknown_code} for {_UNKNOWN_NAMES[0]} within its range",
+            "a code outside the range",
+            "use the first or last code, and exclude it from the range",
+        )
+    return codes
+
+
+def _is_finite(number: float | None) -> bool:
+    try:
+        return number is None or math.isfinite(number)
+    except OverflowError:  # an integer beyond the range of floats
+        return False
+
+
+def _dbc_error(path: Path, value: str, expected: str, fix: str) -> InvalidSetting:
+    return InvalidSetting("dbc", value=f"{path} with {value}", expected=expected, fix=fix)

@@ -1,0 +1,249 @@
+"""Object lists in logs of a CAN bus (BLF, ASC, candump), and on a live bus."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import xarray as xr
+
+from dechirp.core.atomic_files import atomic_output_file, check_file_name
+from dechirp.core.checks import check_integer, check_number
+from dechirp.core.errors import InvalidSetting, RecordingError
+from dechirp.core.optional_imports import import_optional
+from dechirp.results.object_lists.can_bus import CanFd
+from dechirp.results.object_lists.can_frames import CanFrame, encode_frames
+from dechirp.results.object_lists.can_layout import DbcLayout, read_layout
+from dechirp.results.object_lists.can_lists import assemble_lists
+
+_MODULES = {".blf": "blf.BLF", ".asc": "asc.ASC", ".log": "canutils.CanutilsLog"}
+"""Module and class prefix in python-can for each suffix."""
+
+SUFFIXES = tuple(_MODULES)
+
+
+def write_can_log(
+    objects: xr.Dataset,
+    path: str | Path,
+    *,
+    dbc: str | Path | None = None,
+    bus: CanFd | None = None,
+) -> None:
+    """Write an object list as the log of a CAN FD bus, atomically.
+
+    Parameters
+    ----------
+    objects : Dataset
+        As `object_list` returns it.
+    path : path
+        `.blf`, `.asc` or `.log`, as `candump -L` writes.
+    dbc : path, optional
+        Coding of the objects; default: the DBC of the package.
+    bus : CanFd, optional
+        Default: 500 kbit/s and 2 Mbit/s, half of it for the list.
+
+    Raises
+    ------
+    InvalidSetting
+        If the list, the DBC or the path cannot be used, or the extra `io` is missing.
+
+    Warns
+    -----
+    PhysicsWarning
+        As `encode_frames`: for omitted objects and clipped values.
+    """
+    path = check_file_name(path, SUFFIXES)
+    sent = encode_frames(objects, read_layout(dbc), bus or CanFd())
+    writer = _log_class(path, "Writer")
+    with atomic_output_file(path) as made, writer(str(made)) as log:
+        for frame in sent:
+            log.on_message_received(_to_can_message(frame))
+
+
+def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Dataset:
+    """Read the object list in the log of a CAN bus; other messages are ignored.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, or has frames but no object list.
+    InvalidSetting
+        If the DBC cannot be used, time decreases, or the extra `io` is missing.
+
+    Warns
+    -----
+    PhysicsWarning
+        If lists are missing, incomplete or damaged; they are omitted.
+    """
+    path, dbc_layout = check_file_name(path, SUFFIXES), read_layout(dbc)
+    reader = _log_class(path, "Reader")
+    try:
+        # Readers that fail on their first bytes do not close files that they opened themselves.
+        with _open_log(path) as file, reader(file) as log:
+            n_frames, received = _select_object_frames(log, dbc_layout)
+            is_invalid = n_frames == 0 and not _is_complete_log(log, path)
+    except OSError as error:
+        raise RecordingError(
+            path,
+            value=error.strerror or error,
+            expected="a readable file",
+            fix="check the path",
+        ) from None
+    except Exception as error:
+        # Readers raise various exceptions for damaged logs.
+        raise RecordingError(
+            path,
+            value=f"not a {path.suffix} log"
+            f" ({' '.join(str(error).split()) or type(error).__name__})",
+            expected="a complete log",
+            fix="write it again, or remove its damaged end",
+        ) from None
+    if is_invalid:
+        raise RecordingError(
+            path,
+            value="truncated, or not a log of a CAN bus: it has no readable frame",
+            expected="a complete log",
+            fix="write it again, or give a valid file",
+        )
+    if n_frames and not received:
+        raise RecordingError(
+            path,
+            value=f"{n_frames} frames, none with the identifier {dbc_layout.header.frame_id:#x}",
+            expected=f"an {dbc_layout.header.name}",
+            fix="give the DBC with which it was written",
+        )
+    return assemble_lists(received, dbc_layout)
+
+
+def send_can(
+    objects: xr.Dataset,
+    bus: Any,
+    *,
+    dbc: str | Path | None = None,
+    rates: CanFd | None = None,
+    first: int = 0,
+) -> int:
+    """Send an object list on a bus of python-can, at the rate at which it accepts frames.
+
+    Parameters
+    ----------
+    objects : Dataset
+        As `object_list` returns it; one list for each cycle.
+    bus : can.BusABC
+    dbc, rates
+        As `dbc` and `bus` of `write_can_log`.
+    first : int
+        Counter of the first list.
+
+    Returns
+    -------
+    int
+        Counter for the next call.
+
+    Raises
+    ------
+    InvalidSetting
+        As `write_can_log`, or if the bus rejects a frame.
+    """
+    dbc_layout = read_layout(dbc)
+    check_integer("first", first, at_least=0)
+    sent = encode_frames(objects, dbc_layout, rates or CanFd(), first=first)
+    _check_bus(bus)
+    try:
+        for frame in sent:
+            bus.send(_to_can_message(frame))
+    except import_optional("can").CanError as error:
+        raise _bus_error(f"a bus that fails with: {error}") from None
+    return (first + objects.sizes.get("cycle", 0)) % dbc_layout.counter_period
+
+
+def receive_can(
+    bus: Any,
+    *,
+    dbc: str | Path | None = None,
+    idle_s: float = 1.0,
+    at_most_s: float = 3600.0,
+) -> xr.Dataset:
+    """Receive object lists from a bus of python-can until it is idle for `idle_s`.
+
+    Reception ends after `at_most_s` in any case; losses are reported as by `read_can_log`.
+
+    Raises
+    ------
+    InvalidSetting
+        If the bus or the DBC cannot be used, or time decreases.
+    """
+    _check_bus(bus)
+    check_number("idle_s", idle_s, above=0.0, at_most=1e6)
+    check_number("at_most_s", at_most_s, above=0.0, at_most=1e6)
+    return assemble_lists(_iter_bus_frames(bus, idle_s, at_most_s), read_layout(dbc))
+
+
+def _is_complete_log(log: Any, path: Path) -> bool:
+    """Return True if a log without frames is valid: the readers skip unknown content."""
+    if path.suffix.lower() == ".asc":
+        return log.date is not None or log.timestamps_format is not None
+    return getattr(log, "object_count", 0) == 0  # from the header of a BLF
+
+
+def _select_object_frames(log: Iterable[Any], dbc_layout: DbcLayout) -> tuple[int, list[CanFrame]]:
+    """Count the frames in a log, and keep those of object lists: logs may have gigabytes."""
+    identifiers = {
+        (message.frame_id, message.is_extended_frame)
+        for message in (dbc_layout.header, dbc_layout.part)
+    }
+    n_frames, received = 0, []
+    for message in log:
+        n_frames += 1
+        if (message.arbitration_id, message.is_extended_id) in identifiers:
+            received.append(_from_can_message(message))
+    return n_frames, received
+
+
+def _iter_bus_frames(bus: Any, idle_s: float, at_most_s: float) -> Iterator[CanFrame]:
+    end_s = time.monotonic() + at_most_s
+    try:
+        while time.monotonic() < end_s and (message := bus.recv(idle_s)) is not None:
+            yield _from_can_message(message)
+    except import_optional("can").CanError as error:
+        raise _bus_error(f"a bus that fails with: {error}") from None
+
+
+def _check_bus(bus: object) -> None:
+    if not isinstance(bus, import_optional("can").BusABC):
+        raise _bus_error(repr(bus))
+
+
+def _bus_error(value: str) -> InvalidSetting:
+    need, fix = "an open bus of python-can that takes CAN FD", "give can.Bus(..., fd=True)"
+    return InvalidSetting("bus", value=value, expected=need, fix=fix)
+
+
+def _open_log(path: Path) -> IO[Any]:
+    if path.suffix.lower() == ".blf":
+        return path.open("rb")
+    return path.open(encoding="utf-8", errors="replace")
+
+
+def _log_class(path: Path, kind: str) -> Callable[[object], Any]:
+    module, name = _MODULES[path.suffix.lower()].split(".")
+    return getattr(import_optional(f"can.io.{module}"), f"{name}{kind}")
+
+
+def _to_can_message(frame: CanFrame) -> Any:
+    return import_optional("can").Message(
+        timestamp=frame.time_s,
+        arbitration_id=frame.identifier,
+        is_extended_id=frame.extended,
+        is_fd=True,
+        bitrate_switch=True,
+        is_rx=False,
+        data=frame.data,
+        channel=0,
+    )
+
+
+def _from_can_message(message: Any) -> CanFrame:
+    return CanFrame(
+        message.timestamp, message.arbitration_id, message.is_extended_id, bytes(message.data)
+    )

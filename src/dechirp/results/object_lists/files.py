@@ -1,0 +1,84 @@
+"""Object-list files: readers and writers by file suffix."""
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import xarray as xr
+
+from dechirp.core.atomic_files import check_file_name, check_output_writable
+from dechirp.results.object_lists import can_logs, osi, point_cloud_files, tables
+from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
+from dechirp.results.object_lists.list_columns import COLUMNS, build_object_list
+from dechirp.results.object_lists.osi import read_osi, write_osi
+from dechirp.results.object_lists.point_cloud_files import read_points, write_points
+from dechirp.results.object_lists.tables import read_table, write_table
+
+__all__ = ["read_objects", "write_objects"]
+
+_WRITERS: dict[str, Callable[[xr.Dataset, Path], None]] = {
+    **dict.fromkeys(can_logs.SUFFIXES, write_can_log),
+    **dict.fromkeys(osi.SUFFIXES, write_osi),
+    **dict.fromkeys(point_cloud_files.SUFFIXES, write_points),
+    **dict.fromkeys(tables.SUFFIXES, write_table),
+}
+_READERS: dict[str, Callable[[Path], xr.Dataset]] = {
+    **dict.fromkeys(can_logs.SUFFIXES, read_can_log),
+    **dict.fromkeys(osi.SUFFIXES, read_osi),
+    **dict.fromkeys(point_cloud_files.SUFFIXES, read_points),
+    **dict.fromkeys(tables.SUFFIXES, read_table),
+}
+
+
+def write_objects(objects: xr.Dataset, path: str | Path) -> None:
+    """Write an object list to a file, atomically, in the format of its suffix.
+
+    Parameters
+    ----------
+    objects : Dataset
+        As `object_list` returns it.
+    path : path
+        `.blf`, `.asc` or `.log` (candump): CAN FD frames by the DBC of the package; `.osi`: ASAM
+        OSI; `.pcd`, `.ply`: points; `.csv`, `.parquet`: a table. The functions of the formats
+        have further settings.
+
+    Raises
+    ------
+    InvalidSetting
+        If the suffix is unknown, it is not an object list, the path cannot be written, or the
+        extra `io` is missing.
+
+    Warns
+    -----
+    PhysicsWarning
+        If objects are left out, or values exceed the range of the format.
+    """
+    output_path = check_file_name(path, _WRITERS)
+    _WRITERS[output_path.suffix.lower()](objects, output_path)
+
+
+def read_objects(path: str | Path) -> xr.Dataset:
+    """Read an object list from a file, in the format of its suffix, as `write_objects` writes it.
+
+    Raises
+    ------
+    InvalidSetting
+        If the suffix is unknown, or the extra `io` is missing.
+    RecordingError
+        If the file cannot be read, or does not have the format of its suffix.
+    """
+    input_path = check_file_name(path, _READERS)
+    return _READERS[input_path.suffix.lower()](input_path)
+
+
+def check_output_path(path: str | Path) -> None:
+    """Raise `InvalidSetting` if the path cannot be written; call this before a long run.
+
+    An empty list is written to a temporary folder, to check that the required libraries are
+    installed.
+    """
+    output_path = check_file_name(path, _WRITERS)
+    check_output_writable(output_path)
+    with TemporaryDirectory() as folder:
+        empty = build_object_list(dict.fromkeys(COLUMNS, ()), (), ())
+        write_objects(empty, Path(folder) / f"objects{output_path.suffix}")

@@ -1,0 +1,309 @@
+"""Object lists as ASAM OSI 3 traces: one `SensorData` message for each cycle.
+
+Tracks are `DetectedMovingObject`s, in Cartesian coordinates of the radar, which are those of OSI:
+x forward, y left, z up. Rows of status "detection" are written twice: as `RadarDetection`s, in the
+spherical
+coordinates that radar receivers expect, and as `LogicalDetection`s, which contain x, y and
+their errors. In a `RadarDetection` the radial velocity grows towards the
+sensor, and elevation downwards, since the rotation about y is right-handed: both signs are
+opposite to those here.
+
+| | of a track | of a detection |
+|---|---|---|
+| number | `tracking_id` | its index: `object_id` identifies tracks |
+| status | `existence_probability`, 1 confirmed, 0.5 tentative: OSI has no field | the message |
+| snr | not written: OSI has no field | `snr`, dB |
+| length, width | `dimension` | not written: OSI has no field |
+
+OSI has standard errors and no covariances. Unknown values are not set. The mounting position is
+the origin of the vehicle, since the real one is unknown.
+
+References
+----------
+ASAM OSI 3.8, osi_sensordata.proto, osi_detectedobject.proto, osi_featuredata.proto; trace files
+(.osi): each message follows its length, four bytes, little-endian.
+"""
+
+import struct
+from collections.abc import Iterator
+from itertools import pairwise
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.atomic_files import atomic_output_file, check_file_name
+from dechirp.core.errors import RecordingError
+from dechirp.core.optional_imports import import_optional
+from dechirp.core.units import from_decibels, to_decibels
+from dechirp.results.object_lists.list_columns import (
+    MEASURED,
+    build_object_list,
+    check_object_list,
+    cycle_indices,
+)
+from dechirp.results.object_lists.priority import sort_by_priority
+
+_EXISTENCE_PROBABILITY = {"confirmed": 1.0, "tentative": 0.5}
+SUFFIXES = (".osi",)
+
+_NANO = 10**9
+_LENGTH_PREFIX = struct.Struct("<I")
+
+_MOVING_OBJECT_FIELDS = {
+    "x": "base.position.x",
+    "y": "base.position.y",
+    "z": "base.position.z",
+    "vx": "base.velocity.x",
+    "vy": "base.velocity.y",
+    "x_std": "base_rmse.position.x",
+    "y_std": "base_rmse.position.y",
+    "vx_std": "base_rmse.velocity.x",
+    "vy_std": "base_rmse.velocity.y",
+    "length": "base.dimension.length",
+    "width": "base.dimension.width",
+}
+_LOGICAL_DETECTION_FIELDS = {
+    "x": "position.x",
+    "y": "position.y",
+    "z": "position.z",
+    "vx": "velocity.x",
+    "vy": "velocity.y",
+    "x_std": "position_rmse.x",
+    "y_std": "position_rmse.y",
+    "vx_std": "velocity_rmse.x",
+    "vy_std": "velocity_rmse.y",
+}
+
+
+def write_osi(objects: xr.Dataset, path: str | Path) -> None:
+    """Write an object list as an OSI trace, atomically.
+
+    Raises
+    ------
+    InvalidSetting
+        If it is not an object list, the path cannot be written, or the extra `io` is missing.
+    """
+    trace_path = check_file_name(path, SUFFIXES)
+    osi_trace_messages = list(osi_messages(objects))
+    with atomic_output_file(trace_path) as temporary, temporary.open("wb") as trace:
+        for message in osi_trace_messages:
+            content = message.SerializeToString()
+            trace.write(_LENGTH_PREFIX.pack(len(content)) + content)
+
+
+def osi_messages(objects: xr.Dataset) -> Iterator[Any]:
+    """Yield an `osi3` message of type `SensorData` for each cycle of an object list."""
+    objects = check_object_list(objects)
+    sensor_data = import_optional("osi3.osi_sensordata_pb2").SensorData
+    ends = np.searchsorted(cycle_indices(objects), np.arange(objects.sizes["cycle"] + 1))
+    rows = _object_rows(objects)
+    for cycle, (start, end) in enumerate(pairwise(ends)):
+        frame = int(objects["cycle_frame"].values[cycle])
+        message = sensor_data()
+        _set_header(message, frame, float(objects["cycle_time"].values[cycle]))
+        cycle_rows = rows[start:end]
+        for row in cycle_rows:
+            if row["status"] != "detection":
+                _add_moving_object(message.moving_object.add(), row)
+        # The order of detections encodes their numbers.
+        for row in sorted(cycle_rows, key=itemgetter("number")):
+            if row["status"] == "detection":
+                _add_detection(message, row)
+        yield message
+
+
+def read_osi(path: str | Path) -> xr.Dataset:
+    """Read the object list in an OSI trace of `SensorData`, the most important objects first.
+
+    Detections that are only given as `RadarDetection`s become rows without standard errors of x and
+    y, whose velocity is the radial one along the line of sight.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, is truncated, or contains other messages.
+    InvalidSetting
+        If time decreases, or the extra `io` is missing.
+    """
+    path = check_file_name(path, SUFFIXES)
+    rows: list[dict[str, Any]] = []
+    frames: list[int] = []
+    times_s: list[float] = []
+    for index, message in enumerate(_iter_trace_messages(path)):
+        times_s.append(message.timestamp.seconds + message.timestamp.nanos / _NANO)
+        header = message.moving_object_header
+        frames.append(header.cycle_counter if header.HasField("cycle_counter") else index)
+        message_rows = [*_read_moving_objects(message), *_read_detections(message)]
+        rows += [{**row, "frame": frames[-1], "time": times_s[-1]} for row in message_rows]
+    columns = {
+        name: np.array([row[name] for row in rows], float) for name in (*MEASURED, "frame", "time")
+    }
+    columns["number"] = np.array([row["number"] for row in rows], float)
+    columns["status"] = np.array([row["status"] for row in rows], "U9")
+    # Detections are in the order of their numbers.
+    return sort_by_priority(
+        check_object_list(build_object_list(columns, np.array(frames, float), np.array(times_s)))
+    )
+
+
+def _set_header(message: Any, frame: int, time_s: float) -> None:
+    version = import_optional("osi3.osi_version_pb2")
+    options = version.DESCRIPTOR.GetOptions()
+    message.version.CopyFrom(options.Extensions[version.current_interface_version])
+    message.sensor_id.value = 0
+    for timestamp in (message.timestamp, message.last_measurement_time):
+        timestamp.seconds, timestamp.nanos = divmod(round(time_s * _NANO), _NANO)
+    radar = message.feature_data.radar_sensor.add()
+    for mounting in (message.mounting_position, radar.header.mounting_position):
+        for field in ("position.x", "position.y", "position.z"):
+            _set_field(mounting, field, 0.0)
+        for field in ("orientation.roll", "orientation.pitch", "orientation.yaw"):
+            _set_field(mounting, field, 0.0)
+    message.moving_object_header.cycle_counter = frame
+    message.moving_object_header.measurement_time.CopyFrom(message.timestamp)
+    radar.header.cycle_counter = frame
+    radar.header.sensor_id.value = 0
+    radar.header.measurement_time.CopyFrom(message.timestamp)
+    message.logical_detection_data.version.CopyFrom(message.version)
+    message.logical_detection_data.header.logical_detection_time.CopyFrom(message.timestamp)
+
+
+def _object_rows(objects: xr.Dataset) -> list[dict[str, Any]]:
+    columns = {name: objects[name].values.tolist() for name in (*MEASURED, "number", "status")}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _add_moving_object(moving_object: Any, row: dict[str, Any]) -> None:
+    moving_object.header.tracking_id.value = row["number"]
+    moving_object.header.existence_probability = _EXISTENCE_PROBABILITY[row["status"]]
+    moving_object.header.sensor_id.add().value = 0
+    for name, field in _MOVING_OBJECT_FIELDS.items():
+        _set_field(moving_object, field, row[name])
+
+
+def _add_detection(message: Any, row: dict[str, Any]) -> None:
+    logical = message.logical_detection_data.logical_detection.add()
+    for name, field in _LOGICAL_DETECTION_FIELDS.items():
+        _set_field(logical, field, row[name])
+    with np.errstate(divide="ignore"):  # no signal at all is minus infinity
+        snr_db = float(to_decibels(row["snr"]))
+    _set_field(logical, "snr", snr_db)
+    x, y, z = row["x"], row["y"], row["z"]
+    height = 0.0 if np.isnan(z) else z
+    lateral = 0.0 if np.isnan(y) else y
+    if np.isnan(x):
+        return
+    ground_range = np.hypot(x, lateral)
+    range_m = float(np.hypot(ground_range, height))
+    radar = message.feature_data.radar_sensor[0].detection.add()
+    _set_field(radar, "snr", snr_db)
+    _set_field(radar, "position.distance", range_m)
+    _set_field(radar, "position.azimuth", float(np.arctan2(y, x)))
+    _set_field(radar, "position.elevation", -float(np.arctan2(z, ground_range)))
+    radial_velocity = (x * row["vx"] + lateral * np.nan_to_num(row["vy"])) / max(ground_range, 1e-9)
+    # vx and vy are the horizontal components of the radial velocity.
+    _set_field(radar, "radial_velocity", -radial_velocity * range_m / max(ground_range, 1e-9))
+
+
+def _read_moving_objects(message: Any) -> Iterator[dict[str, Any]]:
+    for moving_object in message.moving_object:
+        confirmed = moving_object.header.existence_probability > _EXISTENCE_PROBABILITY["tentative"]
+        yield {
+            **dict.fromkeys(MEASURED, np.nan),
+            **{
+                name: _get_field(moving_object, field)
+                for name, field in _MOVING_OBJECT_FIELDS.items()
+            },
+            "number": moving_object.header.tracking_id.value,
+            "status": "confirmed" if confirmed else "tentative",
+        }
+
+
+def _read_detections(message: Any) -> Iterator[dict[str, Any]]:
+    row = {**dict.fromkeys(MEASURED, np.nan), "status": "detection"}
+    rows = [
+        _logical_detection_row(detection)
+        for detection in message.logical_detection_data.logical_detection
+    ]
+    if not rows:
+        radars = message.feature_data.radar_sensor
+        rows = [
+            _radar_detection_row(detection) for radar in radars for detection in radar.detection
+        ]
+    for index, known in enumerate(rows):
+        yield {**row, **known, "number": index}
+
+
+def _logical_detection_row(detection: Any) -> dict[str, float]:
+    row = {name: _get_field(detection, field) for name, field in _LOGICAL_DETECTION_FIELDS.items()}
+    return {**row, "snr": float(from_decibels(_get_field(detection, "snr")))}
+
+
+def _radar_detection_row(detection: Any) -> dict[str, float]:
+    range_m, radial_velocity = (
+        _get_field(detection, "position.distance"),
+        -_get_field(detection, "radial_velocity"),
+    )
+    azimuth, elevation = (
+        _get_field(detection, "position.azimuth"),
+        -_get_field(detection, "position.elevation"),
+    )
+    cos_elevation = np.cos(np.nan_to_num(elevation))
+    forward, lateral = cos_elevation * np.cos(azimuth), cos_elevation * np.sin(azimuth)
+    return {
+        "x": range_m * forward,
+        "y": range_m * lateral,
+        "z": range_m * np.sin(elevation),
+        "vx": radial_velocity * forward,
+        "vy": radial_velocity * lateral,
+        "snr": float(from_decibels(_get_field(detection, "snr"))),
+    }
+
+
+def _set_field(message: Any, field: str, number: float) -> None:
+    """Set a nested field, unless its value is NaN."""
+    *path, name = field.split(".")
+    if not np.isnan(number):
+        for step in path:
+            message = getattr(message, step)
+        setattr(message, name, number)
+
+
+def _get_field(message: Any, field: str) -> float:
+    """Return the value of a nested field, NaN if it is not set."""
+    *path, name = field.split(".")
+    for step in path:
+        message = getattr(message, step)
+    return float(getattr(message, name)) if message.HasField(name) else float("nan")
+
+
+def _iter_trace_messages(path: Path) -> Iterator[Any]:
+    """Yield the messages of a trace."""
+    sensor_data = import_optional("osi3.osi_sensordata_pb2").SensorData
+    unparsable = import_optional("google.protobuf.message").DecodeError
+    expected, fix = "a complete trace of SensorData", "write it again, or give a valid file"
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(
+            path, value=error.strerror or error, expected=expected, fix=fix
+        ) from None
+    offset = 0
+    while offset < len(content):
+        start = offset + _LENGTH_PREFIX.size
+        end = start + (
+            _LENGTH_PREFIX.unpack_from(content, offset)[0] if start <= len(content) else 0
+        )
+        if not start <= end <= len(content):
+            actual = f"truncated: {len(content) - offset} bytes at {offset}, where a message begins"
+            raise RecordingError(path, value=actual, expected=expected, fix=fix)
+        try:
+            message = sensor_data.FromString(content[start:end])
+        except unparsable:
+            actual = f"an invalid message at byte {start}"
+            raise RecordingError(path, value=actual, expected=expected, fix=fix) from None
+        yield message
+        offset = end

@@ -1,0 +1,95 @@
+"""Aliasing of ranges and velocities, as an ideal radar measures them."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.radar.radar import Radar
+
+
+class RangeVelocity(NamedTuple):
+    """Ranges (m) and velocities (m/s) of equal shape."""
+
+    range_m: np.ndarray
+    velocity_m_per_s: np.ndarray
+
+
+class EchoFrequencies(NamedTuple):
+    """Beat and Doppler frequencies (Hz) of equal shape, before sampling aliases them."""
+
+    beat_hz: np.ndarray
+    doppler_hz: np.ndarray
+
+
+def apparent_truth(truth: xr.Dataset, radar: Radar, *, n_spans: int | None = 1) -> RangeVelocity:
+    """Return range and velocity of the truth, (target, frame), as an ideal radar measures them.
+
+    They differ from the truth only where range or velocity is ambiguous. Aliasing in one changes
+    the
+    other too: reported ranges exclude the coupling of the reported velocity, and the mirror half of
+    a
+    real spectrum changes the sign of the velocity. A single chirp has no velocity: NaN, and the
+    range is
+    that of a target at rest with this beat frequency. `n_spans` is the number of unambiguous spans,
+    about
+    zero velocity, that the processing resolves; none: all.
+    """
+    ordered = truth.transpose("target", "frame")
+    apparent = RangeVelocity(*np.empty((2, *ordered.range.shape)))
+    for column, frame_number in enumerate(truth.frame.values.tolist()):
+        frame_truth = RangeVelocity(
+            ordered.range.values[:, column], ordered.velocity.values[:, column]
+        )
+        frame_apparent = alias_range_velocity(
+            frame_truth, radar.for_frame(frame_number), n_spans=n_spans
+        )
+        apparent.range_m[:, column], apparent.velocity_m_per_s[:, column] = frame_apparent
+    return apparent
+
+
+def alias_range_velocity(
+    true: RangeVelocity, radar: Radar, *, n_spans: int | None = 1
+) -> RangeVelocity:
+    """Return ranges and velocities as measured in one frame, any shape; see `apparent_truth`.
+
+    Triangular modulations resolve aliases by the difference of their beats: values are unchanged.
+    """
+    chirp = radar.frame.chirp
+    if radar.frame.has_falling_ramps:
+        return true
+    frequencies = echo_frequencies(true, radar)
+    beat_hz, doppler_hz = frequencies.beat_hz % chirp.sample_rate_hz, frequencies.doppler_hz
+    if chirp.sampling == "real":
+        # The upper half of the spectrum mirrors the lower: both frequencies change sign.
+        is_mirrored = beat_hz > chirp.sample_rate_hz / 2
+        beat_hz = np.where(is_mirrored, chirp.sample_rate_hz - beat_hz, beat_hz)
+        doppler_hz = np.where(is_mirrored, -doppler_hz, doppler_hz)
+    if radar.frame.n_chirps == 1:
+        return RangeVelocity(chirp.range_m(1.0) * beat_hz, np.full_like(doppler_hz, np.nan))
+    if n_spans is not None:
+        doppler_hz = wrap_to_period(doppler_hz, n_spans / radar.frame.repetition_s)
+    delay_hz = beat_hz - doppler_hz
+    return RangeVelocity(
+        chirp.range_m(1.0) * delay_hz,
+        doppler_hz * SPEED_OF_LIGHT / (2 * (chirp.mean_sampled_frequency_hz - delay_hz)),
+    )
+
+
+def echo_frequencies(range_velocity: RangeVelocity, radar: Radar) -> EchoFrequencies:
+    """Return the frequencies of echoes at mid-window, see `Chirp.echo_frequencies_hz`."""
+    return EchoFrequencies(*radar.frame.chirp.echo_frequencies_hz(*range_velocity))
+
+
+def map_position(range_velocity: RangeVelocity, radar: Radar) -> RangeVelocity:
+    """Return the position of peaks on the range-Doppler map: with coupling, velocities aliased."""
+    chirp = radar.frame.chirp
+    beat_hz, doppler_hz = echo_frequencies(range_velocity, radar)
+    doppler_hz = wrap_to_period(doppler_hz, 1 / radar.frame.repetition_s)
+    return RangeVelocity(chirp.range_m(1.0) * beat_hz, doppler_hz * chirp.wavelength_m / 2)
+
+
+def wrap_to_period(amount: np.ndarray, period: float | np.ndarray) -> np.ndarray:
+    """Return values within half a period of zero, minus whole periods."""
+    return (amount + period / 2) % period - period / 2

@@ -1,0 +1,32 @@
+"""Base class of bodies with an optical-region formula."""
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.scene.bodies.base import AspectBody
+
+
+class OpticalBody(AspectBody):
+    """Body that is one scatterer at the origin, large relative to the wavelength."""
+
+    @property
+    def is_rigid(self) -> bool:
+        return True
+
+    def n_scatterers(self) -> int:
+        return 1
+
+    def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
+        return np.zeros((len(times_s), 1, 3))
+
+    def check_optical_size(self, name: str, wavelength_m: float, *, wavelengths: float) -> None:
+        """Raise `InvalidSetting` if the named length is below a number of wavelengths."""
+        size_m, least_m = getattr(self, name), wavelengths * wavelength_m
+        if size_m < least_m:
+            raise InvalidSetting(
+                f"{type(self).__name__}.{name}",
+                value=f"{size_m:.4g} m",
+                expected=f"at least {least_m:.4g} m, {wavelengths:g} wavelengths, for the formula"
+                " of its cross section",
+                fix="enlarge it, or use a target with a measured rcs",
+            )

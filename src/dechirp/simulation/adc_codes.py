@@ -1,0 +1,83 @@
+"""Integer ADC codes of quantised samples."""
+
+import numba
+import numpy as np
+import xarray as xr
+
+from dechirp.core.errors import InvalidSetting
+
+_BLOCK_SIZE = 2**20  # numbers; invalid ones are counted in 32 bits, which vectorises
+
+
+def extract_adc_codes(cube: xr.DataArray) -> xr.DataArray:
+    """Return the integer codes of a cube that passed through `Quantisation`: cube / scale.
+
+    Parameters
+    ----------
+    cube : DataArray
+        Has the attribute `scale`, which `simulate` sets if `Quantisation` is the last impairment.
+
+    Returns
+    -------
+    DataArray, int16
+        Has one more axis `iq`, of length 2, if the samples are complex; coordinates and attributes
+        are kept. Multiplied by `scale` in the precision of the cube, it equals the cube bit by bit.
+
+    Raises
+    ------
+    InvalidSetting
+        If the cube has no scale, or a sample is not an integer number of steps.
+    """
+    if "scale" not in cube.attrs:
+        raise _missing_codes_error()
+    codes = samples_to_codes(cube.values, cube.attrs["scale"])
+    dims = cube.dims if codes.ndim == cube.ndim else (*cube.dims, "iq")
+    return xr.DataArray(codes, dims=dims, coords=cube.coords, name=cube.name, attrs=cube.attrs)
+
+
+def has_adc_codes(cube: xr.DataArray) -> bool:
+    """Return whether `extract_adc_codes` accepts a cube."""
+    try:
+        extract_adc_codes(cube)
+    except InvalidSetting:
+        return False
+    return True
+
+
+def samples_to_codes(samples: np.ndarray, scale: float) -> np.ndarray:
+    """Convert samples to codes, int16 (...), or (..., 2) for complex samples.
+
+    Raises
+    ------
+    InvalidSetting
+        If a sample is not an integer number of steps.
+    """
+    shape = (*samples.shape, 2) if np.iscomplexobj(samples) else samples.shape
+    parts = np.ascontiguousarray(samples).reshape(-1).view(samples.real.dtype)
+    step = parts.dtype.type(scale)
+    codes = np.empty(parts.size, np.int16)
+    for start in range(0, parts.size, _BLOCK_SIZE):
+        part = slice(start, start + _BLOCK_SIZE)
+        if _fill_codes(parts[part], step, 1 / step, codes[part]):
+            raise _missing_codes_error()
+    return codes.reshape(shape)
+
+
+def _missing_codes_error() -> InvalidSetting:
+    return InvalidSetting(
+        "cube",
+        value="samples that are not ADC codes",
+        expected="samples simulated with quantisation as the last impairment",
+        fix="append Quantisation(bits=12, full_scale_w=1e-5) to the impairments",
+    )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _fill_codes(parts: np.ndarray, scale: float, per_scale: float, codes: np.ndarray) -> int:
+    """Fill `codes`, and count invalid samples: beyond int16, between steps, or not finite."""
+    n_invalid = np.int32(0)
+    for k in range(len(codes)):
+        code = np.int16(np.int32(np.rint(parts[k] * per_scale)))
+        codes[k] = code
+        n_invalid += np.int32(parts.dtype.type(code) * scale != parts[k])
+    return int(n_invalid)

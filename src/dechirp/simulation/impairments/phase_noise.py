@@ -1,0 +1,169 @@
+"""Phase noise of the oscillator, from its single-sideband mask."""
+
+import math
+import warnings
+from functools import lru_cache
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.fft import irfft, next_fast_len
+
+from dechirp.core.checks import as_tuple, check_numbers
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.findings import Finding, PhysicsWarning
+from dechirp.core.memory import check_memory
+from dechirp.core.units import SPEED_OF_LIGHT
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.radar import Radar
+from dechirp.scene.scene import Scene
+from dechirp.simulation.echo_groups import SampleWindow
+from dechirp.simulation.impairments.base import Oscillator
+
+# Bytes for each sample of the process: its spectrum, and the standard deviations from the mask.
+_SAMPLE_BYTES = 40
+
+
+@frozen_dataclass
+class PhaseNoise(Oscillator):
+    r"""Gaussian phase noise, continuous over the chirps of a frame and common to all channels.
+
+    The mask L(f) is the power in 1 Hz at the offset f from the carrier on either side, over that of
+    the carrier; linear in dB over log f between its points, constant beyond them. The phase has the
+    one-sided density 2 L(f). After the delay tau, slow phase noise of an echo has cancelled, and
+    its
+    skirt on each side of the beat frequency is
+
+    .. math:: 4 \sin^2(\pi f \tau) L(f).
+
+    Frames are independent. The process is sampled with the echoes: from 0 to half the sample rate,
+    with chirps beginning at the sample nearest to their start.
+
+    References
+    ----------
+    M. C. Budge & M. P. Burt, Range correlation effects in radars, IEEE Nat. Radar Conf., 1993.
+    P. D. L. Beasley, The influence of transmitter phase noise on FMCW radar performance, EuRAD,
+    2006.
+    """
+
+    offset_hz: tuple[float, ...]
+    """Offsets from the carrier, ascending."""
+    level_per_hz: tuple[float, ...]
+    """Mask at each offset: ratios of powers (dBc/Hz in files)."""
+
+    def __post_init__(self) -> None:
+        offsets = _check_mask_points("PhaseNoise.offset_hz", self.offset_hz, 1e-6, 1e13)
+        # A level above the carrier is not noise, and no oscillator is 400 dB below it.
+        levels = _check_mask_points("PhaseNoise.level_per_hz", self.level_per_hz, 1e-40, 1.0)
+        for index in range(1, len(offsets)):
+            if offsets[index] <= offsets[index - 1]:
+                raise InvalidSetting(
+                    f"PhaseNoise.offset_hz.{index}",
+                    value=f"{offsets[index]:.6g} Hz, after {offsets[index - 1]:.6g} Hz",
+                    expected="above the one before it",
+                    fix="put the offsets in ascending order, each once",
+                )
+        if len(levels) != len(offsets):
+            raise InvalidSetting(
+                "PhaseNoise.level_per_hz",
+                value=f"{len(levels)} levels",
+                expected=f"{len(offsets)}, one for each offset",
+                fix="give both lists the same length",
+            )
+        object.__setattr__(self, "offset_hz", offsets)
+        object.__setattr__(self, "level_per_hz", levels)
+
+    def check(self, scene: Scene, radar: Radar) -> None:
+        """Warn about a mask beyond the sampled offsets, or one that destroys the echo."""
+        nyquist_hz = radar.frame.chirp.sample_rate_hz / 2
+        if self.offset_hz[0] >= nyquist_hz:
+            self._warn_about_setting(
+                "offset",
+                value=f"from {self.offset_hz[0]:.4g} Hz on",
+                expected=f"an offset below {nyquist_hz:.4g} Hz, half the sample rate; the level of"
+                " the first offset is used for all",
+                fix="add nearer offsets, or check their unit",
+            )
+        if not scene.targets:
+            return
+        ranges_m = np.linalg.norm(scene.positions_m([radar.frame.mid_frame_s])[0], axis=-1)
+        residual_rad = self.residual_rms_rad(2 * float(ranges_m.max()) / SPEED_OF_LIGHT, nyquist_hz)
+        if residual_rad > 1:
+            self._warn_about_setting(
+                "level",
+                value=f"phase noise of {residual_rad:.3g} rad rms on the farthest echo",
+                expected="at most 1 rad, so that an echo remains a line with a skirt",
+                fix="check the sign of the levels, and that they refer to 1 Hz",
+            )
+
+    def residual_rms_rad(self, delay_s: float, up_to_hz: float) -> float:
+        """Return the root mean square of the phase noise after a delay, up to an offset."""
+        offset_hz = np.geomspace(min(1.0, up_to_hz / 1e6), up_to_hz, 4001)
+        density = (
+            2 * self.interpolate_mask(offset_hz) * 4 * np.sin(np.pi * offset_hz * delay_s) ** 2
+        )
+        return math.sqrt(np.trapezoid(density, offset_hz))
+
+    def interpolate_mask(self, offset_hz: np.ndarray) -> np.ndarray:
+        """Return the mask at offsets above 0, per Hz."""
+        logs = np.log(self.offset_hz), np.log(self.level_per_hz)
+        return np.exp(np.interp(np.log(offset_hz), *logs))
+
+    def phase_error_rad(
+        self, window: SampleWindow, radar: Radar, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Draw the process of a frame, and take the samples of each chirp from it.
+
+        Raises
+        ------
+        NotEnoughMemory
+            If the frame has more samples than fit, pauses between chirps included.
+        """
+        firsts = np.rint(window.chirp_starts_s * window.rate_hz).astype(np.int64)
+        firsts -= firsts[0]
+        n_needed = int(firsts[-1]) + window.n_times
+        # A process made in the frequency domain is periodic: half of one of twice the length is
+        # not.
+        n = next_fast_len(2 * n_needed, real=True)
+        check_memory(
+            "phase noise", needed_bytes=_SAMPLE_BYTES * n, fix="simulate fewer chirps in a frame"
+        )
+        # Single precision errs by 1e-7 of the phase, as white noise 140 dB below the phase noise
+        # over the band.
+        normals = rng.standard_normal(n // 2 * 2, np.float32).view(np.complex64)
+        spectrum = np.zeros(n // 2 + 1, np.complex64)
+        np.multiply(normals, _bin_standard_deviations(self, n, window.rate_hz), out=spectrum[1:])
+        process_rad = irfft(spectrum, n)
+        return sliding_window_view(process_rad, window.n_times)[firsts].astype(float)
+
+    def _warn_about_setting(self, setting: str, *, value: str, expected: str, fix: str) -> None:
+        finding = Finding(
+            level="warning", setting=f"impairments.phase-noise.{setting}",
+            value=value, expected=expected, fix=fix,
+        )  # fmt: skip
+        warnings.warn(PhysicsWarning(finding), stacklevel=3)
+
+
+@lru_cache(maxsize=2)
+def _bin_standard_deviations(mask: PhaseNoise, n: int, rate_hz: float) -> np.ndarray:
+    """Return the standard deviation of both parts of n // 2 bins above 0, the same for all frames.
+
+    A constant phase has no effect, so bin 0 is omitted.
+    """
+    bins_hz = np.arange(1, n // 2 + 1) * (rate_hz / n)
+    sizes = np.sqrt(mask.interpolate_mask(bins_hz) * (n * rate_hz / 2)).astype(np.float32)
+    sizes.flags.writeable = False
+    return sizes
+
+
+def _check_mask_points(
+    setting: str, listed: object, at_least: float, at_most: float
+) -> tuple[float, ...]:
+    members = as_tuple(listed)
+    if not members:
+        raise InvalidSetting(
+            setting,
+            value=listed,
+            expected="a list of at least one number",
+            fix="write [1e6], or a mask",
+        )
+    return check_numbers(setting, members, at_least=at_least, at_most=at_most)

@@ -1,0 +1,60 @@
+"""State and events shared with the browser; page.js is the other side."""
+
+from collections.abc import Callable
+from importlib.resources import files
+
+from bokeh.core.properties import Bool, Int, String
+from bokeh.events import PointEvent
+from bokeh.model import DataModel
+from bokeh.plotting import figure
+
+_MAX_NUMBER = 1e15  # above it the spacing of floats exceeds 0.1
+
+
+class BrowserState(DataModel):
+    """Counters and a switch, synchronised between server and browser."""
+
+    n_frames_sent = Int(0)
+    """Frames sent. The browser confirms every second one when it has drawn it."""
+    frame_status = String("")
+    """Text with the number of the frame, and whether another one is being computed.
+
+    A widget would trigger a new layout at each change.
+    """
+    n_frames_drawn = Int(0)
+    """Last frame that the browser confirmed."""
+    play_keys = Int(0)
+    """Number of presses of the key for play and pause."""
+    step_keys = Int(0)
+    """Number of presses of the key for the next frame."""
+    free_keys = Int(0)
+    """Number of presses of the key that releases the cursor."""
+    dark = Bool(False)
+    """True for the dark theme."""
+
+
+def is_finite_number(value: object) -> bool:
+    """Return True for a number of reasonable size: a browser may send anything."""
+    return isinstance(value, int | float) and abs(value) <= _MAX_NUMBER
+
+
+def on_position_event(
+    target_figure: figure, event: type[PointEvent], callback: Callable[[float, float], None]
+) -> None:
+    """Call a function with x and y of events in a figure, if they are numbers."""
+
+    def handle_event(told: PointEvent) -> None:
+        if is_finite_number(told.x) and is_finite_number(told.y):
+            callback(float(told.x), float(told.y))
+
+    target_figure.on_event(event, handle_event)
+
+
+def read_studio_file(*path: str) -> str:
+    """Read a text file of the studio."""
+    return files("dechirp.studio").joinpath(*path).read_text("utf-8")
+
+
+def browser_script() -> str:
+    """Return the JavaScript that runs in the browser beside Bokeh."""
+    return read_studio_file("page.js") + read_studio_file("lighter.js")

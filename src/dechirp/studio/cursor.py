@@ -1,0 +1,104 @@
+"""Cursor of a frame: its cell of the map, the cuts through it, and the beat signal."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dechirp.processing.chain import Chain
+from dechirp.processing.range_doppler_map import threshold_cuts
+from dechirp.processing.spectrum import range_spectrum
+from dechirp.radar.radar import Radar
+from dechirp.scene.aliasing import RangeVelocity, map_position
+
+_MAX_CHIRPS = 64  # averaged for the range profile, whose fluctuation is then 0.5 dB
+
+
+class Cursor(NamedTuple):
+    """Range and velocity shown by all views."""
+
+    range_m: float
+    velocity_m_per_s: float
+
+
+class MapCut(NamedTuple):
+    """Power and threshold along one axis of the map through the cursor."""
+
+    positions: np.ndarray
+    """m along range, m/s along velocity."""
+    power: np.ndarray
+    threshold: np.ndarray
+    """Infinite where the detector does not search."""
+
+
+class BeatSignal(NamedTuple):
+    """Samples of the first receiver and their range spectrum."""
+
+    time_s: np.ndarray
+    """(sample,) since the start of the ramp."""
+    samples: np.ndarray
+    """(sample,) of the first chirp."""
+    range_m: np.ndarray
+    """(range,)"""
+    power: np.ndarray
+    """(range,) of the first chirp: the spectrum of its samples."""
+    profile: np.ndarray
+    """(range,) mean over chirps of the first slot: the range profile."""
+
+
+def strongest_cell(power: xr.DataArray, detections: xr.Dataset, radar: Radar) -> Cursor:
+    """Return the cell of the strongest detection; without detections, the strongest cell."""
+    rows, columns = slice(None), slice(None)
+    if detections.sizes["detection"]:
+        variables = detections.variables
+        snr, range_m, velocity = (variables[n].values for n in ("snr", "range", "velocity"))
+        first = slice(int(snr.argmax()), None)
+        place = map_position(RangeVelocity(range_m[first][:1], velocity[first][:1]), radar)
+        row, column = nearest_cell(power, Cursor(*(float(index[0]) for index in place)))
+        # Noise may raise a neighbour above the nearest cell.
+        rows, columns = (slice(max(index - 1, 0), index + 2) for index in (row, column))
+    neighbourhood = power.values[rows, columns]
+    row_offset, column_offset = divmod(int(neighbourhood.argmax()), neighbourhood.shape[1])
+    return Cursor(
+        range_m=float(power.range.values[columns][column_offset]),
+        velocity_m_per_s=float(power.velocity.values[rows][row_offset]),
+    )
+
+
+def nearest_cell(power: xr.DataArray, cursor: Cursor) -> tuple[int, int]:
+    """Return the nearest cell (velocity, range); velocities alias, and one chirp has none."""
+    velocity, range_m = power.velocity.values, power.range.values
+    column = int(abs(range_m - cursor.range_m).argmin())
+    if velocity.size == 1 or not np.isfinite(cursor.velocity_m_per_s):
+        return velocity.size // 2, column
+    step = (velocity[-1] - velocity[0]) / (velocity.size - 1)
+    return round((cursor.velocity_m_per_s - velocity[0]) / step) % velocity.size, column
+
+
+def cuts_through_cell(
+    power: xr.DataArray, radar: Radar, chain: Chain, cell: tuple[int, int]
+) -> tuple[MapCut, MapCut]:
+    """Return the cuts through a cell along range and along velocity."""
+    row, column = cell
+    over_range, over_velocity = threshold_cuts(power, radar, chain, cell)
+    return (
+        MapCut(power.range.values, power.values[row], over_range),
+        MapCut(power.velocity.values, power.values[:, column], over_velocity),
+    )
+
+
+def beat_signal(cube: xr.DataArray, radar: Radar, chain: Chain) -> BeatSignal:
+    """Return samples and range spectrum of the first receiver in a frame (chirp, rx, sample)."""
+    # Falling ramps have other beat frequencies: the first slot alone.
+    first_slot = cube.variable[{"chirp": slice(None, None, radar.frame.n_slots)}]
+    samples = first_slot.transpose("rx", "chirp", "sample").values[0, :_MAX_CHIRPS]
+    chirp = radar.frame.chirp
+    transform = chain.range_transform(chirp)
+    power = abs(range_spectrum(samples, chirp.sampling, transform)) ** 2
+    return BeatSignal(
+        time_s=cube["sample"].values,
+        samples=samples[0],
+        range_m=chirp.range_bins_m(transform.n_bins),
+        power=power[0],
+        profile=power.mean(axis=0),
+    )

@@ -1,0 +1,175 @@
+"""Frame states of a scenario, step by step, computed on the worker."""
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import xarray as xr
+
+from dechirp.core.checks import check_integer
+from dechirp.core.detection_columns import to_dataset
+from dechirp.core.findings import Finding
+from dechirp.experiments.object_stage import group_detections, trackable_rows
+from dechirp.experiments.run import (
+    DetectionRun,
+    FrameTotals,
+    detection_findings,
+    frame_power_map,
+    run_chain_findings,
+)
+from dechirp.experiments.scenario import Scenario
+from dechirp.processing.angle_maps import range_azimuth_map
+from dechirp.processing.detect import process_cubes
+from dechirp.processing.direction_finding import can_resolve_directions, direction_aperture
+from dechirp.radar.radar import Radar
+from dechirp.studio.cursor import Cursor, strongest_cell
+from dechirp.studio.frame_sources import FrameSource, open_frame_source
+from dechirp.studio.frame_state import FrameState
+from dechirp.studio.history import FrameHistory, HistoryEntry
+from dechirp.studio.scenario_edits import PageLimits
+from dechirp.tracking.online import Track
+
+_LIMITS = PageLimits()
+
+
+class FramePlayer:
+    """Processed frames of a scenario.
+
+    Step s shows frame s mod n of a scene or recording of n frames; the noise of a scene depends on
+    the seed and s. Preparation is done at the first call. Tracks and micro-Doppler continue from
+    step to step; they restart after a rewind or a jump, and at the end of the source.
+    """
+
+    def __init__(self, scenario: Scenario, limits: PageLimits = _LIMITS) -> None:
+        self._scenario, self._limits = scenario, limits
+        self._prepared: _PreparedScenario | None = None
+        self._recent_steps: list[_ProcessedStep] = []
+
+    def frame_at(self, step: int, cursor: Cursor | None) -> FrameState:
+        """Return the processed frame of a step.
+
+        Raises
+        ------
+        DechirpError
+            If a setting cannot work, or a frame cannot be read.
+        """
+        started = perf_counter()
+        check_integer("step", step, at_least=0)
+        is_first = self._prepared is None
+        if self._prepared is None:
+            self._prepared = _PreparedScenario(self._scenario, self._limits)
+        prepared = self._prepared
+        processed = next((recent for recent in self._recent_steps if recent.step == step), None)
+        if processed is None:
+            previous, self._recent_steps = (
+                self._recent_steps[-1:],
+                [],
+            )  # no history continues after a failure
+            continues = bool(previous) and step == previous[0].step + 1
+            processed = prepared.process_step(step, continues=continues)
+            # Keep two: a paused page may already have requested the next one.
+            self._recent_steps = [*previous, processed]
+        state = FrameState(
+            step=step,
+            number=processed.number,
+            n_frames=prepared.frames.n_frames,
+            time_s=processed.time_s,
+            radar=processed.radar,
+            chain=prepared.chain,
+            cursor=cursor or processed.strongest,
+            has_user_cursor=cursor is not None,
+            samples=processed.samples,
+            power=processed.power,
+            azimuth_power=processed.azimuth_power,
+            history=processed.history,
+            detections=processed.detections,
+            clusters=processed.clusters,
+            tracks=processed.tracks,
+            truth=prepared.frames.truth(step),
+            findings=(*prepared.findings, *processed.findings),
+            processing_time_s=perf_counter() - started,
+        )
+        if is_first:  # compile here, for seconds, not when the page reads it
+            _ = state.beat, state.cuts, state.micro_doppler
+        return state
+
+
+@dataclass(frozen=True, eq=False)
+class _ProcessedStep:
+    """Results of a step that do not depend on the cursor."""
+
+    step: int
+    number: int
+    time_s: float
+    radar: Radar
+    samples: xr.DataArray
+    power: xr.DataArray
+    strongest: Cursor
+    azimuth_power: xr.DataArray | None
+    detections: xr.Dataset
+    clusters: xr.Dataset | None
+    tracks: tuple[Track, ...]
+    history: tuple[HistoryEntry, ...]
+    """This frame and earlier ones."""
+    findings: tuple[Finding, ...]
+
+
+class _PreparedScenario:
+    """Scenario prepared for processing, with the state kept from frame to frame."""
+
+    def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
+        self.frames: FrameSource = open_frame_source(scenario, limits)
+        radar = self.frames.radar
+        self.chain = scenario.chain.fit_to_radar(radar)
+        self.findings = (*self.frames.findings, *run_chain_findings(scenario.chain, radar))
+        self.history = FrameHistory(scenario.tracker, radar)
+        self._scenario = scenario
+        self._has_azimuth = (
+            can_resolve_directions(radar)
+            and direction_aperture(radar, self.chain.field_of_view).resolves[0]
+        )
+
+    def process_step(self, step: int, *, continues: bool) -> _ProcessedStep:
+        cube, number = self.frames.cube(step), self.frames.frame_number(step)
+        radar = self.frames.radar.for_frame(number)
+        frame = self.frames.radar.frame
+        start_s = cube.frame.item() if "frame" in cube.coords else frame.frame_start_s(number)
+        time_s = start_s + radar.frame.mid_frame_s
+        if not (continues and self.history.continues_at(time_s)):
+            self.history.reset()
+        samples = cube.isel(frame=0)
+        run, power = self._detect(cube, number)
+        grouped = group_detections(run.detections, self._scenario, self.frames.radar)
+        peak = strongest_cell(power, run.detections, radar)
+        tracks = self.history.update_tracks(
+            trackable_rows(grouped.track_inputs, self.frames.radar), time_s
+        )
+        self.history.add_map(power, radar, time_s, peak.range_m)
+        return _ProcessedStep(
+            step=step,
+            number=number,
+            time_s=time_s,
+            radar=radar,
+            samples=samples,
+            power=power,
+            strongest=peak,
+            azimuth_power=(
+                range_azimuth_map(samples, radar, self.chain) if self._has_azimuth else None
+            ),
+            detections=grouped.detections,
+            clusters=grouped.clusters,
+            tracks=tracks,
+            history=self.history.frames,
+            findings=(*detection_findings(run, radar), *grouped.findings),
+        )
+
+    def _detect(self, cube: xr.DataArray, number: int) -> tuple[DetectionRun, xr.DataArray]:
+        """Return the detections of a frame and its map."""
+        radar = self.frames.radar
+        (frame,) = process_cubes([cube], radar, self.chain, first=number)
+        totals = FrameTotals()
+        totals.add(frame)
+        detections = to_dataset(frame.detections)
+        run = DetectionRun(first_frame=number, detections=detections, frames=totals)
+        # Copy: the map may be a view of a larger array.
+        power = tuple(part.copy() for part in frame.equalised_power)
+        return run, frame_power_map(power, cube, number, radar, self.chain)

@@ -1,0 +1,118 @@
+"""Sources of frames: a simulated scene or a recording."""
+
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+import xarray as xr
+
+from dechirp.core.findings import Finding, collect_findings
+from dechirp.experiments.link_budget import added_noise_w
+from dechirp.experiments.run import open_scenario_recording
+from dechirp.experiments.scenario import Scenario
+from dechirp.radar.radar import Radar
+from dechirp.scene.truth import truth
+from dechirp.simulation.frame_by_frame import FrameSimulator
+from dechirp.simulation.simulate import build_stages_with_warnings
+from dechirp.studio.option_hints import adapt_errors_to_page, adapt_fix_to_page
+from dechirp.studio.scenario_edits import PageLimits, check_sizes
+
+
+class FrameSource(Protocol):
+    """Sequence of frames with random access."""
+
+    @property
+    def radar(self) -> Radar:
+        """Radar of all frames."""
+        ...
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames before the source repeats."""
+        ...
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings on the source as a whole."""
+        ...
+
+    def frame_number(self, step: int) -> int:
+        """Return the number of the frame at a step."""
+        ...
+
+    def cube(self, step: int) -> xr.DataArray:
+        """Return the samples (frame, chirp, rx, sample) of one frame."""
+        ...
+
+    def truth(self, step: int) -> xr.Dataset | None:
+        """Return the truth of that frame over `target` and `frame`; None if unknown."""
+        ...
+
+
+def open_frame_source(scenario: Scenario, limits: PageLimits) -> FrameSource:
+    """Open the frames of a scenario; raise as `dc.run` does if a setting is invalid."""
+    return RecordingFrames(scenario, limits) if scenario.scene is None else SceneFrames(scenario)
+
+
+class SceneFrames:
+    """Frames of a scene, simulated on demand.
+
+    Random numbers depend on the seed and the step, so a step is reproducible bit by bit; step 0 is
+    the frame of `dechirp run` with n_frames=1.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        assert scenario.scene is not None and scenario.radar is not None
+        self.radar, self.n_frames = scenario.radar, scenario.n_frames
+        self._scene, self._seed = scenario.scene, scenario.seed
+        with collect_findings() as findings:
+            build_stages_with_warnings(
+                scenario.impairments, self._scene, self.radar, n_frames=self.n_frames
+            )
+        self.findings = tuple(findings)
+        self._frames = FrameSimulator(
+            self._scene,
+            self.radar,
+            impairments=scenario.impairments,
+            n_frames=self.n_frames,
+            engine=scenario.engine,
+        )
+        self._noise_w = added_noise_w(scenario, self.radar)
+
+    def frame_number(self, step: int) -> int:
+        return step % self.n_frames
+
+    def cube(self, step: int) -> xr.DataArray:
+        seed = np.random.SeedSequence(self._seed, spawn_key=(step,) if step else ())
+        return self._frames.simulate_frame(self.frame_number(step), np.random.default_rng(seed))
+
+    def truth(self, step: int) -> xr.Dataset:
+        number = self.frame_number(step)
+        return truth(self._scene, self.radar, first_frame=number, noise_power_w=self._noise_w)
+
+
+class RecordingFrames:
+    """Frames of a recording, decoded on demand.
+
+    Their size is known only from the file, so the limits are checked here.
+    """
+
+    def __init__(self, scenario: Scenario, limits: PageLimits) -> None:
+        with adapt_errors_to_page():
+            self._recording = open_scenario_recording(scenario)
+        check_sizes({"radar": self._recording.radar, "chain": scenario.chain}, limits)
+        self.radar, self.n_frames = self._recording.radar, self._recording.n_frames
+        self.findings = tuple(
+            replace(finding, fix=adapt_fix_to_page(finding.fix))
+            for finding in self._recording.findings
+        )
+
+    def frame_number(self, step: int) -> int:
+        return self._recording.frame_numbers[step % self.n_frames]
+
+    def cube(self, step: int) -> xr.DataArray:
+        number = self.frame_number(step)
+        return next(self._recording.select_frames(number, number + 1).frames())
+
+    def truth(self, step: int) -> None:
+        """Return None: the truth of a recording is unknown."""

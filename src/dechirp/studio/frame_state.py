@@ -1,0 +1,83 @@
+"""State of one frame: everything that the page shows of it, without widgets.
+
+Results that only a few frames need during playback are computed on demand.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import xarray as xr
+
+from dechirp.core.findings import Finding
+from dechirp.processing.chain import Chain
+from dechirp.radar.radar import Radar
+from dechirp.studio.cursor import (
+    BeatSignal,
+    Cursor,
+    MapCut,
+    beat_signal,
+    cuts_through_cell,
+    nearest_cell,
+)
+from dechirp.studio.history import HistoryEntry, micro_doppler_map
+from dechirp.tracking.online import Track
+
+
+@dataclass(frozen=True, eq=False)
+class FrameState:
+    """Processed frame with cursor, detections, tracks and truth."""
+
+    step: int
+    """Step since the last rewind; determines the noise."""
+    number: int
+    """Number of the frame."""
+    n_frames: int
+    """Number of frames of the source, which repeats."""
+    time_s: float
+    """Time of the middle of the frame."""
+    radar: Radar
+    """Radar with the interval of this frame."""
+    chain: Chain
+    """Processing chain fitted to the radar."""
+    cursor: Cursor
+    """Cursor of the user, else the strongest detection or cell."""
+    has_user_cursor: bool
+    """True if the user placed the cursor."""
+    samples: xr.DataArray
+    """(chirp, rx, sample)"""
+    power: xr.DataArray
+    """Range-Doppler map, (velocity, range), as the detector sees it."""
+    azimuth_power: xr.DataArray | None
+    """Range-azimuth map, (azimuth, range); None if the array has no azimuth resolution."""
+    history: tuple[HistoryEntry, ...]
+    """This frame and earlier ones since the last rewind or jump."""
+    detections: xr.Dataset
+    """Detections with `cluster` and `motion` if enabled."""
+    clusters: xr.Dataset | None
+    tracks: tuple[Track, ...]
+    """Tracks since the last rewind or jump; empty without a tracker."""
+    truth: xr.Dataset | None
+    """Truth over `target` and `frame` of this frame; None for a recording."""
+    findings: tuple[Finding, ...]
+    """Findings on the settings or the recording, and on this frame."""
+    processing_time_s: float
+    """Processing time of the frame."""
+
+    @cached_property
+    def beat(self) -> BeatSignal:
+        """Samples and range spectrum of the first receiver."""
+        return beat_signal(self.samples, self.radar, self.chain)
+
+    @cached_property
+    def cuts(self) -> tuple[MapCut, MapCut]:
+        """Cuts through the cursor along range and along velocity."""
+        return cuts_through_cell(
+            self.power, self.radar, self.chain, nearest_cell(self.power, self.cursor)
+        )
+
+    @cached_property
+    def micro_doppler(self) -> xr.DataArray:
+        """Power near the range of the cursor over (time, velocity), one column per frame."""
+        transform = self.chain.range_transform(self.radar.frame.chirp)
+        range_m = self.cursor.range_m if self.has_user_cursor else None
+        return micro_doppler_map(self.history, self.power, transform, range_m)

@@ -1,0 +1,40 @@
+"""Fixes of error messages, translated from command-line options to page controls."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+from dechirp.core.errors import DechirpError
+
+_PYTHON_HINT = re.compile(r" \(\w+=[^()]*\)")
+_PANEL_BY_OPTION = (
+    ("give the radar: --radar FILE", "choose settings of its radar, under Recordings"),
+    ("with --radar", "as settings of its radar, under Recordings"),
+)
+_RECORDING_OPTION = re.compile(r"--(axes|device|encoding|format|iq)\b(?: ([\w,-]+))?")
+
+
+def adapt_fix_to_page(fix: str) -> str:
+    """Translate a fix to the panels of the page, else to settings of the file."""
+    fix = _PYTHON_HINT.sub("", fix)
+    for option, panel in _PANEL_BY_OPTION:
+        fix = fix.replace(option, panel)
+    return _RECORDING_OPTION.sub(_recording_setting, fix)
+
+
+def _recording_setting(option: re.Match[str]) -> str:
+    name, value = option.groups()
+    return f"recording.{name}{f': {value}' if value else ''} (under File)"
+
+
+@contextmanager
+def adapt_errors_to_page() -> Iterator[None]:
+    """Translate the fixes of errors raised inside the block to the page."""
+    try:
+        yield
+    except DechirpError as error:
+        mistakes = (
+            replace(mistake, fix=adapt_fix_to_page(mistake.fix)) for mistake in error.mistakes
+        )
+        raise DechirpError(*mistakes) from None

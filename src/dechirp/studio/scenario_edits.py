@@ -1,0 +1,245 @@
+"""Edits of the scenario by texts of the page, within the limits of a page.
+
+Texts follow the grammar of settings files. A page may only name files inside the folders of the
+studio, with links resolved. Files and sizes are checked before a file is opened and before anything
+is computed.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from dechirp.config import setting_paths
+from dechirp.config.dumping import dump
+from dechirp.config.error_messages import SettingNode, explain_refusal
+from dechirp.config.fields import Slot
+from dechirp.config.loading import read_text, sort_mistakes, validate_node
+from dechirp.config.overrides import apply_override, parse_override
+from dechirp.config.quoting import quote_text
+from dechirp.config.validation import ValidationContext
+from dechirp.config.yaml_tree import parse_yaml
+from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
+from dechirp.core.values import frozen_dataclass
+from dechirp.experiments.scenario import READERS, Scenario
+from dechirp.experiments.study.variants import check_disjoint
+from dechirp.processing.chain import Chain
+from dechirp.radar.radar import Radar
+from dechirp.scene.bodies.mesh import Mesh
+from dechirp.scene.scene import Scene
+from dechirp.simulation.impairments.base import Impairment
+from dechirp.studio.folders import is_allowed, is_inside
+
+_FILE = "settings"
+"""Name of the text of the page in messages."""
+_SIZE_SETTINGS = ("n_frames", "radar", "scene", "impairments", "chain")
+"""Settings of a scenario that determine the amount of work."""
+
+
+@frozen_dataclass
+class PageLimits:
+    """Limits of one page on computation and files."""
+
+    folders: tuple[Path, ...] = ()
+    """Folders whose files may be named in settings and opened as recordings."""
+    max_text_length: int = 2**16
+    """Characters of a settings text."""
+    max_samples: int = 2**22
+    """Samples of a frame; also cells of a map."""
+    max_targets: int = 100
+    max_scatterers: int = 20_000
+    max_rays: int = 20_000_000
+    """Rays onto all meshes for one frame; takes about 25 s."""
+    max_frames: int = 2000
+    min_frame_interval_s: float = 1 / 30
+    """Shortest time between frames."""
+
+
+def parse_scenario(text: str, limits: PageLimits) -> Scenario:
+    """Parse the text of a scenario file; relative paths start at the first folder.
+
+    Raises
+    ------
+    DechirpError
+        With every mistake and its line and column, with forbidden files, or with exceeded limits,
+        before anything is computed.
+    """
+    _check_text_length("the settings", text, limits)
+    return _parse_with_options(text, (), limits)
+
+
+def apply_options(scenario: Scenario, options: Iterable[str], limits: PageLimits) -> Scenario:
+    """Return the scenario with several settings changed, each as PATH=VALUE.
+
+    Raises
+    ------
+    DechirpError
+        As `parse_scenario`, with paths of settings only.
+    """
+    options = tuple(options)
+    for option in options:
+        _check_text_length(quote_text(option.partition("=")[0]), option, limits)
+    try:
+        return _replace_settings(scenario, options, limits)
+    except DechirpError:
+        pass  # parse as text for a complete error message: 50 ms instead of 1 ms
+    try:
+        return _parse_with_options(dump(scenario), options, limits)
+    except InvalidFile as error:
+        raise InvalidFile(*map(_without_location, error.mistakes)) from None
+
+
+def check_scenario_size(scenario: Scenario, limits: PageLimits) -> Scenario:
+    """Return the scenario, or raise `InvalidSetting` if it exceeds the limits."""
+    check_sizes({name: getattr(scenario, name) for name in _SIZE_SETTINGS}, limits)
+    return scenario
+
+
+def check_sizes(parts: Mapping[str, Any], limits: PageLimits) -> None:
+    """Raise `InvalidSetting` if parts of a scenario, by name, exceed the limits."""
+    radar: Radar | None = parts.get("radar")
+    scene: Scene | None = parts.get("scene")
+    chain: Chain = parts.get("chain") or Chain()
+    impairments: tuple[Impairment, ...] = parts.get("impairments") or ()
+    sizes = [("n_frames", parts.get("n_frames") or 1, limits.max_frames, "frames")]
+    n_range, n_velocity = chain.n_range_bins or 1, chain.n_velocity_bins or 1
+    if radar is not None:
+        chirp, frame = radar.frame.chirp, radar.frame
+        n_samples = chirp.n_samples * frame.n_chirps_total * radar.array.n_rx
+        sizes += [("radar.frame", n_samples, limits.max_samples, "samples")]
+        n_range = chain.n_range_bins or chirp.n_samples
+        n_velocity = chain.n_velocity_bins or frame.n_chirps
+    sizes += [("chain", n_range * n_velocity, limits.max_samples, "cells of the map")]
+    if scene is not None:
+        bodies = [target.body for target in scene.targets]
+        n_scatterers = sum(1 if body is None else body.n_scatterers() for body in bodies)
+        sizes += [
+            ("scene.targets", len(bodies), limits.max_targets, "targets"),
+            ("scene.targets", n_scatterers, limits.max_scatterers, "scatterers"),
+        ]
+        if radar is not None:
+            meshes = [body for body in bodies if isinstance(body, Mesh)]
+            n_rays = sum(mesh.n_rays(radar.frame.chirp.wavelength_m) for mesh in meshes)
+            sizes += [("scene.targets", n_rays, limits.max_rays, "rays onto meshes")]
+    n_added_scatterers = sum(
+        getattr(impairment, field.name)
+        for impairment in impairments
+        for field in fields(impairment)  # type: ignore[arg-type]  # members are values
+        if field.name == "n_scatterers"
+    )
+    sizes += [("impairments", n_added_scatterers, limits.max_scatterers, "scatterers")]
+    for setting, n, limit, noun in sizes:
+        if n > limit:
+            raise InvalidSetting(
+                setting,
+                value=f"{n:,} {noun}",
+                expected=f"at most {limit:,} on this page",
+                fix="use fewer, or save the settings and run them on the command line",
+            )
+
+
+def _check_text_length(setting: str, text: str, limits: PageLimits) -> None:
+    if len(text) > limits.max_text_length:
+        raise InvalidSetting(
+            setting,
+            value=f"a text of {len(text):,} characters",
+            expected=f"at most {limits.max_text_length:,}",
+            fix="run larger settings on the command line",
+        )
+
+
+def _parse_with_options(text: str, options: Iterable[str], limits: PageLimits) -> Scenario:
+    context = _validation_context(limits)
+    node = SettingNode("", parse_yaml(text, _FILE), Slot(Scenario))
+    _check_file_paths(node, context, limits)
+    for option in options:
+        node = replace(node, node=apply_override(node, option, context))
+        _check_file_paths(node, context, limits)  # before the next option reads a file
+    parts = {}
+    for name in _SIZE_SETTINGS:
+        part = node.child(name)
+        with suppress(DechirpError):  # reported below with all others
+            parts[name] = validate_node(part, context) if part else None
+    try:
+        check_sizes(parts, limits)
+    except InvalidSetting as error:
+        raise InvalidFile(*explain_refusal(error, node)) from None
+    scenario: Scenario = validate_node(node, context)
+    return scenario
+
+
+def _replace_settings(scenario: Scenario, options: Iterable[str], limits: PageLimits) -> Scenario:
+    context = _validation_context(limits)
+    changes = [
+        (setting_paths.find_setting(scenario, path), node)
+        for path, node in map(parse_override, options)
+    ]
+    check_disjoint(path for path, _ in changes)
+    changes_by_part: dict[str, dict[setting_paths.Steps, Any]] = {}
+    for path, node in changes:
+        _check_file_paths(SettingNode(path.path, node, path.leaf_slot), context, limits)
+        first, *rest = path.steps
+        steps, new_value = tuple(rest), setting_paths.parse_setting(scenario, path, node, context)
+        if steps in changes_by_part.setdefault(str(first), {}):
+            raise InvalidFile  # two settings of a missing value: parse as text
+        changes_by_part[str(first)][steps] = new_value
+    parts = {
+        name: setting_paths.replace_settings(getattr(scenario, name), part_changes)
+        for name, part_changes in changes_by_part.items()
+    }
+    check_sizes({name: getattr(scenario, name) for name in _SIZE_SETTINGS} | parts, limits)
+    return setting_paths.replace_settings(scenario, {(name,): part for name, part in parts.items()})
+
+
+def _validation_context(limits: PageLimits) -> ValidationContext:
+    return ValidationContext(
+        folder=limits.folders[0].absolute() if limits.folders else Path(), readers=READERS
+    )
+
+
+def _check_file_paths(node: SettingNode, context: ValidationContext, limits: PageLimits) -> None:
+    mistakes = [*_forbidden_files(node, context, limits)]
+    if mistakes:
+        raise InvalidFile(*sort_mistakes(mistakes))
+
+
+def _forbidden_files(
+    node: SettingNode, context: ValidationContext, limits: PageLimits
+) -> Iterator[Mistake]:
+    """Yield mistakes for forbidden files named in settings, and in settings files they name."""
+    for steps, path in setting_paths.find_files(node, context):
+        file_node = node
+        for step in steps:
+            file_node = file_node.child(step) or file_node
+        text = str(file_node.node.content)
+        if "://" in text or _is_forbidden(Path(path), limits.folders):
+            folders = ", ".join(folder.name for folder in limits.folders) or "none was given"
+            yield file_node.location.create_mistake(
+                file_node.setting_name,
+                value=quote_text(text),
+                expected=f"a file in the folders of the studio: {folders}",
+                fix="start the studio with the folder that contains it",
+            )
+        elif Radar in file_node.slot.choices or file_node.slot.field == "settings_path":
+            file_context = replace(context, folder=Path(path).parent)
+            try:
+                tree = parse_yaml(read_text(Path(path)), path)
+            except InvalidFile:
+                continue  # a vendor's file, which names no file outside its folder
+            yield from _forbidden_files(SettingNode("", tree, Slot(Radar)), file_context, limits)
+
+
+def _is_forbidden(path: Path, folders: Iterable[Path]) -> bool:
+    """Return True if a path must not be opened; missing files are reported by their reader."""
+    exists = True
+    with suppress(OSError):  # name too long
+        exists = path.exists()
+    return not is_inside(path, folders) or (exists and not is_allowed(path, folders))
+
+
+def _without_location(mistake: Mistake) -> Mistake:
+    """Remove the location of a mistake in generated text."""
+    if mistake.file in (_FILE, "--set"):
+        return replace(mistake, file=None, line=None, column=None)
+    return mistake

@@ -1,0 +1,91 @@
+"""Style of the figures, and conversion of powers to image levels."""
+
+import numpy as np
+from bokeh.models import ColorBar, Legend, Title
+from bokeh.plotting import figure
+
+from dechirp.studio.theme import Theme
+
+SPAN_DB = 60.0
+"""Largest dynamic range of a map, below the strongest cell."""
+STATIC_LEVEL = "overlay"
+"""Paint level of static parts: text takes longer to paint than maps at 20 frames a second."""
+
+
+def plain_figure(*, title: str, x: str, y: str) -> figure:
+    """Create a figure without a toolbar that fills its tile; `x` and `y` are axis labels."""
+    new_figure = figure(
+        title=title,
+        x_axis_label=x,
+        y_axis_label=y,
+        sizing_mode="stretch_both",
+        toolbar_location=None,
+        tools="",
+        min_border=4,
+        output_backend="canvas",
+    )
+    # At fractional pixel edges the browser shows the background, which would be white.
+    new_figure.styles = {"background": "var(--tile)"}
+    new_figure.title.text_font_size = "12px"
+    new_figure.title.level = STATIC_LEVEL
+    for axis in new_figure.axis:
+        axis.level = STATIC_LEVEL
+        axis.axis_label_text_font_size = "11px"
+        axis.axis_label_text_font_style = "normal"
+        axis.major_label_text_font_size = "10px"
+    return new_figure
+
+
+def add_subtitle(target_figure: figure) -> Title:
+    """Add a smaller line under the title of a figure, for the meaning of marks and numbers."""
+    # Its first text determines its height: later texts do not change the layout.
+    line = Title(text="Computing the first frame.", standoff=5)
+    line.level = STATIC_LEVEL
+    line.text_font_size, line.text_font_style = "10px", "normal"
+    # Both start above the axis labels, not above the frame: small tiles need the space.
+    target_figure.title.offset = line.offset = -36
+    target_figure.title.standoff = 0
+    target_figure.add_layout(line, "above")
+    return line
+
+
+def apply_figure_theme(target_figure: figure, theme: Theme) -> None:
+    """Apply the colours of a theme to the axes and titles of a figure."""
+    target_figure.background_fill_color = target_figure.border_fill_color = theme.tile
+    target_figure.outline_line_color = theme.rule
+    for title in target_figure.select(Title):
+        title.text_color = theme.muted
+    target_figure.title.text_color = theme.ink
+    for axis in target_figure.axis:
+        axis.axis_line_color = axis.major_tick_line_color = theme.rule
+        axis.minor_tick_line_color = None
+        axis.axis_label_text_color = axis.major_label_text_color = theme.muted
+    for grid in target_figure.grid:
+        grid.grid_line_color = theme.rule
+    for legend in target_figure.select(Legend):
+        legend.background_fill_color, legend.border_line_color = theme.tile, theme.rule
+        legend.label_text_color = theme.ink
+    for bar in target_figure.select(ColorBar):
+        bar.background_fill_color = theme.tile
+        bar.major_label_text_color = bar.title_text_color = theme.muted
+        bar.bar_line_color = bar.major_tick_line_color = None
+
+
+def power_to_levels(power: np.ndarray, top: float, span_db: float = SPAN_DB) -> np.ndarray:
+    """Convert powers to uint8 levels: 255 at `top` and above, 0 at `span_db` below it.
+
+    Zero power and NaN give 0, infinite power 255.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        levels = np.log10(np.asarray(power, np.float32) / np.float32(top))
+        levels *= 10 * 255 / span_db
+        levels += 255
+    np.fmax(levels, 0, out=levels)  # 0 for zero power and NaN
+    return np.minimum(levels, 255, out=levels).astype(np.uint8)
+
+
+def join_lines(lines: list[np.ndarray]) -> np.ndarray:
+    """Join lines (n, 2) to one with gaps: sending one array takes a tenth of the time."""
+    gap = np.full((1, 2), np.nan)
+    parts = [part for line in lines for part in (line, gap)]
+    return np.concatenate([np.empty((0, 2)), *parts]).astype(np.float32)

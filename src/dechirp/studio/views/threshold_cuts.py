@@ -1,0 +1,134 @@
+"""View of power and threshold along both map axes through the cursor."""
+
+import numpy as np
+from bokeh.events import DoubleTap, Tap
+from bokeh.models import UIElement
+
+from dechirp.core.text import format_fixed, format_number, power_db, power_unit
+from dechirp.core.units import to_decibels
+from dechirp.report.figures.cfar import run_edges, threshold_level_db, training_and_guard_cells
+from dechirp.report.figures.common import MapAxis, axis_edges
+from dechirp.report.figures.style import thin_line
+from dechirp.studio.browser_events import on_position_event
+from dechirp.studio.cursor import MapCut as Line
+from dechirp.studio.cursor import nearest_cell
+from dechirp.studio.frame_state import FrameState
+from dechirp.studio.session import Session
+from dechirp.studio.theme import Theme
+from dechirp.studio.views.base import View
+from dechirp.studio.views.line_figure import LineFigure
+from dechirp.studio.views.stable_limits import floor_db, stable_limits_db
+from dechirp.studio.views.toggle_tile import ToggleTile, colour_text
+
+_MAX_BLOCKS = 300
+_AXES: dict[str, MapAxis] = {"Range": "range", "Velocity": "velocity"}
+_LABELS = {"range": "range, m", "velocity": "velocity, m/s (receding +)"}
+
+
+class ThresholdCutView(View):
+    """Cell at the cursor with its training cells and threshold."""
+
+    name = "cut"
+    min_interval_s = 0.19
+
+    def __init__(self, session: Session) -> None:
+        super().__init__(session)
+        self._caption = "", ""
+        """Title and note of the last shown frame."""
+        self.drawings = {axis: _new_figure(_LABELS[axis]) for axis in _AXES.values()}
+        for drawing in self.drawings.values():
+            on_position_event(drawing.figure, Tap, self._move_cursor)
+            drawing.figure.on_event(DoubleTap, lambda _: session.move_cursor(None))
+        figures = {words: self.drawings[axis].figure for words, axis in _AXES.items()}
+        self.tile = ToggleTile(self.name, figures, on_switch=self._show_again)
+
+    @property
+    def root(self) -> UIElement:
+        return self.tile.root
+
+    def show_frame(self, moment: FrameState) -> None:
+        axis = self._active_axis
+        drawing, line, index = self.drawings[axis], *_cut_through_cursor(moment, axis)
+        units = str(moment.samples.attrs.get("units", ""))
+        level_db, threshold_db = (
+            power_db(line.power, units),
+            threshold_level_db(line.threshold, units),
+        )
+        drawing.set_data("power", **_thinned_line(line.positions, level_db))
+        drawing.set_data("threshold", **_thinned_line(line.positions, threshold_db))
+        drawing.set_data("cell", x=line.positions[[index]], y=level_db[[index]])
+        training, guard = training_and_guard_cells(
+            index, line.positions.size, moment.chain.cfar, along=axis
+        )
+        for name, cells in (("training", training), ("guard", guard)):
+            ends = np.reshape(run_edges(line.positions, cells), (-1, 2))
+            drawing.set_data(name, left=ends[:, 0], right=ends[:, 1])
+        highest_db = max(float(level_db.max()), float(np.nanmax(threshold_db, initial=-np.inf)))
+        drawing.set_limits(
+            x=axis_edges(line.positions), y=stable_limits_db(floor_db(level_db), highest_db)
+        )
+        drawing.figure.yaxis.axis_label = f"power, {power_unit(units)}"
+        range_m, velocity_m_per_s = moment.cursor
+        self._caption = (
+            _threshold_margin_text(line, index),
+            f"at {format_number(range_m, 3)} m, {format_number(velocity_m_per_s, 3)} m/s:"
+            f" {colour_text('power', 'echo')}, {colour_text('threshold', 'threshold')};"
+            " shaded: training",
+        )
+
+    def update_caption(self, moment: FrameState) -> None:
+        self.tile.set_caption(*self._caption)
+
+    def apply_theme(self, theme: Theme) -> None:
+        for drawing in self.drawings.values():
+            drawing.apply_theme(theme)
+
+    @property
+    def _active_axis(self) -> MapAxis:
+        return _AXES[self.tile.active_label]
+
+    def _show_again(self) -> None:
+        if self.session.frame_state is not None:
+            self.show_frame(self.session.frame_state)
+            self.update_caption(self.session.frame_state)
+
+    def _move_cursor(self, x: float, _: float) -> None:
+        moment = self.session.frame_state
+        if moment is not None:
+            cursor = moment.cursor
+            self.session.move_cursor(
+                cursor._replace(range_m=x)
+                if self._active_axis == "range"
+                else cursor._replace(velocity_m_per_s=x)
+            )
+
+
+def _new_figure(label: str) -> LineFigure:
+    line_figure = LineFigure(x=label, y="power", x_range=(0, 1), y_range=(0, 1))
+    line_figure.add_bands("training", "echo", alpha=0.16)
+    line_figure.add_bands("guard", "muted", alpha=0.12)
+    line_figure.add_line("power", "echo", line_width=1.6)
+    line_figure.add_line("threshold", "threshold", line_width=1.6)
+    line_figure.add_marks("cell", "cursor", size=7)
+    return line_figure
+
+
+def _cut_through_cursor(moment: FrameState, axis: MapAxis) -> tuple[Line, int]:
+    """Return the cut along an axis and the index of the cursor in it."""
+    row, column = nearest_cell(moment.power, moment.cursor)
+    over_range, over_velocity = moment.cuts
+    return (over_range, column) if axis == "range" else (over_velocity, row)
+
+
+def _thinned_line(positions: np.ndarray, level_db: np.ndarray) -> dict[str, np.ndarray]:
+    x, y = thin_line(positions, level_db, _MAX_BLOCKS)
+    return {"x": x, "y": y}
+
+
+def _threshold_margin_text(line: Line, index: int) -> str:
+    power, threshold = float(line.power[index]), float(line.threshold[index])
+    if not (power > 0 and 0 < threshold < np.inf):
+        return "No detection is attempted here"
+    margin_db = float(to_decibels(power / threshold))
+    side = "over" if margin_db > 0 else "under"
+    return f"{format_fixed(abs(margin_db), 1)} dB {side} the threshold"

@@ -1,0 +1,88 @@
+"""Trimmed-mean CFAR: the mean of the training cells without the smallest and the largest.
+
+The steps from one of N exponential cells in order of power to the next are independent, and
+exponential with rates N, N - 1, ... So the mean of n cells in the middle of the order, the
+smallest and the largest left out, is a sum of independent exponentials of means w_i, and
+
+    Pfa = prod_i 1 / (1 + factor w_i),
+
+with the limits of Rohling's product for one cell of the order, and cell averaging for all cells.
+One power per cell; noise independent from cell to cell. For summed powers and for correlated
+cells see `theory.cfar_calibration`.
+
+`n_smallest` and `n_largest` are the cells left out at each end, 0 or more; the other
+parameters are those of `theory.cfar`, with its bounds and errors.
+
+References
+----------
+P. P. Gandhi and S. A. Kassam, Analysis of CFAR processors in nonhomogeneous background, IEEE
+Trans. AES 24(4), 1988.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dechirp.core.checks import (
+    check_false_alarm_probability,
+    check_integer,
+    check_positive_ratios,
+    check_ratios,
+)
+from dechirp.theory.cfar import find_decreasing_root
+from dechirp.theory.training_cells import order_step_rates
+
+__all__ = [
+    "trimmed_mean_detection_probability",
+    "trimmed_mean_factor",
+    "trimmed_mean_false_alarm_probability",
+]
+
+
+def trimmed_mean_factor(
+    false_alarm_probability: float, *, n_training: int, n_smallest: int, n_largest: int
+) -> float:
+    """Return the ratio of threshold to the trimmed mean of the training cells."""
+    check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
+    means = _mean_step_weights(n_training, n_smallest, n_largest)
+    log_pfa = math.log(false_alarm_probability)
+    return find_decreasing_root(
+        lambda factor: -float(np.sum(np.log1p(factor * means))) - log_pfa, start=1.0
+    )
+
+
+def trimmed_mean_false_alarm_probability(
+    factor: ArrayLike, *, n_training: int, n_smallest: int, n_largest: int
+) -> np.ndarray:
+    """Return the probability that noise exceeds factor times the trimmed mean."""
+    means = _mean_step_weights(n_training, n_smallest, n_largest)
+    factors = check_positive_ratios("factor", factor)
+    logs = [np.sum(np.log1p(value * means)) for value in factors.flat]
+    return np.exp(-np.reshape(logs, factors.shape))
+
+
+def trimmed_mean_detection_probability(
+    snr: ArrayLike, factor: float, *, n_training: int, n_smallest: int, n_largest: int
+) -> np.ndarray:
+    """Return the probability that a Swerling 1 target exceeds factor times the trimmed mean.
+
+    Its power is exponential, like that of noise 1 + snr times as strong.
+    """
+    return trimmed_mean_false_alarm_probability(
+        factor / (1 + check_ratios("snr", snr)),
+        n_training=n_training,
+        n_smallest=n_smallest,
+        n_largest=n_largest,
+    )
+
+
+def _mean_step_weights(n_training: int, n_smallest: int, n_largest: int) -> np.ndarray:
+    """Return the mean contribution of each step to the trimmed mean, (n_training - n_largest,)."""
+    check_integer("n_training", n_training, at_least=1)
+    check_integer("n_smallest", n_smallest, at_least=0, at_most=n_training - 1)
+    check_integer("n_largest", n_largest, at_least=0, at_most=n_training - n_smallest - 1)
+    last = n_training - n_largest
+    # A step raises all kept cells after it; the first steps raise all of them.
+    n_raised = np.minimum(last - np.arange(last), last - n_smallest)
+    return n_raised / ((last - n_smallest) * order_step_rates(n_training, last))

@@ -1,0 +1,192 @@
+"""Online tracking: predicts, associates, confirms, drops and starts tracks frame by frame."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import xarray as xr
+
+from dechirp.core.checks import check_number
+from dechirp.core.detection_columns import check_type
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import frozen_dataclass
+from dechirp.tracking.initiation import initial_states
+from dechirp.tracking.measurements import Measurements, row_axis, to_measurements
+from dechirp.tracking.tracker import Tracker
+
+if TYPE_CHECKING:
+    from dechirp.tracking.stone_soup import StateEstimate, StoneSoup
+
+_MIN_SHARE = 0.5  # probability from which a detection belongs to a track, and a track is detected
+_MAX_TIME_S = 1e9
+
+
+@frozen_dataclass
+class Track:
+    """Estimate of a target after a frame."""
+
+    number: int
+    """Number from 0 in the order of track starts, false tracks included."""
+    state: tuple[float, float, float, float]
+    """x, vx, y, vy, in m and m/s, coordinates of the radar."""
+    covariance: tuple[tuple[float, ...], ...]
+    """4 by 4."""
+    status: Literal["tentative", "confirmed"]
+    age: int
+    """Frames since the first one."""
+
+
+class LiveTracker:
+    """Tracker that is updated frame by frame.
+
+    Confirmed tracks are associated first, tentative ones with the remaining detections; those that
+    then remain start new tracks. So false alarms do not compete with known targets.
+
+    Parameters
+    ----------
+    tracker : Tracker
+    velocity_span_m_per_s : float, optional
+        Unambiguous velocity span, twice `Frame.max_velocity_m_per_s`: rates of detections whose
+        `ambiguity_number` is NaN are used modulo the span if their track resolves it, and else
+        ignored. By default they are used as they are.
+
+    Raises
+    ------
+    InvalidSetting
+        If Stone Soup is not installed.
+    """
+
+    def __init__(self, tracker: Tracker, *, velocity_span_m_per_s: float | None = None) -> None:
+        check_type("tracker", tracker, Tracker, fix="give Tracker(), its settings")
+        if velocity_span_m_per_s is not None:
+            check_number("velocity_span_m_per_s", velocity_span_m_per_s, above=0)
+        self._tracker = tracker
+        self._span_m_per_s = velocity_span_m_per_s
+        self._filters = _load_stone_soup(tracker)
+        self._tracks: list[_LiveTrack] = []
+        self._n_started = 0
+        self._time_s: float | None = None
+
+    def step(self, detections: xr.Dataset, time_s: float) -> tuple[Track, ...]:
+        """Update the tracks with the detections of a frame.
+
+        Parameters
+        ----------
+        detections : Dataset over `detection` or `cluster`
+            Detections of one frame, possibly none. Rows without range, azimuth or their errors
+            are ignored.
+        time_s : float
+            Middle of the frame, later than the frame before; steps may differ.
+
+        Raises
+        ------
+        InvalidSetting
+            If the time does not increase, or columns are missing; the tracks are unchanged.
+        NotEnoughMemory
+            If the pairs of tracks and detections would not fit.
+        """
+        return self.advance(self.to_measurements(detections), time_s)
+
+    def to_measurements(self, detections: xr.Dataset) -> Measurements:
+        """Convert the usable rows of a table to measurements."""
+        row_axis(detections)  # raises if the table cannot be tracked
+        return to_measurements(
+            detections,
+            target_size_m=self._tracker.target_size_m,
+            velocity_span_m_per_s=self._span_m_per_s,
+        )
+
+    def advance(self, measurements: Measurements, time_s: float) -> tuple[Track, ...]:
+        """Update the tracks like `step`, with measurements."""
+        now_s = check_number("time_s", time_s, at_least=-_MAX_TIME_S, at_most=_MAX_TIME_S)
+        if self._time_s is not None and not now_s > self._time_s:
+            raise InvalidSetting(
+                "time_s",
+                value=f"{now_s:.9g} s, after a frame at {self._time_s:.9g} s",
+                expected="later than the frame before",
+                fix="pass frames in the order of their times, each once; drop late ones",
+            )
+        passed_s = 0.0 if self._time_s is None else now_s - self._time_s
+        self._time_s = now_s
+        for status in ("confirmed", "tentative"):
+            tracks = [live_track for live_track in self._tracks if live_track.status == status]
+            measurements = self._update_tracks(tracks, passed_s, measurements)
+        self._tracks = [
+            live_track for live_track in self._tracks if live_track.is_alive(self._tracker)
+        ]
+        self._start_tracks(measurements)
+        return tuple(live_track.to_track() for live_track in self._tracks)
+
+    def _update_tracks(
+        self, tracks: Sequence["_LiveTrack"], passed_s: float, measurements: Measurements
+    ) -> Measurements:
+        """Update some tracks, and return the measurements that belong to none of them."""
+        step = self._filters.update(
+            [live_track.belief for live_track in tracks], passed_s, measurements
+        )
+        for live_track, belief, shares in zip(tracks, step.states, step.shares, strict=True):
+            live_track.update(belief, is_hit=shares.sum() >= _MIN_SHARE, tracker=self._tracker)
+        return measurements.select(step.shares.sum(axis=0) < _MIN_SHARE)
+
+    def _start_tracks(self, measurements: Measurements) -> None:
+        from dechirp.tracking.stone_soup import StateEstimate
+
+        means, covariances = initial_states(measurements, self._tracker.speed_std_m_per_s)
+        for mean, covariance in zip(means, covariances, strict=True):
+            live_track = _LiveTrack(self._n_started, StateEstimate(mean, covariance))
+            live_track.update_status(self._tracker)
+            self._tracks.append(live_track)
+            self._n_started += 1
+
+
+class _LiveTrack:
+    """Live track: state, status and counts of detections."""
+
+    def __init__(self, number: int, belief: "StateEstimate") -> None:
+        self.number = number
+        self.belief = belief
+        self.status: Literal["tentative", "confirmed"] = "tentative"
+        self.age = 0
+        self.hits = 1
+        self.misses = 0
+        """Consecutive misses."""
+
+    def update(self, belief: "StateEstimate", *, is_hit: bool, tracker: Tracker) -> None:
+        self.belief = belief
+        self.age += 1
+        self.hits += is_hit
+        self.misses = 0 if is_hit else self.misses + 1
+        self.update_status(tracker)
+
+    def update_status(self, tracker: Tracker) -> None:
+        if self.hits >= tracker.confirm_after[0]:
+            self.status = "confirmed"
+
+    def is_alive(self, tracker: Tracker) -> bool:
+        if self.status == "confirmed":
+            return self.misses < tracker.drop_after
+        hits, frames = tracker.confirm_after
+        return self.hits + frames - 1 - self.age >= hits  # confirmation is still possible
+
+    def to_track(self) -> Track:
+        return Track(
+            number=self.number,
+            state=tuple(self.belief.mean.tolist()),
+            covariance=tuple(map(tuple, self.belief.covariance.tolist())),
+            status=self.status,
+            age=self.age,
+        )
+
+
+def _load_stone_soup(tracker: Tracker) -> "StoneSoup":
+    try:
+        from dechirp.tracking.stone_soup import StoneSoup
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] != "stonesoup":
+            raise
+        raise InvalidSetting(
+            "Tracker",
+            value="a tracker without Stone Soup installed",
+            expected="Stone Soup, for its filters and association",
+            fix="run pip install 'dechirp[track]'",
+        ) from None
+    return StoneSoup(tracker)
