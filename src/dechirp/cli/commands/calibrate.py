@@ -220,7 +220,7 @@ def _common_radar(recordings: "list[Recording]") -> "Radar":
 
 
 def _element_rows(result: "CalibrationResult") -> list[dict[str, Any]]:
-    """What was measured of each element, in the units of tables."""
+    """Return the measurements of each element, in the units of tables."""
     import numpy as np
 
     from dechirp.core.units import to_decibels
