@@ -1,7 +1,7 @@
 """How many frames a second of a highway are simulated, hardware included.
 
 Twenty cars, vans and trucks of some 3,000 scatterers, wheels turning, before a radar of three
-transmitters in turns and four receivers, 128 chirps of each and 256 samples; `typical-77ghz`; 20
+transmitters in turns and four receivers, 128 chirps of each and 256 samples; `automotive-chip`; 20
 frames. Beside it what each stage adds: echoes alone, and each impairment alone, over echoes
 alone in the same run; and the oscillator's stage for all scatterers against that for two as far
 apart.
@@ -103,7 +103,7 @@ def ends_of(scene: dc.Scene) -> tuple[int, int]:
 def phase_noise(scene: dc.Scene, radar: dc.Radar) -> Callable[[], None]:
     """The oscillator's stage for a frame, the sum of the echoes left out."""
     (noise,) = (
-        i for i in dc.impairments.Typical77Ghz().impairments(radar) if i.kind() == "phase-noise"
+        i for i in dc.impairments.AutomotiveChip().impairments(radar) if i.kind() == "phase-noise"
     )
     rng, kept = np.random.default_rng(1), sample_window(radar, 0)
     parts = list(direct_echo_groups(scene, radar, 0, rng))
@@ -138,12 +138,12 @@ def main() -> None:
         )
 
     alone_s = frames_s([])
-    found = {"echoes alone": alone_s, "typical-77ghz": frames_s([dc.impairments.Typical77Ghz()])}
-    for impairment in dc.impairments.Typical77Ghz().impairments(radar):
+    found = {"echoes alone": alone_s, "automotive-chip": frames_s([dc.impairments.AutomotiveChip()])}
+    for impairment in dc.impairments.AutomotiveChip().impairments(radar):
         found[f"echoes and {impairment.kind()}"] = frames_s([impairment])
     for name, took_s in found.items():
         print(f"{name:>32} {1e3 * took_s:7.1f} ms a frame, {took_s / alone_s:5.2f} x echoes alone")
-    print(f"{scene.n_scatterers} scatterers, {1 / found['typical-77ghz']:.1f} frames/s")
+    print(f"{scene.n_scatterers} scatterers, {1 / found['automotive-chip']:.1f} frames/s")
     ends = [scene.positions_m([0.0])[0, place] for place in ends_of(scene)]
     two = dc.Scene(
         targets=[

@@ -39,7 +39,7 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.impairments.noise import ThermalNoise
 
 Frames = Callable[[], dict[str, np.ndarray]]
 EXAMPLES = Path(__file__).parents[1] / "examples"

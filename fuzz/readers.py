@@ -226,7 +226,7 @@ def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
     """What is called with each mutation."""
     from dechirp.core.errors import InvalidFile, RecordingError
     from dechirp.recordings.settings.read import read_settings
-    from formats.any_bytes import gives_a_cube_or_says_why
+    from formats.corruption import assert_cube_or_error
 
     if kind in SETTINGS:
         file = folder / SETTINGS[kind][1]
@@ -244,7 +244,7 @@ def one_input(kind: str, folder: Path) -> Callable[[bytes], None]:
 
     def recording(content: bytes) -> None:
         (folder / "capture").write_bytes(content)
-        gives_a_cube_or_says_why(folder / "capture", **own, **told)
+        assert_cube_or_error(folder / "capture", **own, **told)
 
     return recording
 

@@ -1,8 +1,8 @@
-"""What many tests share: one small radar, and the reference scenario."""
+"""Fixtures of many tests: a small radar, and the reference scenario."""
 
 import os
 
-# Two workers on two cores: threads of their own would get in each other's way.
+# Two workers on two cores: more threads would compete for them.
 for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(pool, "1")
 
@@ -11,7 +11,7 @@ import xarray as xr
 from hypothesis import settings
 
 import dechirp as dc
-from radars import of_street
+from radars import street_radar
 
 # The same examples in every run; slow machines are not failures.
 settings.register_profile("fixed", derandomize=True, deadline=None)
@@ -21,7 +21,7 @@ settings.load_profile("fixed")
 @pytest.fixture(scope="session")
 def radar() -> dc.Radar:
     """77 GHz, 0.29 m and 0.43 m/s a bin, 75 m and 27 m/s unambiguous, two receivers."""
-    return of_street(n_samples=256, n_chirps=128)
+    return street_radar(n_samples=256, n_chirps=128)
 
 
 @pytest.fixture(scope="session")

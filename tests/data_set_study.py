@@ -1,4 +1,4 @@
-"""A study of a small radar that keeps a data set, for those who start and kill it.
+"""Study of a small radar that keeps a data set, for tests that start and kill it.
 
 python tests/data_set_study.py OUT
 """
@@ -10,49 +10,49 @@ from dataclasses import replace
 from pathlib import Path
 
 import dechirp as dc
-from dechirp.evaluation.score.detection_probability import DetectionProbability
+from dechirp.evaluation.score.probabilities import DetectionProbability
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.study import StopRule, Study, SweptSetting, TrialBudget
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise
-from trial_cases import small, target
+from dechirp.simulation.impairments.noise import ThermalNoise
+from trial_cases import make_target, small_radar
 
-SCENE = dc.Scene(targets=(target(name="car"), target(41.3, -5.0, name="van", rcs_m2=3.0)))
+SCENE = dc.Scene(targets=(make_target(name="car"), make_target(41.3, -5.0, name="van", rcs_m2=3.0)))
 RCS = SweptSetting(
     path="scene.targets.car.rcs",
     texts=("-20 dBsm", "-10 dBsm", "0 dBsm"),
     numbers=(-20.0, -10.0, 0.0),
     unit="dBsm",
 )
-ALL = ("cubes", "maps", "detections")
+ALL_PARTS = ("cubes", "maps", "detections")
 
 
-def study(**changed) -> Study:
-    """Three points of 23 trials of two targets, in blocks of 5, the last one short."""
+def make_study(**changes) -> Study:
+    """Return a study of 3 points, 23 trials and 2 targets, in blocks of 5, the last one short."""
     settings = {
-        "scenario": Scenario(scene=SCENE, radar=small(2), impairments=(ThermalNoise(),)),
+        "scenario": Scenario(scene=SCENE, radar=small_radar(2), impairments=(ThermalNoise(),)),
         "seed": 3,
         "vary": (RCS,),
         "trials": TrialBudget(at_most=23, block=5),
         "scores": (DetectionProbability(),),
-        "keep": ALL,
+        "keep": ALL_PARTS,
     }
-    return Study(**{**settings, **changed})
+    return Study(**{**settings, **changes})
 
 
-def adaptive() -> Study:
-    """The same, each point until its probability is known to 0.5."""
+def make_adaptive_study() -> Study:
+    """Return the study with a stop rule: until the probability is known to 0.5."""
     until = StopRule(score="detection_probability", width=0.5)
-    return study(trials=replace(study().trials, until=until))
+    return make_study(trials=replace(make_study().trials, until=until))
 
 
-def run(out: Path, asked: Study | None = None, **told):
-    """Run it on one thread."""
+def run_to_folder(out: Path, study: Study | None = None, **options):
+    """Run a study on one thread."""
     with ThreadPoolExecutor(1) as pool:
-        return dc.run_study(asked or study(), out, executor=pool, **told)
+        return dc.run_study(study or make_study(), out, executor=pool, **options)
 
 
-def fingerprint(out: Path) -> dict[str, str]:
-    """SHA-256 of every file of the data set, by its name."""
+def file_digests(out: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file of the data set by name."""
     folder = out / "data.zarr"
     return {
         str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
@@ -63,4 +63,4 @@ def fingerprint(out: Path) -> dict[str, str]:
 
 if __name__ == "__main__":
     print("started", flush=True)
-    run(Path(sys.argv[1]))
+    run_to_folder(Path(sys.argv[1]))

@@ -1,4 +1,4 @@
-"""Whether the long certificates run too: they take an hour, and set DECHIRP_NIGHTLY."""
+"""Marker of long tests, which run if DECHIRP_NIGHTLY is set and take an hour together."""
 
 import os
 

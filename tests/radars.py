@@ -1,4 +1,4 @@
-"""Radars that many tests take: small ones, quick to simulate and process."""
+"""Small radars for tests, quick to simulate and to process."""
 
 import dechirp as dc
 
@@ -28,10 +28,10 @@ SHORT_CHIRP = dc.Chirp(
 """240 MHz in 8 us, with time before the first sample and after the last."""
 
 
-def of_street(
+def street_radar(
     *, n_samples: int, n_chirps: int, n_rx: int = 2, sampling: str = "complex", **frame: float
 ) -> dc.Radar:
-    """77 GHz, to 75 m and 27 m/s; a sample for 0.3 m, receivers half a wavelength apart."""
+    """Return a 77 GHz radar to 75 m and 27 m/s, with receivers half a wavelength apart."""
     chirp = dc.Chirp(
         start_frequency_hz=77e9,
         slope_hz_per_s=20e12,
@@ -48,8 +48,8 @@ def of_street(
     )
 
 
-def of_eight_receivers(period_s: float | None = None) -> dc.Radar:
-    """77 GHz, 0.6 m and 1.5 m/s a cell, a row of receivers half a wavelength apart."""
+def eight_receiver_radar(period_s: float | None = None) -> dc.Radar:
+    """Return a 77 GHz radar with cells of 0.6 m and 1.5 m/s and a uniform linear array."""
     chirp = dc.Chirp(
         start_frequency_hz=77e9,
         slope_hz_per_s=20e12,

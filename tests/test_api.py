@@ -20,7 +20,7 @@ import pytest
 import dechirp
 from dechirp.core.families import Family
 from dechirp.core.namespaces import public_names
-from test_layers import ROOT, parsed
+from test_layers import ROOT, parse_file
 
 API_TEXT = Path(__file__).with_name("api.txt")
 DOCS = ROOT.parents[1] / "docs"
@@ -32,7 +32,7 @@ NAMESPACES = {name: f"dechirp.{module}" for name, module in dechirp._NAMESPACES.
 def definitions(module: str) -> dict[str, ast.stmt]:
     """Return the definitions of a module by name."""
     file = importlib.import_module(module).__file__
-    return {name: node for node in parsed(Path(str(file))).body for name in defined_names(node)}
+    return {name: node for node in parse_file(Path(str(file))).body for name in defined_names(node)}
 
 
 def defined_names(node: ast.stmt) -> list[str]:
@@ -98,9 +98,9 @@ def api() -> str:
         namespace: [(owner, name) for name, owner in sorted(namespace_names(module).items())]
         for namespace, module in NAMESPACES.items()
     }
-    shown = root | {entry for entries in grouped.values() for entry in entries}
-    further = documented_names() - shown
-    for module, name in shown | further:
+    listed = root | {entry for entries in grouped.values() for entry in entries}
+    further = documented_names() - listed
+    for module, name in listed | further:
         thing = getattr(importlib.import_module(module), name, None)
         for base in getattr(thing, "__mro__", ()):
             if base.__module__.startswith("dechirp."):
@@ -112,9 +112,9 @@ def api() -> str:
         lines += ["", f"# dechirp.{namespace}"]
         for module, name in entries:
             lines += describe_name(name, module)
-    for module in sorted({module for module, _ in further - shown}):
+    for module in sorted({module for module, _ in further - listed}):
         lines += ["", f"# from {module} import"]
-        for name in sorted(name for owner, name in further - shown if owner == module):
+        for name in sorted(name for owner, name in further - listed if owner == module):
             lines += describe_name(name, module)
     return "\n".join(lines) + "\n"
 
@@ -157,9 +157,9 @@ def test_public_interface_is_recorded_in_api_text():
 
 
 def test_stub_files_agree_with_the_package():
-    written = {path: path.read_text(encoding="utf-8") for path in ROOT.rglob("*.pyi")}
+    stub_texts = {path: path.read_text(encoding="utf-8") for path in ROOT.rglob("*.pyi")}
 
-    assert written == stubs(), "run python tests/test_api.py"
+    assert stub_texts == stubs(), "run python tests/test_api.py"
 
 
 def test_root_names_are_few_and_no_modules():
@@ -224,7 +224,7 @@ def test_type_checker_resolves_names_of_the_package(tmp_path):
     script = tmp_path / "user.py"
     script.write_text(USER_SCRIPT, encoding="utf-8")
 
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "mypy", str(script)],
         cwd=ROOT.parents[1],
         capture_output=True,
@@ -232,7 +232,7 @@ def test_type_checker_resolves_names_of_the_package(tmp_path):
         check=False,
     )
 
-    output = "\n".join(line for line in done.stdout.splitlines() if "user.py" in line)
+    output = "\n".join(line for line in process.stdout.splitlines() if "user.py" in line)
     revealed = re.findall(r'Revealed type is "(.*)"', output)
     assert revealed[0] == "xarray.core.dataarray.DataArray"
     assert revealed[1] == "dechirp.processing.cfar.cell_averaging.CellAveraging"

@@ -1,4 +1,4 @@
-"""The page on the architecture names what there is, and nothing else."""
+"""Completeness of the architecture page: folders and files of the package."""
 
 import re
 from pathlib import Path
@@ -9,21 +9,21 @@ TOP = ROOT.parents[1]
 PAGE = (TOP / "docs" / "architecture.md").read_text(encoding="utf-8")
 
 
-def tree() -> dict[str, list[str]]:
-    """Files that the page names in each folder; none where one line tells of all."""
-    block = PAGE.partition("## Files, one idea each")[2].split("```")[1]
-    found: dict[str, list[str]] = {}
+def documented_tree() -> dict[str, list[str]]:
+    """Return the files that the page lists in each folder; none for a folder in one line."""
+    block = PAGE.partition("## Files")[2].split("```")[1]
+    files_by_folder: dict[str, list[str]] = {}
     for line in block.splitlines()[1:]:
         names, _, _ = line.strip().partition("  ")
         if line.startswith(" "):
-            found[list(found)[-1]] += names.split()
+            files_by_folder[list(files_by_folder)[-1]] += names.split()
         else:
-            found[names] = []
-    return found
+            files_by_folder[names] = []
+    return files_by_folder
 
 
-def folders(below: Path) -> set[str]:
-    """Folders with Python files in them."""
+def python_folders(below: Path) -> set[str]:
+    """Return the folders that contain Python files."""
     return {
         f"{path.parent.relative_to(below)}/"
         for path in below.rglob("*.py")
@@ -31,34 +31,34 @@ def folders(below: Path) -> set[str]:
     } - {"./"}
 
 
-def test_every_folder_of_the_package_is_on_the_page_in_one_place():
-    assert sorted(tree()) == sorted(folders(ROOT))
+def test_page_lists_every_package_folder_once():
+    assert sorted(documented_tree()) == sorted(python_folders(ROOT))
 
 
-def test_every_file_that_the_page_names_exists_and_all_that_exist_are_named():
-    for folder, named in tree().items():
-        # A family is a file a member: those alone are named that all members use.
+def test_page_lists_exactly_the_existing_files():
+    for folder, listed_files in documented_tree().items():
+        # The page lists only the shared files of a family, not its members.
         is_family = re.search(rf"^{folder} +a family", PAGE, re.MULTILINE)
-        there = {path.stem for path in (ROOT / folder).glob("*.py")} - {"__init__"}
+        existing_files = {path.stem for path in (ROOT / folder).glob("*.py")} - {"__init__"}
 
-        assert len(named) == len(set(named)), folder
-        assert set(named) <= there, folder
-        assert not named or is_family or set(named) == there, folder
+        assert len(listed_files) == len(set(listed_files)), folder
+        assert set(listed_files) <= existing_files, folder
+        assert not listed_files or is_family or set(listed_files) == existing_files, folder
 
 
-def test_every_folder_beside_the_package_is_on_the_page():
-    told = set(re.findall(r"`((?:tests|benchmarks|fuzz|docs|examples)[\w/]*)`", PAGE))
-    there = {
+def test_page_lists_folders_of_tests_and_tools():
+    listed_folders = set(re.findall(r"`((?:tests|benchmarks|fuzz|docs|examples)[\w/]*)`", PAGE))
+    existing_folders = {
         f"{top}/{folder.partition('/')[0]}"
         for top in ("tests", "benchmarks", "fuzz")
-        for folder in folders(TOP / top)
+        for folder in python_folders(TOP / top)
     }
 
-    assert there <= told
-    assert [name for name in told if not (TOP / name).is_dir()] == []
+    assert existing_folders <= listed_folders
+    assert [name for name in listed_folders if not (TOP / name).is_dir()] == []
 
 
-def test_every_file_that_stands_in_the_text_exists():
+def test_files_mentioned_in_text_exist():
     stems = {path.stem for path in ROOT.rglob("*.*")}
     for name in re.findall(r"`([\w/.]+\.(?:py|html|css|js|dbc|yaml))`", PAGE):
         tops = (TOP, ROOT, *(path for path in ROOT.iterdir() if path.is_dir()))

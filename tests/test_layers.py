@@ -1,4 +1,4 @@
-"""The architecture as a test: a file imports only what stands before it."""
+"""Layers of the package: a file imports only lower layers, and imports have no cycle."""
 
 import ast
 from collections.abc import Iterator
@@ -9,8 +9,8 @@ import pytest
 
 import dechirp
 
-# Names joined by | do not know each other. Above all, processing knows neither the scene nor
-# the simulator: a chain that could look up the truth measures nothing.
+# Folders joined by | do not import each other. In particular, processing imports neither the scene
+# nor the simulator: a chain with access to the truth would measure nothing.
 ORDER = (
     "core",
     "theory",
@@ -30,7 +30,7 @@ ORDER = (
 
 POSITION = {name: place for place, names in enumerate(ORDER) for name in names.split("|")}
 
-# Libraries for one purpose, and the folders that have it. Physics needs none of them.
+# Libraries of one purpose, and the folders that may import them. Physics needs none of them.
 ONLY_IN = {
     "pydantic": {"config"},
     "pydantic_core": {"config"},
@@ -64,18 +64,18 @@ ONLY_IN = {
 }
 
 ROOT = Path(dechirp.__file__).parent
-TOP = {ROOT / "__init__.py", ROOT / "__main__.py"}
-FILES = sorted(set(ROOT.rglob("*.py")) - TOP)
+ROOT_FILES = {ROOT / "__init__.py", ROOT / "__main__.py"}
+FILES = sorted(set(ROOT.rglob("*.py")) - ROOT_FILES)
 
 
 @cache
-def parsed(path: Path) -> ast.Module:
+def parse_file(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and full name of everything that a file imports, wherever in it."""
-    for node in ast.walk(parsed(path)):
+def iter_imports(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and full name of every import of a file, at any level."""
+    for node in ast.walk(parse_file(path)):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}:{node.lineno}: imports are absolute"
             for alias in node.names:
@@ -88,26 +88,26 @@ def imports(path: Path) -> Iterator[tuple[int, str]]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_file_imports_only_what_stands_before_it(path):
-    here = path.relative_to(ROOT).parts[0]
-    for line, name in imports(path):
+def test_file_imports_only_lower_layers(path):
+    layer = path.relative_to(ROOT).parts[0]
+    for line, name in iter_imports(path):
         package, _, rest = name.partition(".")
-        there = rest.partition(".")[0]
-        if package == "dechirp" and there:
-            assert there == here or POSITION[there] < POSITION[here], (
-                f"line {line}: {here} imports {there}"
+        imported_layer = rest.partition(".")[0]
+        if package == "dechirp" and imported_layer:
+            assert imported_layer == layer or POSITION[imported_layer] < POSITION[layer], (
+                f"line {line}: {layer} imports {imported_layer}"
             )
         elif package == "dechirp":
-            assert here == "cli", f"line {line}: only the edges import the whole package"
+            assert layer == "cli", f"line {line}: only the edges import the whole package"
         else:
-            assert here in ONLY_IN.get(package, {here}), f"line {line}: {here} imports {package}"
+            assert layer in ONLY_IN.get(package, {layer}), f"line {line}: {layer} imports {package}"
 
 
-def runs_into(path: Path) -> set[Path]:
-    """Files of the package that one imports: at once, later, or for type checkers alone."""
+def imported_files(path: Path) -> set[Path]:
+    """Return the package files that a file imports, lazily and for type checkers included."""
     names = {
         name
-        for node in ast.walk(parsed(path))
+        for node in ast.walk(parse_file(path))
         if isinstance(node, ast.ImportFrom)
         for name in (str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names))
         if name.startswith("dechirp.")
@@ -116,14 +116,14 @@ def runs_into(path: Path) -> set[Path]:
     return {file for file in files if file.is_file()}
 
 
-def test_no_file_imports_itself_by_way_of_others():
-    left = {path: runs_into(path) for path in FILES}
-    while ends := {path for path, into in left.items() if not into & left.keys()}:
-        left = {path: into for path, into in left.items() if path not in ends}
+def test_imports_have_no_cycle():
+    remaining = {path: imported_files(path) for path in FILES}
+    while ends := {path for path, into in remaining.items() if not into & remaining.keys()}:
+        remaining = {path: into for path, into in remaining.items() if path not in ends}
 
-    # What is left is in a circle, or leads into one.
-    assert sorted(str(path.relative_to(ROOT)) for path in left) == []
+    # The remaining files are part of a cycle or import one.
+    assert sorted(str(path.relative_to(ROOT)) for path in remaining) == []
 
 
-def test_every_folder_has_a_place_in_the_order():
+def test_every_folder_has_a_layer():
     assert {path.relative_to(ROOT).parts[0] for path in FILES} == set(POSITION)

@@ -1,4 +1,4 @@
-"""A study whose trials are a few numbers of chance: what runs and keeps blocks needs no radar.
+"""Study whose trials are a few random numbers, to test the scheduler and ledger without a radar.
 
 python tests/tiny_study.py OUT [--workers N] [--until] [--file-limit BYTES]
 """
@@ -26,8 +26,8 @@ ENVIRONMENT = {"numpy": np.__version__}
 
 
 @dataclass(frozen=True)
-class Tiny:
-    """Points of rising spread; some trials of point 1 fail."""
+class TinyPlan:
+    """Plan of points with increasing standard deviation; some trials of point 1 fail."""
 
     n_points: int = 4
     at_most: int = 403  # the last block is short
@@ -40,8 +40,8 @@ class Tiny:
         return SimpleNamespace(at_most=self.at_most, block=self.block, until=None)
 
 
-def work(tiny: Tiny, point: int, number: int) -> Block:
-    """Normal numbers of spread 1 + point, three a trial."""
+def run_tiny_block(tiny: TinyPlan, point: int, number: int) -> Block:
+    """Return a block of normal numbers, three a trial, with standard deviation 1 + point."""
     time.sleep(tiny.pause_s)
     first = number * tiny.block
     numbers = range(first, min(first + tiny.block, tiny.at_most))
@@ -54,8 +54,12 @@ def work(tiny: Tiny, point: int, number: int) -> Block:
     )
     failed = [t for t in numbers if point == 1 and t in tiny.fails]
     sums[[t - first for t in failed]] = np.nan
-    said = Finding(
-        level="warning", setting=f"point {point}", value="so", expected="other", fix="Mend it."
+    finding = Finding(
+        level="warning",
+        setting=f"point {point}",
+        value="a low value",
+        expected="a high one",
+        fix="raise it",
     )
     return Block(
         point,
@@ -64,40 +68,40 @@ def work(tiny: Tiny, point: int, number: int) -> Block:
         sums,
         0.0,
         tuple(Failure(t, f"ValueError: {t}") for t in failed),
-        (said,) if number == 0 else (),
+        (finding,) if number == 0 else (),
         np.arange(3.0) + point if number == 0 else None,
     )
 
 
-def enough(sums: np.ndarray) -> bool:
-    """Whether the mean of the first numbers is known to 0.2: of points 0, 1, 2, not of 3."""
-    of_first = sums[np.isfinite(sums[:, 0]), 0]
-    return bool(len(of_first) > 1 and of_first.std() / np.sqrt(len(of_first)) < 0.2)
+def is_mean_precise(sums: np.ndarray) -> bool:
+    """Return whether the standard error of the first mean is below 0.2: for points 0 to 2."""
+    first_numbers = sums[np.isfinite(sums[:, 0]), 0]
+    return bool(len(first_numbers) > 1 and first_numbers.std() / np.sqrt(len(first_numbers)) < 0.2)
 
 
-def run(
-    out: Path, workers: Workers, tiny: Tiny | None = None, *, until: bool = False, **told
+def run_tiny_study(
+    out: Path, workers: Workers, tiny: TinyPlan | None = None, *, until: bool = False, **options
 ) -> list[Progress]:
-    """Run it, or go on with it; what its progress said."""
-    tiny = tiny or Tiny()
-    said: list[Progress] = []
+    """Run or resume the study; return its progress reports."""
+    tiny = tiny or TinyPlan()
+    progress_reports: list[Progress] = []
     with Ledger.open(out, identity=IDENTITY, environment=ENVIRONMENT) as ledger:
         run_blocks(
-            told.pop("work", work),
+            options.pop("work", run_tiny_block),
             tiny,
             n_points=tiny.n_points,
             trials=tiny.trials,
             ledger=ledger,
             workers=workers,
-            enough=enough if until else None,
-            **{"progress": said.append, "stop_after_failures": 0.5, **told},
+            enough=is_mean_precise if until else None,
+            **{"progress": progress_reports.append, "stop_after_failures": 0.5, **options},
         )
-    return said
+    return progress_reports
 
 
-def fingerprint(out: Path) -> str:
-    """Of all that is kept, to the bit, in the order of the trials; not of how long it took."""
-    found = hashlib.sha256()
+def ledger_digest(out: Path) -> str:
+    """Return the SHA-256 of all stored values in the order of trials, without run times."""
+    digest = hashlib.sha256()
     connection = sqlite3.connect(out / LEDGER_NAME)
     for query in (
         "SELECT point, number, first, n_trials, sums FROM blocks ORDER BY point, number",
@@ -107,9 +111,9 @@ def fingerprint(out: Path) -> str:
         "SELECT * FROM ended ORDER BY point",
     ):
         for row in connection.execute(query):
-            found.update(repr(row).encode())
+            digest.update(repr(row).encode())
     connection.close()
-    return found.hexdigest()
+    return digest.hexdigest()
 
 
 def main() -> int:
@@ -119,21 +123,25 @@ def main() -> int:
     parser.add_argument("--until", action="store_true")
     parser.add_argument("--file-limit", type=int)
     parser.add_argument("--pause", type=float, default=0.0)
-    told = parser.parse_args()
-    if told.file_limit:
+    arguments = parser.parse_args()
+    if arguments.file_limit:
         import resource
 
-        resource.setrlimit(resource.RLIMIT_FSIZE, (told.file_limit, told.file_limit))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (arguments.file_limit, arguments.file_limit))
     print("started", flush=True)
     try:
-        if told.workers:
-            with local_workers(told.workers) as workers:
-                run(told.out, workers, Tiny(pause_s=told.pause), until=told.until)
+        if arguments.workers:
+            with local_workers(arguments.workers) as workers:
+                run_tiny_study(
+                    arguments.out, workers, TinyPlan(pause_s=arguments.pause), until=arguments.until
+                )
         else:
             from concurrent.futures import ThreadPoolExecutor
 
             with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
-                run(told.out, workers, Tiny(pause_s=told.pause), until=told.until)
+                run_tiny_study(
+                    arguments.out, workers, TinyPlan(pause_s=arguments.pause), until=arguments.until
+                )
     except DechirpError as error:
         print(error)
         return 2

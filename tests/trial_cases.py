@@ -1,4 +1,4 @@
-"""Small radars, and trials of the chain with them, for tests of scores."""
+"""Small radars and trials of the chain, for tests of scores."""
 
 from dataclasses import replace
 
@@ -12,59 +12,61 @@ from dechirp.processing.detect import detect
 from dechirp.radar.budget import noise_power_w
 from dechirp.scene.truth import truth
 from dechirp.simulation.simulate import simulate_ideal_echoes
-from radars import of_street
+from radars import street_radar
 
 
-def small(n_rx: int = 1, sampling: str = "complex", n_samples: int = 64) -> dc.Radar:
-    """64 x 32 samples: 1.17 m and 1.7 m/s a cell, 75 m."""
-    return of_street(n_samples=n_samples, n_chirps=32, n_rx=n_rx, sampling=sampling)
+def small_radar(n_rx: int = 1, sampling: str = "complex", n_samples: int = 64) -> dc.Radar:
+    """Return a radar of 64 x 32 samples: cells of 1.17 m and 1.7 m/s, range to 75 m."""
+    return street_radar(n_samples=n_samples, n_chirps=32, n_rx=n_rx, sampling=sampling)
 
 
-def target(range_m: float = 20.0, velocity: float = 3.0, **changed) -> dc.Target:
-    settings = {"rcs_m2": 1.0, **changed}
+def make_target(range_m: float = 20.0, velocity: float = 3.0, **changes) -> dc.Target:
+    settings = {"rcs_m2": 1.0, **changes}
     return dc.Target(position_m=(range_m, 0, 0), velocity_m_per_s=(velocity, 0, 0), **settings)
 
 
-def case_of(
+def trial_context(
     radar: dc.Radar, chain: Chain, snr_db: float, *targets: dc.Target, n_frames: int = 1
 ) -> TrialContext:
-    """With so much noise that the first target has that ratio after integration."""
-    scene = dc.Scene(targets=targets or (target(),))
-    own = float(truth(scene, radar).snr[0, 0])
-    noise_w = noise_power_w(radar) * own / 10 ** (snr_db / 10)
-    known = truth(scene, radar, n_frames=n_frames, noise_power_w=noise_w)
+    """Return a context with noise that gives the first target an SNR after integration."""
+    scene = dc.Scene(targets=targets or (make_target(),))
+    reference_snr = float(truth(scene, radar).snr[0, 0])
+    noise_w = noise_power_w(radar) * reference_snr / 10 ** (snr_db / 10)
+    true_states = truth(scene, radar, n_frames=n_frames, noise_power_w=noise_w)
     return TrialContext(
         scene=scene,
         radar=radar,
         chain=chain.fit_to_radar(radar),
-        truth=known,
+        truth=true_states,
         noise_power_w=noise_w,
-        times_s=known.time.values,
+        times_s=true_states.time.values,
     )
 
 
-def cubes(case: TrialContext, rng: np.random.Generator):
-    """Frames of steady targets in white noise, without end."""
-    steady = [replace(one, fluctuation="steady") for one in case.scene.targets]
-    clean = simulate_ideal_echoes(dc.Scene(targets=steady), case.radar)
-    kind = np.complex64 if np.iscomplexobj(clean.values) else np.float32
-    echoes = clean.values.astype(kind)
+def iter_noisy_cubes(context: TrialContext, rng: np.random.Generator):
+    """Yield frames of steady targets in white noise, endlessly."""
+    steady = [replace(target, fluctuation="steady") for target in context.scene.targets]
+    clean = simulate_ideal_echoes(dc.Scene(targets=steady), context.radar)
+    dtype = np.complex64 if np.iscomplexobj(clean.values) else np.float32
+    echoes = clean.values.astype(dtype)
     while True:
-        noise = rng.standard_normal((*clean.shape, np.dtype(kind).itemsize // 4), np.float32)
-        noise *= np.float32(np.sqrt(case.noise_power_w / noise.shape[-1]))
-        yield clean.copy(data=echoes + noise.view(kind)[..., 0])
+        noise = rng.standard_normal((*clean.shape, np.dtype(dtype).itemsize // 4), np.float32)
+        noise *= np.float32(np.sqrt(context.noise_power_w / noise.shape[-1]))
+        yield clean.copy(data=echoes + noise.view(dtype)[..., 0])
 
 
-def looks(case: TrialContext, n_trials: int, seed: int = 1):
-    """What so many trials of one frame show."""
-    matcher = Associator(case.truth, case.radar, case.scene)
-    each = cubes(case, np.random.default_rng(seed))
+def iter_trials(context: TrialContext, n_trials: int, seed: int = 1):
+    """Yield the results of trials of one frame each."""
+    matcher = Associator(context.truth, context.radar, context.scene)
+    cubes = iter_noisy_cubes(context, np.random.default_rng(seed))
     for _ in range(n_trials):
-        found = detect(next(each), case.radar, case.chain)
-        columns = {name: column.values for name, column in found.items()}
+        detections = detect(next(cubes), context.radar, context.chain)
+        columns = {name: column.values for name, column in detections.items()}
         yield TrialResult(detections=columns, association=matcher(columns))
 
 
-def sums(score, case: TrialContext, n_trials: int, seed: int = 1) -> np.ndarray:
-    """Of all trials, (n_trials, n_subjects, n_sums)."""
-    return np.array([score.trial_sums(look, case) for look in looks(case, n_trials, seed)])
+def trial_sums(score, context: TrialContext, n_trials: int, seed: int = 1) -> np.ndarray:
+    """Return the sums of all trials, (n_trials, n_subjects, n_sums)."""
+    return np.array(
+        [score.trial_sums(trial, context) for trial in iter_trials(context, n_trials, seed)]
+    )

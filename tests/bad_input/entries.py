@@ -157,25 +157,25 @@ def told_of(file: Path) -> dict[str, object]:
 
 
 def _recording(file: Path, _: Path) -> object:
-    from formats.any_bytes import gives_a_cube_or_says_why
+    from formats.corruption import assert_cube_or_error
 
     try:
-        gives_a_cube_or_says_why(file)
+        assert_cube_or_error(file)
     except DechirpError as error:
         must_say_all(error)
-    return gives_a_cube_or_says_why(file, **told_of(file))
+    return assert_cube_or_error(file, **told_of(file))
 
 
 def _bag(file: Path, scratch: Path) -> object:
     """A file of a bag of ROS 2, its messages or what it tells of them, beside a good other one."""
     import dechirp as dc
-    from formats.any_bytes import gives_a_cube_or_says_why
+    from formats.corruption import assert_cube_or_error
 
     kinds = {".db3": "drive.db3", ".yaml": "metadata.yaml"}
     for suffix, name in kinds.items():
         chosen = file if file.suffix == suffix else CORPUS / "bag" / f"good{suffix}"
         (scratch / name).write_bytes(chosen.read_bytes())
-    gives_a_cube_or_says_why(scratch)
+    assert_cube_or_error(scratch)
     return dc.open(scratch)
 
 
@@ -199,11 +199,11 @@ def _objects(file: Path, _: Path) -> object:
 
 def _dbc(file: Path, scratch: Path) -> object:
     from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
-    from objects_made import objects_at
+    from sample_object_lists import random_object_list
 
     made = scratch / "made.log"
     try:
-        write_can_log(objects_at(2), made, dbc=file)
+        write_can_log(random_object_list(2), made, dbc=file)
     except DechirpError:
         assert not list(scratch.iterdir()), "half a log"
         raise

@@ -17,7 +17,7 @@ from dechirp.experiments.run import run_chain_findings
 from dechirp.recordings.settings.calibration import read_calibration
 from dechirp.results.hex_vectors import read_vectors
 from dechirp.results.object_lists.files import read_objects, write_objects
-from objects_made import objects_at
+from sample_object_lists import random_object_list
 
 
 def test_a_word_that_must_be_given_is_not_to_be_left_out(capsys, tmp_path):
@@ -53,7 +53,7 @@ def test_an_estimator_that_was_asked_for_is_not_left_out_in_silence():
 def test_a_list_of_nothing_is_told_from_a_file_of_no_log(tmp_path):
     for suffix in (".asc", ".blf", ".log"):
         file = tmp_path / f"nothing{suffix}"
-        write_objects(objects_at(0, 0), file)
+        write_objects(random_object_list(0, 0), file)
         assert read_objects(file).sizes == {"object": 0, "cycle": 2}
     (tmp_path / "junk.asc").write_bytes(bytes(range(256)))
     with pytest.raises(dc.RecordingError, match="it has no readable frame"):
@@ -62,7 +62,7 @@ def test_a_list_of_nothing_is_told_from_a_file_of_no_log(tmp_path):
 
 def test_a_table_without_its_columns_names_them(tmp_path):
     file = tmp_path / "objects.csv"
-    write_objects(objects_at(1), file)
+    write_objects(random_object_list(1), file)
     file.write_text(file.read_text().replace("x_m,", "x,", 1))
     with pytest.raises(dc.RecordingError, match="without columns x_m; expected"):
         read_objects(file)

@@ -5,14 +5,14 @@ import pytest
 import dechirp as dc
 from dechirp.experiments.run import run
 from dechirp.report.page import render_report
-from trial_cases import small, target
+from trial_cases import make_target, small_radar
 
 CLOSED, OPEN = "document.querySelector('dialog').open", "dialog[open] svg"
 
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
-    scenario = dc.Scenario(radar=small(), scene=dc.Scene(targets=(target(name="car"),)))
+    scenario = dc.Scenario(radar=small_radar(), scene=dc.Scene(targets=(make_target(name="car"),)))
     made = tmp_path_factory.mktemp("report") / "report.html"
     made.write_text(render_report(run(scenario), yaml="name: car"), encoding="utf-8")
     return made

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dechirp.processing.cfar.smallest_of import SmallestOf
+from dechirp.processing.cfar.cell_averaging import SmallestOf
 
 TILES = ("scene", "range_doppler", "range_azimuth", "beat", "cut", "micro_doppler")
 

@@ -1,4 +1,4 @@
-"""What benchmarks make of their times; the times themselves only at night, as ratios."""
+"""Benchmark tools: slowdown limit, growth exponents, import times, and a nightly comparison."""
 
 import subprocess
 import sys
@@ -21,32 +21,32 @@ def guard(monkeypatch):
     return guard
 
 
-def test_a_job_that_is_a_quarter_slower_in_two_of_three_repeats_fails_and_says_by_how_much(guard):
-    (line,) = guard.judged({"map": 0.2, "frame": 0.4}, [
+def test_job_slower_by_quarter_in_two_of_three_repeats_fails_with_ratios(guard):
+    (message,) = guard.judged({"map": 0.2, "frame": 0.4}, [
         {"map": 0.26, "frame": 0.7}, {"map": 0.2, "frame": 0.4}, {"map": 0.251, "frame": 0.4},
     ])  # fmt: skip
-    assert line == "map: 0.26, 0.2, 0.251 of the time of plain code; it was 0.2"
+    assert message == "map: 0.26, 0.2, 0.251 of the time of plain code; it was 0.2"
 
 
-def test_a_quarter_is_still_allowed_and_so_is_what_became_faster_or_is_new(guard):
-    now = {"map": 0.25, "frame": 0.1, "tracks": 3.0}
-    assert guard.judged({"map": 0.2, "frame": 0.4}, [now] * 3) == []
+def test_slowdown_by_quarter_faster_jobs_and_new_jobs_pass(guard):
+    time_ratios = {"map": 0.25, "frame": 0.1, "tracks": 3.0}
+    assert guard.judged({"map": 0.2, "frame": 0.4}, [time_ratios] * 3) == []
 
 
-def test_a_job_of_the_release_that_is_measured_no_more_fails(guard):
-    (line,) = guard.judged({"map": 0.2}, [{"map": 0.2}, {}, {"map": 0.2}])
-    assert line.startswith("map: not measured")
+def test_job_of_last_release_without_measurement_fails(guard):
+    (message,) = guard.judged({"map": 0.2}, [{"map": 0.2}, {}, {"map": 0.2}])
+    assert message.startswith("map: not measured")
 
 
-def test_the_last_release_is_the_highest_version_not_the_last_name(guard, tmp_path):
+def test_last_release_is_highest_version_not_last_file_name(guard, tmp_path):
     for version in ("0.9.0", "0.10.0"):
         (tmp_path / f"{version}.json").write_text(f'{{"version": "{version}"}}')
     assert guard.last_release(tmp_path)["version"] == "0.10.0"
 
 
-def test_the_exponent_of_a_power_is_that_power(monkeypatch):
+def test_growth_exponent_of_power_law_is_its_power(monkeypatch):
     monkeypatch.syspath_prepend(BENCHMARKS)
-    # It sets threads to one before NumPy is loaded; here they are set already.
+    # `growth` sets thread counts to one at import; the test restores them afterwards.
     for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         monkeypatch.setenv(pool, "1")
     import growth
@@ -55,7 +55,7 @@ def test_the_exponent_of_a_power_is_that_power(monkeypatch):
     assert growth.exponent(sizes, 3e-9 * sizes**1.5) == pytest.approx(1.5, abs=1e-12)
 
 
-def test_import_times_are_read_by_module_and_added_up_by_package(monkeypatch):
+def test_import_times_are_parsed_by_module_and_summed_by_package(monkeypatch):
     monkeypatch.syspath_prepend(BENCHMARKS)
     import whole_process
 
@@ -76,8 +76,8 @@ def test_import_times_are_read_by_module_and_added_up_by_package(monkeypatch):
 
 
 @nightly
-def test_no_job_is_a_quarter_slower_beside_plain_code_than_at_the_last_release():
-    ran = subprocess.run(
+def test_no_job_is_quarter_slower_relative_to_plain_code_than_last_release():
+    process = subprocess.run(
         [sys.executable, BENCHMARKS / "guard.py"], capture_output=True, text=True, check=False
     )
-    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert process.returncode == 0, process.stdout + process.stderr

@@ -1,4 +1,4 @@
-"""The command line: what a person types, what a script reads, and every way to be wrong."""
+"""Command line: start-up, runs, recordings, invalid calls and files, design, list and doctor."""
 
 import json
 import os
@@ -18,17 +18,17 @@ from dechirp.core.table_columns import COLUMNS
 from dechirp.results import results
 from dechirp.results.results import FILES
 
-HEAVY = ["numpy", "scipy", "xarray", "numba", "matplotlib", "pint", "pydantic", "zarr"]
+HEAVY_LIBRARIES = ["numpy", "scipy", "xarray", "numba", "matplotlib", "pint", "pydantic", "zarr"]
 
 RUN_KEYS = (
     "version seed source radar frames detections clusters tracks truth findings timing_s files"
 )
 ERROR_KEYS = ["file", "line", "column", "setting", "value", "expected", "fix"]
 
-DESIGN = ["--max-range", "200m", "--range-resolution", "1m"]
-FAST = [*DESIGN, "--max-velocity", "60 m/s"]
+RANGE_REQUIREMENTS = ["--max-range", "200m", "--range-resolution", "1m"]
+ALL_REQUIREMENTS = [*RANGE_REQUIREMENTS, "--max-velocity", "60 m/s"]
 
-# 75 m and 27 m/s unambiguous, 0.59 m and 1.7 m/s a bin: a run of it takes no time.
+# 75 m and 27 m/s unambiguous, 0.59 m and 1.7 m/s per bin: small, so that runs are fast.
 SCENARIO = """\
 name: small
 seed: 5
@@ -43,118 +43,123 @@ scene:
   targets:
     - {name: car, position: [30 m, 0 m, 0 m], velocity: [-8 m/s, 0 m/s, 0 m/s], rcs: 10 dBsm}
 """
-CALL = ["run", "small.yaml", "--json"]
+RUN_AS_JSON = ["run", "small.yaml", "--json"]
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch) -> Path:
-    """Give a folder to be in, with a scenario."""
+    """Create a working folder with a scenario."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.yaml").write_text(SCENARIO)
     return tmp_path
 
 
 @pytest.fixture
-def call(capsys):
-    """Call the command line, and give its status, standard output and standard error."""
+def run_cli(capsys):
+    """Return a function that runs the command line and returns status, stdout and stderr."""
 
-    def called(*words: str) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main(words)
-        return ended.value.code, *capsys.readouterr()
+    def run(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as exit_info:
+            main(arguments)
+        return exit_info.value.code, *capsys.readouterr()
 
-    return called
+    return run
 
 
 @pytest.fixture
-def refused(call):
-    """Call what is wrong: the same mistakes as lines, and as the errors of one document."""
+def collect_errors(run_cli):
+    """Return a function that runs an invalid call as text and as JSON, and returns its errors."""
 
-    def called(*words: str) -> list[dict]:
-        status, out, err = call(*words)
+    def run_twice(*arguments: str) -> list[dict]:
+        status, out, err = run_cli(*arguments)
         assert (status, out) == (2, "")
         assert "Traceback" not in err
-        status, out, nothing = call(words[0], "--json", *words[1:])
-        assert (status, nothing) == (2, "")
+        status, out, stderr = run_cli(arguments[0], "--json", *arguments[1:])
+        assert (status, stderr) == (2, "")
         document = json.loads(out)
         assert list(document) == ["errors"]
         errors = document["errors"]
         assert [list(error) for error in errors] == [ERROR_KEYS] * len(errors)
         for line, error in zip(err.splitlines(), errors, strict=True):
-            place = ":".join(str(error[key]) for key in ERROR_KEYS[:3] if error[key] is not None)
-            where = f"{place}: {error['setting']}" if place else error["setting"]
+            location = ":".join(str(error[key]) for key in ERROR_KEYS[:3] if error[key] is not None)
+            prefix = f"{location}: {error['setting']}" if location else error["setting"]
             assert (
-                line == f"{where}: {error['value']}; expected {error['expected']}; {error['fix']}"
+                line == f"{prefix}: {error['value']}; expected {error['expected']}; {error['fix']}"
             )
         return errors
 
-    return called
+    return run_twice
 
 
-def python(*words: str, **options) -> subprocess.CompletedProcess[str]:
-    """Run a process of its own that finds the package as this one does."""
-    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+def run_python(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
+    """Run Python in a new process with the module path of this one."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     return subprocess.run(
-        [sys.executable, *words], env=paths, text=True, capture_output=True, check=False, **options
+        [sys.executable, *arguments],
+        env=environment,
+        text=True,
+        capture_output=True,
+        check=False,
+        **options,
     )
 
 
-# Starting
+# Start-up and standard streams
 
 
-def test_help_loads_no_library_of_the_chain():
+def test_help_imports_no_heavy_library():
     script = f"""
 import sys
 from dechirp.cli.main import main
 try:
     main(["--help"])
 finally:
-    print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr)
+    print([name for name in {HEAVY_LIBRARIES} if name in sys.modules], file=sys.stderr)
 """
-    ended = python("-c", script)
+    process = run_python("-c", script)
 
-    assert ended.returncode == 0
-    assert ended.stderr == "[]\n"
-    assert all(name in ended.stdout for name in ("run", "design", "list", "doctor"))
+    assert process.returncode == 0
+    assert process.stderr == "[]\n"
+    assert all(name in process.stdout for name in ("run", "design", "list", "doctor"))
 
 
 @pytest.mark.parametrize("command", ["run", "design", "list", "doctor"])
-def test_every_command_has_help(call, command):
-    status, out, err = call(command, "--help")
+def test_every_command_has_help(run_cli, command):
+    status, out, err = run_cli(command, "--help")
 
     assert (status, err) == (0, "")
     assert f"dechirp {command}" in out
 
 
-def test_the_version_is_the_packages(call):
-    assert call("--version") == (0, f"{dc.__version__}\n", "")
+def test_version_option_prints_package_version(run_cli):
+    assert run_cli("--version") == (0, f"{dc.__version__}\n", "")
 
 
-def test_nobody_reading_is_no_error():
-    words = [sys.executable, "-m", "dechirp", "list"]
-    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+def test_closed_output_pipe_causes_no_error():
+    arguments = [sys.executable, "-m", "dechirp", "list"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with subprocess.Popen(
-        words, env=paths, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
         process.stdout.close()
         assert process.stderr.read() == b""
 
 
-needs_full = pytest.mark.skipif(
-    not Path("/dev/full").exists(), reason="only Linux has a device that is always full"
+needs_dev_full = pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="/dev/full exists on Linux only"
 )
-FULL = (
+FULL_OUTPUT_MESSAGE = (
     "standard output: not writable (No space left on device); expected a place that can"
     " be written and has room; redirect it elsewhere\n"
 )
 
 
-def redirected(to: str, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run a process of its own with streams that a shell closes or sends elsewhere."""
-    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+def run_redirected(redirection: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in a new process whose streams a shell closes or redirects."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     return subprocess.run(
-        ["/bin/sh", "-c", f'exec "$0" "$@" {to}', sys.executable, *words],
-        env=paths,
+        ["/bin/sh", "-c", f'exec "$0" "$@" {redirection}', sys.executable, *arguments],
+        env=environment,
         text=True,
         capture_output=True,
         check=False,
@@ -162,23 +167,23 @@ def redirected(to: str, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(
-    ("to", "printed"), [(">&-", False), ("2>&-", True), ("<&- >&- 2>&-", False)]
+    ("redirection", "is_printed"), [(">&-", False), ("2>&-", True), ("<&- >&- 2>&-", False)]
 )
-def test_with_closed_streams_commands_work_all_the_same(folder, to, printed):
-    ended = redirected(to, "-m", "dechirp", "run", "small.yaml", "--json")
+def test_run_succeeds_with_closed_standard_streams(folder, redirection, is_printed):
+    process = run_redirected(redirection, "-m", "dechirp", "run", "small.yaml", "--json")
 
-    assert (ended.returncode, ended.stderr) == (0, "")
+    assert (process.returncode, process.stderr) == (0, "")
     document = (folder / "dechirp-run" / "run.json").read_text()
-    assert ended.stdout == (document if printed else "")
+    assert process.stdout == (document if is_printed else "")
 
 
-def test_a_mistake_does_not_go_to_standard_output_because_standard_error_is_closed():
-    ended = redirected("2>&-", "-m", "dechirp", "lst")
+def test_error_stays_off_standard_output_when_standard_error_is_closed():
+    process = run_redirected("2>&-", "-m", "dechirp", "lst")
 
-    assert (ended.returncode, ended.stdout) == (2, "")
+    assert (process.returncode, process.stdout) == (2, "")
 
 
-def test_with_standard_output_closed_work_can_be_shared_among_processes(folder):
+def test_worker_processes_work_with_closed_standard_output(folder):
     script = """
 import sys
 from dechirp.cli.main import main
@@ -187,34 +192,36 @@ try:
 except SystemExit:
     from loky import get_reusable_executor
     executor = get_reusable_executor(max_workers=1)
-    with open("file", "w") as file:  # its number must not be that of standard output
+    with open("file", "w") as file:  # its descriptor must differ from that of standard output
         executor.submit(print, "from a worker").result()
     print(executor.submit(abs, -7).result(), file=sys.stderr)
 """
-    ended = redirected(">&-", "-c", script)
+    process = run_redirected(">&-", "-c", script)
 
-    assert (ended.returncode, ended.stderr) == (0, "7\n")
+    assert (process.returncode, process.stderr) == (0, "7\n")
     assert (folder / "file").read_text() == ""
 
 
-# A text that waits until the end, one that is written at once, and those of other libraries.
-@needs_full
-@pytest.mark.parametrize("words", [["list", "cfar"], ["run", "--json"], ["--help"], ["--version"]])
-def test_a_full_output_is_a_message(words):
-    ended = redirected(">/dev/full", "-m", "dechirp", *words)
+# Buffered output, immediate output, and output of other libraries.
+@needs_dev_full
+@pytest.mark.parametrize(
+    "arguments", [["list", "cfar"], ["run", "--json"], ["--help"], ["--version"]]
+)
+def test_full_output_device_gives_message(arguments):
+    process = run_redirected(">/dev/full", "-m", "dechirp", *arguments)
 
-    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", FULL)
-
-
-@needs_full
-@pytest.mark.parametrize("to", ["2>/dev/full", ">/dev/full 2>/dev/full"])
-def test_where_no_message_can_be_written_the_status_tells(to):
-    ended = redirected(to, "-m", "dechirp", "lst")
-
-    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", "")
+    assert (process.returncode, process.stdout, process.stderr) == (2, "", FULL_OUTPUT_MESSAGE)
 
 
-def test_what_fails_but_printing_is_not_called_so(monkeypatch):
+@needs_dev_full
+@pytest.mark.parametrize("redirection", ["2>/dev/full", ">/dev/full 2>/dev/full"])
+def test_full_standard_error_keeps_exit_status(redirection):
+    process = run_redirected(redirection, "-m", "dechirp", "lst")
+
+    assert (process.returncode, process.stdout, process.stderr) == (2, "", "")
+
+
+def test_other_os_errors_are_not_reported_as_output_errors(monkeypatch):
     def fail(_words):
         raise OSError(5, "Input/output error")
 
@@ -224,21 +231,21 @@ def test_what_fails_but_printing_is_not_called_so(monkeypatch):
         main(["list"])
 
 
-# A run
+# Runs
 
 
-def test_without_anything_it_finds_the_car_at_50_m(folder):
-    ended = python("-m", "dechirp", "run", cwd=folder)
+def test_run_without_arguments_detects_car_at_50_m(folder):
+    process = run_python("-m", "dechirp", "run", cwd=folder)
 
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert "50.0" in ended.stdout
-    assert "10.0" in ended.stdout
-    assert "dechirp-run/report.html" in ended.stdout
+    assert (process.returncode, process.stderr) == (0, "")
+    assert "50.0" in process.stdout
+    assert "10.0" in process.stdout
+    assert "dechirp-run/report.html" in process.stdout
     assert {file.name for file in (folder / "dechirp-run").iterdir()} == set(FILES)
 
 
-def test_the_document_is_complete_and_also_a_file(call, folder):
-    status, out, err = call(*CALL, "--out", "there")
+def test_json_document_is_complete_and_equals_run_json(run_cli, folder):
+    status, out, err = run_cli(*RUN_AS_JSON, "--out", "there")
 
     document = json.loads(out, parse_constant=pytest.fail)
     assert (status, err) == (0, "")
@@ -252,7 +259,7 @@ def test_the_document_is_complete_and_also_a_file(call, folder):
     assert list(car) == [*COLUMNS, "target"]
     strongest = max(document["detections"], key=lambda row: row["snr_db"])
     assert list(strongest) == list(COLUMNS)
-    # Half a cell; what theory allows is far less, and tested elsewhere.
+    # Half a cell; the theoretical error is far smaller, and tested elsewhere.
     limits = document["radar"]["derived"]
     assert strongest["range_m"] == pytest.approx(
         car["range_m"], abs=limits["range_resolution_m"] / 2
@@ -263,81 +270,91 @@ def test_the_document_is_complete_and_also_a_file(call, folder):
     assert document["radar"]["frame"]["chirp"]["start_frequency_hz"] == 77e9
 
 
-def test_a_seed_gives_the_same_numbers_again(call):
-    def detections(*words):
-        return json.loads(call(*CALL, *words)[1])["detections"]
+def test_same_seed_gives_same_detections(run_cli):
+    def run_detections(*arguments):
+        return json.loads(run_cli(*RUN_AS_JSON, *arguments)[1])["detections"]
 
-    first = detections("--seed", "7")
+    first_rows = run_detections("--seed", "7")
 
-    assert detections("--set", "seed=7") == first
-    assert detections() != first
+    assert run_detections("--set", "seed=7") == first_rows
+    assert run_detections() != first_rows
 
 
-def test_the_scenario_as_run_gives_the_same_detections(call, folder):
-    call("run", "small.yaml", "--seed", "7", "--set", "scene.targets.car.position=[31 m, 0 m, 0 m]")
-    before = (folder / "dechirp-run" / "detections.csv").read_text()
+def test_written_scenario_reproduces_detections(run_cli, folder):
+    run_cli(
+        "run", "small.yaml", "--seed", "7", "--set", "scene.targets.car.position=[31 m, 0 m, 0 m]"
+    )
+    first_detections = (folder / "dechirp-run" / "detections.csv").read_text()
 
-    status, _, _ = call("run", "dechirp-run/scenario.yaml", "--out", "again")
+    status, _, _ = run_cli("run", "dechirp-run/scenario.yaml", "--out", "again")
 
     assert status == 0
-    assert (folder / "again" / "detections.csv").read_text() == before
+    assert (folder / "again" / "detections.csv").read_text() == first_detections
     for name in ("again", "dechirp-run"):
         assert dc.load(folder / name / "scenario.yaml").seed == 7
 
 
-def test_set_changes_any_setting_with_units(call):
+def test_set_option_changes_settings_with_units(run_cli):
     document = json.loads(
-        call(*CALL, "--set", "radar.frame.n_chirps=48", "--set", "radar.frame.interval=40 us")[1]
+        run_cli(
+            *RUN_AS_JSON, "--set", "radar.frame.n_chirps=48", "--set", "radar.frame.interval=40 us"
+        )[1]
     )
 
     assert document["radar"]["frame"]["n_chirps"] == 48
     assert document["radar"]["frame"]["interval_s"] == 40e-6
 
 
-def test_another_radar_takes_the_place_of_the_scenarios(call, folder):
+def test_radar_option_replaces_radar_of_scenario(run_cli, folder):
     radar = dc.load("small.yaml", ["radar.frame.n_chirps=64"]).radar
     (folder / "radars").mkdir()
     (folder / "radars" / "long.yaml").write_text(dump(radar))
 
     document = json.loads(
-        call(*CALL, "--radar", "radars/long.yaml", "--set", "radar.frame.interval=40 us")[1]
+        run_cli(*RUN_AS_JSON, "--radar", "radars/long.yaml", "--set", "radar.frame.interval=40 us")[
+            1
+        ]
     )
 
     assert document["radar"]["frame"]["n_chirps"] == 64
     assert document["radar"]["frame"]["interval_s"] == 40e-6
 
 
-def test_frames_of_a_scene_are_so_many(call):
-    status, out, _ = call("run", "small.yaml", "--frames", "2")
+def test_frames_option_sets_number_of_simulated_frames(run_cli):
+    status, out, _ = run_cli("run", "small.yaml", "--frames", "2")
 
     assert status == 0
     assert " frame " in out
     assert json.loads(Path("dechirp-run/run.json").read_text())["frames"] == 2
 
 
-def test_a_target_that_is_not_found_is_said(call):
-    _, out, _ = call("run", "small.yaml", "--set", "scene.targets.car.rcs=-90 dBsm")
+def test_missed_target_is_reported(run_cli):
+    _, out, _ = run_cli("run", "small.yaml", "--set", "scene.targets.car.rcs=-90 dBsm")
 
     assert out.startswith("0 detections")
     assert "Not detected: car, at 30.0 m" in out
 
 
-def test_quiet_prints_nothing(call):
-    assert call("run", "small.yaml", "--quiet") == (0, "", "")
+def test_quiet_option_prints_nothing(run_cli):
+    assert run_cli("run", "small.yaml", "--quiet") == (0, "", "")
 
 
-def test_an_interrupted_run_says_nothing_and_leaves_the_old_result(call, folder, monkeypatch):
-    call("run", "small.yaml")
-    before = {file.name: file.stat().st_mtime_ns for file in (folder / "dechirp-run").iterdir()}
+def test_interrupted_run_writes_nothing_and_keeps_old_result(run_cli, folder, monkeypatch):
+    run_cli("run", "small.yaml")
+    old_times_ns = {
+        file.name: file.stat().st_mtime_ns for file in (folder / "dechirp-run").iterdir()
+    }
 
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(results, "write_cube", interrupt)
 
-    assert call("run", "small.yaml") == (130, "", "Interrupted; nothing was written.\n")
-    after = {file.name: file.stat().st_mtime_ns for file in (folder / "dechirp-run").iterdir()}
-    assert after == before
+    assert run_cli("run", "small.yaml") == (130, "", "Interrupted; nothing was written.\n")
+    new_times_ns = {
+        file.name: file.stat().st_mtime_ns for file in (folder / "dechirp-run").iterdir()
+    }
+    assert new_times_ns == old_times_ns
     assert {file.name for file in folder.iterdir()} == {"small.yaml", "dechirp-run"}
 
 
@@ -345,18 +362,18 @@ def test_an_interrupted_run_says_nothing_and_leaves_the_old_result(call, folder,
 
 
 @pytest.fixture
-def recorded(folder) -> list[str]:
-    """Record the small scene, and give the words that read it."""
+def recording_arguments(folder) -> list[str]:
+    """Record the small scene, and return the arguments that read it."""
     scenario = dc.load("small.yaml")
     cube = dc.simulate(scenario.scene, scenario.radar, n_frames=3, seed=5)
-    loudest = abs(cube.values.view(np.float32)).max()
-    np.save("car.npy", cube.values[:, :, 0] / loudest)
+    peak = abs(cube.values.view(np.float32)).max()
+    np.save("car.npy", cube.values[:, :, 0] / peak)
     (folder / "radar.yaml").write_text(dump(scenario.radar))
     return ["run", "car.npy", "--radar", "radar.yaml", "--axes", "frame,chirp,sample"]
 
 
-def test_a_recording_goes_through_the_same_chain(call, recorded):
-    status, out, err = call(*recorded, "--frames", "1:3", "--json")
+def test_recording_is_processed_by_same_chain(run_cli, recording_arguments):
+    status, out, err = run_cli(*recording_arguments, "--frames", "1:3", "--json")
 
     document = json.loads(out)
     assert (status, err) == (0, "")
@@ -366,70 +383,80 @@ def test_a_recording_goes_through_the_same_chain(call, recorded):
     assert strongest["velocity_m_per_s"] == pytest.approx(-8, abs=0.8)
 
 
-def test_a_recording_can_be_run_again_from_elsewhere(call, recorded, folder, monkeypatch):
-    call(*recorded, "--set", "chain.range_window=hamming")
-    before = (folder / "dechirp-run" / "detections.csv").read_text()
+def test_written_scenario_of_recording_runs_from_other_folder(
+    run_cli, recording_arguments, folder, monkeypatch
+):
+    run_cli(*recording_arguments, "--set", "chain.range_window=hamming")
+    first_detections = (folder / "dechirp-run" / "detections.csv").read_text()
     (folder / "elsewhere").mkdir()
     monkeypatch.chdir(folder / "elsewhere")
 
-    status, _, err = call("run", "../dechirp-run/scenario.yaml")
+    status, _, err = run_cli("run", "../dechirp-run/scenario.yaml")
 
     assert (status, err) == (0, "")
-    assert Path("dechirp-run/detections.csv").read_text() == before
+    assert Path("dechirp-run/detections.csv").read_text() == first_detections
     assert "range_window: hamming" in Path("dechirp-run/scenario.yaml").read_text()
 
 
-def test_what_is_said_of_a_recording_replaces_what_its_scenario_says(call, recorded, folder):
+def test_recording_options_override_scenario(run_cli, recording_arguments, folder):
     (folder / "wrong.yaml").write_text("recording: {path: car.npy, axes: [chirp, frame, sample]}")
 
-    status, _, err = call("run", "wrong.yaml", *recorded[2:])
+    status, _, err = run_cli("run", "wrong.yaml", *recording_arguments[2:])
 
     assert (status, err) == (0, "")
 
 
-@pytest.mark.parametrize("given", [["--radar", "radar.yaml"], []])
-def test_the_radar_of_a_recording_can_be_changed(call, recorded, given):
-    # With --radar, and with the settings beside the recording.
-    words = [*recorded[:2], *given, *recorded[4:], "--set", "radar.frame.interval=70 us"]
+@pytest.mark.parametrize("radar_option", [["--radar", "radar.yaml"], []])
+def test_set_option_changes_radar_of_recording(run_cli, recording_arguments, radar_option):
+    # Radar settings given by option, and by the file next to the recording.
+    arguments = [
+        *recording_arguments[:2],
+        *radar_option,
+        *recording_arguments[4:],
+        "--set",
+        "radar.frame.interval=70 us",
+    ]
 
-    document = json.loads(call(*words, "--json")[1])
+    document = json.loads(run_cli(*arguments, "--json")[1])
 
     strongest = max(document["detections"], key=lambda row: row["snr_db"])
     assert strongest["velocity_m_per_s"] == pytest.approx(-4, abs=0.8)
 
 
-def test_settings_that_a_recording_has_no_use_for_are_not_written(call, recorded):
-    call(*recorded, "--frames", "1:3")
+def test_scenario_of_recording_omits_unused_settings(run_cli, recording_arguments):
+    run_cli(*recording_arguments, "--frames", "1:3")
 
-    written = Path("dechirp-run/scenario.yaml").read_text()
-    assert "frames: [1, 3]" in written
-    assert "n_frames" not in written
-    assert "impairments" not in written
+    text = Path("dechirp-run/scenario.yaml").read_text()
+    assert "frames: [1, 3]" in text
+    assert "n_frames" not in text
+    assert "impairments" not in text
 
 
-def test_a_map_too_small_for_the_training_cells_of_a_recording_names_the_setting(refused, recorded):
-    [error] = refused(*recorded, "--set", "chain.cfar.n_training.velocity=80")
+def test_training_window_larger_than_map_of_recording_names_setting(
+    collect_errors, recording_arguments
+):
+    [error] = collect_errors(*recording_arguments, "--set", "chain.cfar.n_training.velocity=80")
 
     assert error["setting"] == "chain.cfar.n_training"
 
 
-def test_the_report_of_later_frames_says_how_far_the_peak_is_over_the_threshold(call, recorded):
-    call(*recorded, "--frames", "2:3")
+def test_report_of_later_frames_shows_peak_over_threshold(run_cli, recording_arguments):
+    run_cli(*recording_arguments, "--frames", "2:3")
 
     assert "over the threshold" in Path("dechirp-run/report.html").read_text()
 
 
-def test_frames_that_a_recording_does_not_have_are_refused(refused, recorded):
-    [error] = refused(*recorded, "--frames", "2:4")
+def test_rejects_frames_beyond_end_of_recording(collect_errors, recording_arguments):
+    [error] = collect_errors(*recording_arguments, "--frames", "2:4")
 
     assert error["value"].startswith("of 3 frames")
 
 
-# Wrong calls
+# Invalid calls
 
 
 @pytest.mark.parametrize(
-    ("words", "setting", "value", "fix"),
+    ("arguments", "setting", "value", "fix"),
     [
         (["rn"], "command", "rn", "did you mean run?"),
         (["run", "--sed", "1"], "--sed", "not an option of this command", "did you mean --seed?"),
@@ -450,42 +477,71 @@ def test_frames_that_a_recording_does_not_have_are_refused(refused, recorded):
         (["run", "--out", "."], "--out", "., the working folder", "name a folder inside"),
         (["run", "--out", "small.yaml/x"], "--out", "small.yaml/x, not writable", "name a wri"),
         (["run", "--out", ".."], "--out", "..", "name a folder inside"),
-        (["design", *FAST, "--set", "limts.idle=1us"], "limts", "not a known", "did you mean lim"),
-        (["design", *FAST, "--set", "limits.idle=1"], "limits.idle", "1", "units that fit"),
-        (["design", *FAST, "--set", "limits.idle=1us"], "--set", "a limit, together", "add --rule"),
+        (
+            ["design", *ALL_REQUIREMENTS, "--set", "limts.idle=1us"],
+            "limts",
+            "not a known",
+            "did you mean lim",
+        ),
+        (
+            ["design", *ALL_REQUIREMENTS, "--set", "limits.idle=1"],
+            "limits.idle",
+            "1",
+            "units that fit",
+        ),
+        (
+            ["design", *ALL_REQUIREMENTS, "--set", "limits.idle=1us"],
+            "--set",
+            "a limit, together",
+            "add --rule",
+        ),
         (["list", "cfra"], "FAMILY", "cfra", "did you mean cfar?"),
-        (["design", *DESIGN, "--max-velocity", "100"], "--max-velocity", "100", "units that fit"),
-        (["design", *DESIGN, "--max-velocity", "-9 m/s"], "--max-velocity", "-9 m/s", "give a"),
-        (["design", *DESIGN], "--max-velocity", "missing", "add --max-velocity"),
+        (
+            ["design", *RANGE_REQUIREMENTS, "--max-velocity", "100"],
+            "--max-velocity",
+            "100",
+            "units that fit",
+        ),
+        (
+            ["design", *RANGE_REQUIREMENTS, "--max-velocity", "-9 m/s"],
+            "--max-velocity",
+            "-9 m/s",
+            "give a",
+        ),
+        (["design", *RANGE_REQUIREMENTS], "--max-velocity", "missing", "add --max-velocity"),
         (["design", "--rule", "thumb"], "--rule", "thumb", "use one of these"),
     ],
     ids=lambda part: " ".join(part[:3]) if isinstance(part, list) else "",
 )
-def test_a_wrong_call_says_what_is_needed(refused, words, setting, value, fix):
-    [error] = refused(*words)
+def test_rejects_invalid_calls_with_setting_value_and_fix(
+    collect_errors, arguments, setting, value, fix
+):
+    [error] = collect_errors(*arguments)
 
     assert error["setting"] == setting
     assert error["value"].startswith(value)
     assert error["fix"].startswith(fix)
     assert error["file"] in (None, "--set")
-    assert error["file"] is None or "--set" in words
+    assert error["file"] is None or "--set" in arguments
 
 
-def test_a_command_without_options_offers_none(call):
-    need = "not an option of this command; expected no options; see dechirp schema --help"
-    assert call("schema", "--pdf") == (2, "", f"--pdf: {need}\n")
+def test_command_without_options_suggests_none(run_cli):
+    explanation = "not an option of this command; expected no options; see dechirp schema --help"
+    assert run_cli("schema", "--pdf") == (2, "", f"--pdf: {explanation}\n")
 
 
-@pytest.mark.parametrize("words", [["run", "--seed", "x"], ["run", "--sed", "1"]])
-def test_a_script_that_says_json_in_any_way_gets_its_mistakes_as_json(call, words):
-    status, out, err = call(*words, "--json=true")
+@pytest.mark.parametrize("arguments", [["run", "--seed", "x"], ["run", "--sed", "1"]])
+def test_json_option_with_value_gives_errors_as_json(run_cli, arguments):
+    status, out, err = run_cli(*arguments, "--json=true")
 
     assert (status, err) == (2, "")
     assert [list(error) for error in json.loads(out)["errors"]] == [ERROR_KEYS]
 
 
-def test_every_wrong_option_is_told_at_once(refused):
-    errors = refused("design", "--max-range", "200", "--range-resolution", "1 s", "--band", "60")
+def test_all_invalid_options_are_reported_at_once(collect_errors):
+    errors = collect_errors(
+        "design", "--max-range", "200", "--range-resolution", "1 s", "--band", "60"
+    )
 
     assert {error["setting"]: error["value"] for error in errors} == {
         "--max-range": "200",
@@ -495,7 +551,7 @@ def test_every_wrong_option_is_told_at_once(refused):
     }
 
 
-# Wrong files
+# Invalid files
 
 
 @pytest.mark.parametrize(
@@ -514,11 +570,13 @@ def test_every_wrong_option_is_told_at_once(refused):
     ],
     ids=["name", "unit", "no unit", "type", "twice", "negative", "zero", "rate", "absurd", "yaml"],
 )
-def test_a_mistake_in_a_file_is_pointed_at(refused, folder, old, new, line, setting, value, fix):
+def test_error_in_settings_file_has_line_and_column(
+    collect_errors, folder, old, new, line, setting, value, fix
+):
     assert old in SCENARIO
     (folder / "wrong.yaml").write_text(SCENARIO.replace(old, new))
 
-    error = refused("run", "wrong.yaml")[0]
+    error = collect_errors("run", "wrong.yaml")[0]
 
     assert error["file"] == "wrong.yaml"
     assert error["setting"] == setting
@@ -559,11 +617,13 @@ def test_a_mistake_in_a_file_is_pointed_at(refused, folder, old, new, line, sett
         ),
     ],
 )
-def test_a_mistake_between_settings_is_pointed_at_too(refused, folder, old, new, line, setting):
+def test_conflict_between_settings_has_line_and_column(
+    collect_errors, folder, old, new, line, setting
+):
     assert old in SCENARIO
     (folder / "wrong.yaml").write_text(SCENARIO.replace(old, new))
 
-    [error] = refused("run", "wrong.yaml")
+    [error] = collect_errors("run", "wrong.yaml")
 
     assert (error["file"], error["line"], error["setting"]) == ("wrong.yaml", line, setting)
     assert error["column"] >= 1
@@ -577,28 +637,30 @@ def test_a_mistake_between_settings_is_pointed_at_too(refused, folder, old, new,
         "scene.targets.car.position=[0 m, 0 m, 0 m]",
     ],
 )
-def test_a_mistake_between_settings_that_set_makes_is_blamed_on_it(refused, change):
-    [error] = refused("run", "small.yaml", "--set", change)
+def test_conflict_caused_by_set_option_is_attributed_to_it(collect_errors, change):
+    [error] = collect_errors("run", "small.yaml", "--set", change)
 
     assert error["file"] == "--set"
     assert change.startswith(error["setting"])
 
 
-def test_mistakes_of_the_file_and_of_set_come_together(refused, folder):
+def test_errors_of_file_and_set_option_are_reported_together(collect_errors, folder):
     (folder / "wrong.yaml").write_text(SCENARIO.replace("12 dBm", "12 dBi"))
 
-    errors = refused("run", "wrong.yaml", "--set", "chain.n_rang_bins=512", "--set", "radar.frme=1")
+    errors = collect_errors(
+        "run", "wrong.yaml", "--set", "chain.n_rang_bins=512", "--set", "radar.frme=1"
+    )
 
-    found = {(error["file"], error["setting"]) for error in errors}
-    assert found == {
+    locations = {(error["file"], error["setting"]) for error in errors}
+    assert locations == {
         ("wrong.yaml", "radar.hardware.transmit_power"),
         ("--set", "chain.n_rang_bins"),
         ("--set", "radar.frme"),
     }
 
 
-def test_a_scene_larger_than_memory_is_refused_before_it_starts(refused, folder):
-    [error] = refused("run", "small.yaml", "--set", "radar.frame.n_chirps=1000000000")
+def test_rejects_scene_larger_than_memory_before_simulation(collect_errors, folder):
+    [error] = collect_errors("run", "small.yaml", "--set", "radar.frame.n_chirps=1000000000")
 
     # 3 cubes of 1e9 chirps x 128 samples x 8 bytes.
     assert error["value"] == "2.86e+03 GiB of memory"
@@ -606,45 +668,47 @@ def test_a_scene_larger_than_memory_is_refused_before_it_starts(refused, folder)
     assert not (folder / "dechirp-run").exists()
 
 
-def nan(file):
+def write_nan_recording(file):
     np.save(file, np.full((32, 128), np.nan, np.complex64))
 
 
 @pytest.mark.parametrize(
-    ("name", "make", "value"),
+    ("name", "write_recording", "value"),
     [
         ("none.npy", lambda file: None, "not readable (no such file or folder)"),
         ("empty.npy", lambda file: file.write_bytes(b""), "an empty file"),
         ("text.npy", lambda file: file.write_text("1 2 3"), "text"),
         ("cut.npy", lambda file: file.write_bytes(Path("car.npy").read_bytes()[:5000]), ""),
         ("size.npy", lambda file: np.save(file, np.zeros((32, 127), np.complex64)), ""),
-        ("nan.npy", nan, ""),
+        ("nan.npy", write_nan_recording, ""),
         ("cut.bin", lambda file: file.write_bytes(bytes(range(256)) * 8), "2048 bytes"),
     ],
     ids=["absent", "empty", "text", "truncated", "other size", "nan", "short bin"],
 )
-def test_a_recording_that_is_none_is_refused(refused, recorded, folder, name, make, value):
-    make(folder / name)
+def test_rejects_invalid_recording_files(
+    collect_errors, recording_arguments, folder, name, write_recording, value
+):
+    write_recording(folder / name)
     axes = ["--axes", "chirp,sample"] if name.endswith(".npy") and name != "cut.npy" else []
-    axes = recorded[4:] if name == "cut.npy" else axes
+    axes = recording_arguments[4:] if name == "cut.npy" else axes
 
-    [error] = refused("run", name, "--radar", "radar.yaml", *axes)
+    [error] = collect_errors("run", name, "--radar", "radar.yaml", *axes)
 
     assert error["value"].startswith(value)
     assert not (folder / "dechirp-run").exists()
 
 
-def test_a_recording_without_a_radar_asks_for_one(refused, recorded, folder):
+def test_recording_without_radar_suggests_radar_option(collect_errors, recording_arguments, folder):
     (folder / "radar.yaml").unlink()
 
-    [error] = refused("run", "car.npy", *recorded[4:])
+    [error] = collect_errors("run", "car.npy", *recording_arguments[4:])
 
     assert error["setting"] == "recording"
     assert "--radar FILE" in error["fix"]
 
 
-def test_a_setting_of_a_recording_is_not_blamed_on_a_file_that_nobody_wrote(refused, recorded):
-    [error] = refused(*recorded, "--set", "chain.cfar.offset=10 dB")
+def test_error_in_settings_of_recording_has_no_file_or_line(collect_errors, recording_arguments):
+    [error] = collect_errors(*recording_arguments, "--set", "chain.cfar.offset=10 dB")
 
     assert error["file"] is error["line"] is None
     assert error["setting"] == "chain.cfar.false_alarm_probability"
@@ -653,8 +717,8 @@ def test_a_setting_of_a_recording_is_not_blamed_on_a_file_that_nobody_wrote(refu
 # Design, list, doctor
 
 
-def test_a_design_says_every_number_with_its_formula(call):
-    status, out, err = call("design", *DESIGN, "--max-velocity", "100 m/s", "--json")
+def test_design_lists_every_number_with_formula(run_cli):
+    status, out, err = run_cli("design", *RANGE_REQUIREMENTS, "--max-velocity", "100 m/s", "--json")
 
     document = json.loads(out, parse_constant=pytest.fail)
     assert (status, err) == (0, "")
@@ -663,80 +727,88 @@ def test_a_design_says_every_number_with_its_formula(call):
     assert bandwidth == {"value": 149_896_229.0, "unit": "Hz", "formula": "c / 2 dR"}
     assert document["chirp"]["n_samples"] == 2200
     assert document["frame"]["n_chirps"] == 128
-    _, table, _ = call("design", *DESIGN, "--max-velocity", "360 km/h")
+    _, table, _ = run_cli("design", *RANGE_REQUIREMENTS, "--max-velocity", "360 km/h")
     assert "149.896 MHz" in table
     assert "c / 2 dR" in table
     assert all(name.replace("_", " ") in table for name in document["derived"])
 
 
 @pytest.mark.parametrize("rule", ["round-trips", "constraints"])
-def test_a_design_that_cannot_be_had_ends_with_1_and_says_what_gives(call, rule):
-    words = ["design", *DESIGN, "--max-velocity", "500 m/s", "--rule", rule]
+def test_infeasible_design_exits_with_1_and_names_requirement(run_cli, rule):
+    arguments = ["design", *RANGE_REQUIREMENTS, "--max-velocity", "500 m/s", "--rule", rule]
 
-    status, out, _ = call(*words)
+    status, out, _ = run_cli(*arguments)
 
     assert status == 1
     assert "error: requirements." in out
-    status, out, _ = call(*words, "--json")
+    status, out, _ = run_cli(*arguments, "--json")
     assert status == 1
     assert json.loads(out)["findings"][0]["level"] == "error"
 
 
-def test_options_replace_what_the_file_of_requirements_says(call, refused, folder):
+def test_design_options_override_requirements_file(run_cli, collect_errors, folder):
     (folder / "asked.yaml").write_text(
         "{max_range: 100 m, range_resolution: 1 m, max_velocity: 50 m/s, carier: 77 GHz}"
     )
-    errors = refused("design", "asked.yaml", "--max-range", "5")
-    places = [(error["file"], error["setting"], error["column"]) for error in errors]
-    assert places == [("asked.yaml", "carier", 65), (None, "--max-range", None)]
+    errors = collect_errors("design", "asked.yaml", "--max-range", "5")
+    locations = [(error["file"], error["setting"], error["column"]) for error in errors]
+    assert locations == [("asked.yaml", "carier", 65), (None, "--max-range", None)]
 
     text = (folder / "asked.yaml").read_text().replace("carier", "carrier")
     (folder / "asked.yaml").write_text(text)
-    _, out, _ = call("design", "asked.yaml", "--max-range", "200 m", "--json")
+    _, out, _ = run_cli("design", "asked.yaml", "--max-range", "200 m", "--json")
     assert json.loads(out)["chirp"]["n_samples"] == 2200
 
 
-def test_a_design_takes_other_limits_hardware_and_requirements(call):
-    words = ["design", *FAST, "--rule", "constraints", "--json"]
+def test_design_accepts_limits_hardware_and_requirements_by_set(run_cli):
+    arguments = ["design", *ALL_REQUIREMENTS, "--rule", "constraints", "--json"]
 
-    def made(*changes):
-        status, out, err = call(*words, *(word for c in changes for word in ("--set", c)))
+    def design_with(*changes):
+        status, out, err = run_cli(*arguments, *(word for c in changes for word in ("--set", c)))
         assert (status, err) == (0, "")
         return json.loads(out)
 
-    usual, quick = made(), made("limits.idle=1us")
-    # The ramp takes the time that the fly-back leaves.
-    assert quick["chirp"]["ramp_duration_s"] > usual["chirp"]["ramp_duration_s"]
-    assert made("requirements.max_range=100 m")["chirp"]["n_samples"] < 150
-    # 60 dBm leaves the antenna, above what the usual limits allow.
-    strong = "hardware.transmit_power=50dBm"
-    status, out, _ = call(*words, "--set", strong)
+    default_design, fast_design = design_with(), design_with("limits.idle=1us")
+    # A shorter fly-back leaves more time for the ramp.
+    assert fast_design["chirp"]["ramp_duration_s"] > default_design["chirp"]["ramp_duration_s"]
+    assert design_with("requirements.max_range=100 m")["chirp"]["n_samples"] < 150
+    # The EIRP is 60 dBm, above the default limits.
+    high_power = "hardware.transmit_power=50dBm"
+    status, out, _ = run_cli(*arguments, "--set", high_power)
     assert status == 1
-    assert "hardware.transmit_power" in [one["setting"] for one in json.loads(out)["findings"]]
-    made(strong, "limits.max_peak_eirp=70dBm", "limits.max_mean_eirp=70dBm")
+    assert "hardware.transmit_power" in [
+        finding["setting"] for finding in json.loads(out)["findings"]
+    ]
+    design_with(high_power, "limits.max_peak_eirp=70dBm", "limits.max_mean_eirp=70dBm")
 
 
-def test_a_design_is_the_radar_of_a_run(call, folder):
-    status, _, _ = call(
-        "design", *DESIGN, "--max-velocity", "30 m/s", "--rule=constraints", "--out", "made.yaml"
+def test_designed_radar_is_accepted_by_run(run_cli, folder):
+    status, _, _ = run_cli(
+        "design",
+        *RANGE_REQUIREMENTS,
+        "--max-velocity",
+        "30 m/s",
+        "--rule=constraints",
+        "--out",
+        "made.yaml",
     )
     assert status == 0
 
-    status, out, _ = call(*CALL, "--radar", "made.yaml")
+    status, out, _ = run_cli(*RUN_AS_JSON, "--radar", "made.yaml")
 
-    made = loading.read_settings(folder / "made.yaml", dc.Radar)
+    radar = loading.read_settings(folder / "made.yaml", dc.Radar)
     assert status == 0
-    assert json.loads(out)["radar"]["frame"]["interval_s"] == made.frame.interval_s
+    assert json.loads(out)["radar"]["frame"]["interval_s"] == radar.frame.interval_s
 
 
-def test_every_requirement_is_an_option(call):
-    _, out, _ = call("design", "--help")
+def test_every_requirement_has_design_option(run_cli):
+    _, out, _ = run_cli("design", "--help")
 
     assert all(f"--{name.replace('_', '-')}" in out for name in list_settings(dc.Requirements))
 
 
-def test_every_family_lists_its_members_with_their_settings(call):
-    status, out, err = call("list", "--json")
+def test_list_shows_members_of_every_family_with_settings(run_cli):
+    status, out, err = run_cli("list", "--json")
 
     families = json.loads(out)["families"]
     assert (status, err) == (0, "")
@@ -757,8 +829,8 @@ def test_every_family_lists_its_members_with_their_settings(call):
     assert all(member["help"] for members in families.values() for member in members.values())
 
 
-def test_one_family_can_be_asked_for(call):
-    status, out, _ = call("list", "impairment")
+def test_list_of_one_family_omits_others(run_cli):
+    status, out, _ = run_cli("list", "impairment")
 
     assert status == 0
     assert "white-noise" in out
@@ -766,25 +838,25 @@ def test_one_family_can_be_asked_for(call):
 
 
 @pytest.fixture
-def installed(folder, monkeypatch):
-    """Make it look as if the package had been installed with these requirements."""
+def fake_installation(folder, monkeypatch):
+    """Return a function that fakes package metadata with the given requirements."""
 
-    def with_requirements(*lines: str) -> None:
-        about = folder / "dechirp-0.dist-info"
-        about.mkdir()
-        named = "".join(f"Requires-Dist: {line}\n" for line in lines)
-        (about / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: dechirp\nVersion: 0\n{named}"
+    def install(*lines: str) -> None:
+        info_folder = folder / "dechirp-0.dist-info"
+        info_folder.mkdir()
+        requirement_lines = "".join(f"Requires-Dist: {line}\n" for line in lines)
+        (info_folder / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: dechirp\nVersion: 0\n{requirement_lines}"
         )
         monkeypatch.syspath_prepend(folder)
 
-    return with_requirements
+    return install
 
 
-def test_the_doctor_finds_what_is_there_and_that_kernels_work(call, installed):
-    installed("numpy>=2.0", 'pytest>=8; extra == "dev"', "no-such-thing; extra == 'web'")
+def test_doctor_reports_dependencies_extras_and_kernels(run_cli, fake_installation):
+    fake_installation("numpy>=2.0", 'pytest>=8; extra == "dev"', "no-such-thing; extra == 'web'")
 
-    status, out, _ = call("doctor", "--json")
+    status, out, _ = run_cli("doctor", "--json")
 
     document = json.loads(out)
     assert status == 0
@@ -797,15 +869,15 @@ def test_the_doctor_finds_what_is_there_and_that_kernels_work(call, installed):
     assert document["problem"] is None
     assert document["cores"] >= document["threads"] >= 1
     assert document["free_memory_bytes"] > 0
-    _, table, _ = call("doctor")
+    _, table, _ = run_cli("doctor")
     assert "without no-such-thing" in table
     assert "complete" in table
 
 
-def test_the_doctor_ends_with_1_where_something_is_missing(call, installed):
-    installed("no-such-thing>=1")
+def test_doctor_exits_with_1_when_dependency_is_missing(run_cli, fake_installation):
+    fake_installation("no-such-thing>=1")
 
-    status, out, _ = call("doctor")
+    status, out, _ = run_cli("doctor")
 
     assert status == 1
     assert "missing" in out

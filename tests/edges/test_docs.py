@@ -1,4 +1,4 @@
-"""The settings that the pages show are settings."""
+"""Settings fragments and links of the documentation pages."""
 
 import re
 from dataclasses import replace
@@ -24,47 +24,49 @@ scene: {targets: [{position: [20 m, 0, 0]}]}
 """
 
 
-def shown(page: str) -> list[str]:
-    """Fragments of settings; those of a whole file are run where the guide is built."""
+def read_settings_fragments(page: str) -> list[str]:
+    """Return the settings fragments of a page; complete files run when the guide is built."""
     text = (DOCS / page).read_text(encoding="utf-8")
     return re.findall(r"```\{settings\}\n(?::over:[^\n]*\n)?([^:].*?)```", text, re.DOTALL)
 
 
-@pytest.mark.parametrize("text", shown("hardware.md"))
+@pytest.mark.parametrize("text", read_settings_fragments("hardware.md"))
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-def test_every_impairment_that_is_shown_can_be_simulated(text):
+def test_every_documented_impairment_simulates(text):
     scenario = parse_settings(text + RADAR, Scenario)
     assert scenario.impairments
     cube = dc.simulate(scenario.scene, scenario.radar, impairments=scenario.impairments)
     assert abs(cube).max() > 0
 
 
-@pytest.mark.parametrize("text", [t for t in shown("scenes.md") if "  targets:\n" in t])
-def test_every_target_that_is_shown_is_one(text):
+@pytest.mark.parametrize(
+    "text", [t for t in read_settings_fragments("scenes.md") if "  targets:\n" in t]
+)
+def test_every_documented_target_loads(text):
     without_scene = RADAR[: RADAR.index("scene:")]
     scenario = parse_settings(f"{text}{without_scene}", Scenario)
     assert scenario.scene.n_scatterers >= len(scenario.scene.targets) > 0
 
 
 @pytest.fixture(scope="module")
-def in_space() -> dc.Scenario:
+def mimo_scenario() -> dc.Scenario:
     return dc.load(DOCS.parent / "examples" / "mimo.yaml", ["n_frames=1"])
 
 
-@pytest.mark.parametrize("text", shown("angles.md"))
-def test_every_chain_that_is_shown_finds_the_car(text, in_space):
-    shown_chain = parse_settings(text + RADAR, Scenario).chain
+@pytest.mark.parametrize("text", read_settings_fragments("angles.md"))
+def test_every_documented_chain_detects_car(text, mimo_scenario):
+    chain = parse_settings(text + RADAR, Scenario).chain
 
-    found = dc.run(replace(in_space, chain=shown_chain)).detections
+    detections = dc.run(replace(mimo_scenario, chain=chain)).detections
 
-    car = found.isel(detection=int(abs(found.velocity.values - 6).argmin()))
+    car = detections.isel(detection=int(abs(detections.velocity.values - 6).argmin()))
     assert abs(float(car.range) - 60.05) < 0.05
     assert abs(float(car.azimuth) + 0.033) < 5 * float(car.azimuth_std)
 
 
-@pytest.mark.parametrize("text", shown("tracks.md"))
+@pytest.mark.parametrize("text", read_settings_fragments("tracks.md"))
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-def test_every_way_to_follow_that_is_shown_runs(text):
+def test_every_documented_tracker_runs(text):
     scenario = parse_settings(text + RADAR, Scenario)
 
     result = dc.run(scenario)
@@ -74,7 +76,7 @@ def test_every_way_to_follow_that_is_shown_runs(text):
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-def test_the_motorway_has_the_tracks_and_the_speed_that_the_page_tells():
+def test_highway_example_has_documented_tracks_and_ego_speed():
     result = dc.run(dc.load(DOCS.parent / "examples" / "highway.yaml"))
 
     assert result.tracks.isel(frame=-1).sizes["track"] == 13
@@ -95,10 +97,10 @@ def test_the_motorway_has_the_tracks_and_the_speed_that_the_page_tells():
         "tracks.md",
     ],
 )
-def test_links_between_pages_lead_somewhere(page):
+def test_links_between_pages_resolve(page):
     text = (DOCS / page).read_text(encoding="utf-8")
     for name, section in re.findall(r"\]\(([\w./-]+)(?:#([\w-]+))?\)", text):
         assert (DOCS / name).exists(), name
         if section:
-            heads = re.findall(r"^#+ (.*)$", (DOCS / name).read_text(encoding="utf-8"), re.M)
-            assert section in {head.lower().replace(" ", "-") for head in heads}, section
+            headings = re.findall(r"^#+ (.*)$", (DOCS / name).read_text(encoding="utf-8"), re.M)
+            assert section in {heading.lower().replace(" ", "-") for heading in headings}, section

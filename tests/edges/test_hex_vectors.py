@@ -1,4 +1,4 @@
-"""Test vectors on disk: every word of the chain comes back, and only what was written."""
+"""Hexadecimal test vectors of the fixed-point chain: round trip, format, damaged folders."""
 
 import json
 from dataclasses import replace
@@ -20,10 +20,10 @@ from dechirp.results.hex_vectors import (
     write_vectors,
 )
 
-WORDS = WordLengths(range_bits=18, doppler_bits=14, twiddle_bits=17, scaling="none")
+OVERFLOWING_WORDS = WordLengths(range_bits=18, doppler_bits=14, twiddle_bits=17, scaling="none")
 
 
-def small(radar: dc.Radar, sampling: str) -> dc.Radar:
+def shrink_radar(radar: dc.Radar, sampling: str) -> dc.Radar:
     chirp = replace(radar.frame.chirp, n_samples=48, sampling=sampling)
     return replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=16))
 
@@ -32,22 +32,24 @@ CHAIN = dc.Chain(n_range_bins=64)
 SCENE = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0), velocity_m_per_s=(5, 0, 0))])
 
 
-def frame_of(radar: dc.Radar):
+def simulate_frame(radar: dc.Radar):
     return dc.simulate(SCENE, radar, seed=1).isel(frame=0)
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
-@pytest.mark.parametrize("words", [WORDS, WordLengths()], ids=["overflowing", "default"])
-def test_every_word_comes_back(tmp_path, radar, sampling, words):
-    radar = small(radar, sampling)
-    frame = frame_of(radar)
+@pytest.mark.parametrize(
+    "words", [OVERFLOWING_WORDS, WordLengths()], ids=["overflowing", "default"]
+)
+def test_all_stages_and_tables_read_back_equal(tmp_path, radar, sampling, words):
+    radar = shrink_radar(radar, sampling)
+    frame = simulate_frame(radar)
 
-    written = write_vectors(tmp_path / "v", frame, radar, CHAIN, words)
-    found = read_vectors(tmp_path / "v")
+    names = write_vectors(tmp_path / "v", frame, radar, CHAIN, words)
+    vectors = read_vectors(tmp_path / "v")
 
     plan = make_lookup_tables(radar, CHAIN.fit_to_radar(radar), words)
     for block in stage_outputs(to_integer_samples(frame, radar, words)[0], radar, plan):
-        assert np.array_equal(found.pop(block.name), block.integers), block.name
+        assert np.array_equal(vectors.pop(block.name), block.integers), block.name
     for name, table in (
         ("range_weights", plan.range_window),
         ("doppler_weights", plan.doppler_window),
@@ -56,38 +58,41 @@ def test_every_word_comes_back(tmp_path, radar, sampling, words):
         ("logarithms", plan.logarithms),
         ("factors", plan.factors),
     ):
-        assert np.array_equal(found.pop(name), table), name
-    assert not found
-    assert {path.name for path in (tmp_path / "v").iterdir()} == set(written) <= set(FILES)
+        assert np.array_equal(vectors.pop(name), table), name
+    assert not vectors
+    assert {path.name for path in (tmp_path / "v").iterdir()} == set(names) <= set(FILES)
 
 
-def test_the_last_vectors_are_what_the_map_has(tmp_path, radar):
-    radar = small(radar, "complex")
-    write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN)
-    found, expected = read_vectors(tmp_path / "v"), fixed_point_map(frame_of(radar), radar, CHAIN)
+def test_last_stages_equal_fixed_point_map(tmp_path, radar):
+    radar = shrink_radar(radar, "complex")
+    write_vectors(tmp_path / "v", simulate_frame(radar), radar, CHAIN)
+    vectors, expected = (
+        read_vectors(tmp_path / "v"),
+        fixed_point_map(simulate_frame(radar), radar, CHAIN),
+    )
 
     for name in ("power", "log_power", "threshold", "detected"):
-        assert np.array_equal(found[name], expected[name].values)
+        assert np.array_equal(vectors[name], expected[name].values)
 
 
-def test_words_are_twos_complement_with_as_many_digits_as_their_bits_need(tmp_path, radar):
-    radar = small(radar, "complex")
-    write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN, WORDS)
-    about = json.loads((tmp_path / "v" / "vectors.json").read_text())
+def test_words_are_twos_complement_with_digits_for_their_bits(tmp_path, radar):
+    radar = shrink_radar(radar, "complex")
+    write_vectors(tmp_path / "v", simulate_frame(radar), radar, CHAIN, OVERFLOWING_WORDS)
+    document = json.loads((tmp_path / "v" / "vectors.json").read_text())
 
-    first = read_vectors(tmp_path / "v")["range_fft"][0, 0, :, 1]
+    range_spectrum = read_vectors(tmp_path / "v")["range_fft"][0, 0, :, 1]
     lines = (tmp_path / "v" / "range_fft_q.hex").read_text().splitlines()
-    assert first.min() < 0
-    assert lines[:64] == [f"{int(x) & 0x3FFFF:05x}" for x in first]
-    entry = next(one for one in about["vectors"] if one["name"] == "range_fft")
+    assert range_spectrum.min() < 0
+    assert lines[:64] == [f"{int(x) & 0x3FFFF:05x}" for x in range_spectrum]
+    entry = next(vector for vector in document["vectors"] if vector["name"] == "range_fft")
     assert (entry["bits"], entry["shape"]) == (18, [16, 2, 64])
     assert sum(entry["overflows"]) > 0
 
 
-def test_vectors_that_were_changed_or_lost_are_refused(tmp_path, radar):
-    radar = small(radar, "complex")
+def test_rejects_changed_or_missing_vectors(tmp_path, radar):
+    radar = shrink_radar(radar, "complex")
     folder = tmp_path / "v"
-    write_vectors(folder, frame_of(radar), radar, CHAIN)
+    write_vectors(folder, simulate_frame(radar), radar, CHAIN)
     lines = (folder / "power.hex").read_text().splitlines(keepends=True)
 
     (folder / "power.hex").write_text("".join(["0" * 11 + "7\n", *lines[1:]]))
@@ -100,8 +105,8 @@ def test_vectors_that_were_changed_or_lost_are_refused(tmp_path, radar):
     with pytest.raises(RecordingError, match="No such file"):
         read_vectors(folder)
     entry = {"name": "power", "files": ["power.hex"], "sha256": [], "bits": 48, "signed": False}
-    for wrong in ([1], [{}], [entry], None):
-        text = json.dumps({"format_version": 1, "vectors": wrong})
+    for entries in ([1], [{}], [entry], None):
+        text = json.dumps({"format_version": 1, "vectors": entries})
         (folder / "vectors.json").write_text(text)
         with pytest.raises(RecordingError, match="folder of vectors"):
             read_vectors(folder)
@@ -113,7 +118,7 @@ def test_vectors_that_were_changed_or_lost_are_refused(tmp_path, radar):
         read_vectors(folder)
 
 
-def test_words_of_a_simulator_are_read_and_too_long_ones_refused(tmp_path):
+def test_reads_simulator_words_and_rejects_words_that_are_too_long(tmp_path):
     path = tmp_path / "out.hex"
     path.write_text("// 0x00000000\n7f\n80\nff\n")
 
@@ -123,19 +128,23 @@ def test_words_of_a_simulator_are_read_and_too_long_ones_refused(tmp_path):
         read_words(path, bits=7, signed=False)
 
 
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path, radar):
-    radar = small(radar, "complex")
+def test_foreign_folder_is_not_overwritten(tmp_path, radar):
+    radar = shrink_radar(radar, "complex")
     (tmp_path / "own.txt").write_text("mine")
     with pytest.raises(DechirpError, match=r"own\.txt"):
-        write_vectors(tmp_path, frame_of(radar), radar, CHAIN)
+        write_vectors(tmp_path, simulate_frame(radar), radar, CHAIN)
     assert [path.name for path in tmp_path.iterdir()] == ["own.txt"]
 
-    write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN)
+    write_vectors(tmp_path / "v", simulate_frame(radar), radar, CHAIN)
     check_output_folder(tmp_path / "v")
-    write_vectors(tmp_path / "v", frame_of(radar), radar, CHAIN)
+    write_vectors(tmp_path / "v", simulate_frame(radar), radar, CHAIN)
 
 
-def test_a_frame_that_is_refused_leaves_no_folder(tmp_path, radar):
+def test_rejected_frame_leaves_no_folder(tmp_path, radar):
     with pytest.raises(dc.InvalidSetting, match="set n_range_bins to 64"):
-        write_vectors(tmp_path / "v", frame_of(small(radar, "complex")), small(radar, "complex"))
+        write_vectors(
+            tmp_path / "v",
+            simulate_frame(shrink_radar(radar, "complex")),
+            shrink_radar(radar, "complex"),
+        )
     assert not (tmp_path / "v").exists()

@@ -1,4 +1,4 @@
-"""Pages as PDF: names are never markup, wide tables fit, and what cannot be set is refused."""
+"""Reports as PDF: escaped names, figures, wide tables, and unsupported elements."""
 
 import json
 
@@ -12,103 +12,120 @@ from dechirp.report import pdf
 from dechirp.report.page import render_report
 from dechirp.report.pdf import html_to_pdf
 from dechirp.report.typst_inline import UnknownElementError
-from printed import check_captions, check_pdf, squeezed, text_of
-from trial_cases import small, target
+from page_checks import (
+    check_captions,
+    check_pdf_contains_page_text,
+    extract_pdf_text,
+    remove_spaces_and_dashes,
+)
+from trial_cases import make_target, small_radar
 
 MARKUP = (
     '#panic() *b* _i_ `c` $x^2$ @ref <label> \\ \\" " // /* ~ = - + / [a] {b} ](c) #"d" \N{BULLET}'
 )
 
 
-def page_of(body: str, kind: str = "page") -> str:
+def make_page(body: str, kind: str = "page") -> str:
     return f'<title>A title</title><main class="{kind}">{body}</main>'
 
 
 @pytest.fixture(scope="module")
 def page() -> str:
-    """A run of three frames in which all that moves and swings is seen, of two receivers."""
-    walker = target(
+    """Report of a run with two receivers and three frames: a car and a walking pedestrian."""
+    walker = make_target(
         12.0, 1.5, name=MARKUP, rcs_m2=1.0, body=dc.bodies.Pedestrian(speed_m_per_s=1.5)
     )
-    scene = dc.Scene(targets=(target(name="car", rcs_m2=10.0), walker))
-    result = run(dc.Scenario(name=MARKUP, radar=small(2), scene=scene, n_frames=3))
+    scene = dc.Scene(targets=(make_target(name="car", rcs_m2=10.0), walker))
+    result = run(dc.Scenario(name=MARKUP, radar=small_radar(2), scene=scene, n_frames=3))
     return render_report(result, yaml=f"name: {MARKUP}")
 
 
-def test_a_name_may_hold_any_markup(page):
+def test_markup_in_names_is_escaped(page):
     check_captions(page)
-    said = text_of(check_pdf(page))
-    assert said.count(squeezed(MARKUP)) >= 3  # headline's name, a table, the settings
+    text = extract_pdf_text(check_pdf_contains_page_text(page))
+    assert (
+        text.count(remove_spaces_and_dashes(MARKUP)) >= 3
+    )  # headline's name, a table, the settings
 
 
-def test_every_figure_is_in_the_pdf_with_its_letters(page):
-    said = text_of(html_to_pdf(page))
+def test_pdf_contains_figures_with_text_labels(page):
+    text = extract_pdf_text(html_to_pdf(page))
 
     assert page.count("<figure") > 8
     for label in ("Velocity (m/s)", "training cells", "Power (dBm)"):
-        assert squeezed(label) in said
+        assert remove_spaces_and_dashes(label) in text
 
 
 @pytest.mark.parametrize("n_columns", [3, 12, 20, 60])
-def test_a_table_fits_however_many_columns_it_has(n_columns):
+def test_table_fits_page_with_any_number_of_columns(n_columns):
     names = [f"c{number}x" for number in range(n_columns)]
     head = "".join(f'<th class="num">{name}</th>' for name in names)
     row = "".join(f'<td class="num">{number}.123 ± 0.005</td>' for number in range(n_columns))
-    html = page_of(
+    html = make_page(
         f"<section><h2>Points</h2><table><thead><tr>{head}</tr></thead>"
         f"<tbody><tr>{row}</tr></tbody></table></section>"
     )
 
     import pypdfium2
 
-    made = pypdfium2.PdfDocument(check_pdf(html))
-    for one in made:
-        words = one.get_textpage()
-        width, height = one.get_size()
-        for at in range(words.count_chars()):
-            left, bottom, right, top = words.get_charbox(at)
+    document = pypdfium2.PdfDocument(check_pdf_contains_page_text(html))
+    for sheet in document:
+        text_page = sheet.get_textpage()
+        width, height = sheet.get_size()
+        for index in range(text_page.count_chars()):
+            left, bottom, right, top = text_page.get_charbox(index)
             assert left >= 0 and right <= width and bottom >= 0 and top <= height
 
 
-def test_numbers_go_over_two_lines_before_their_page_is_turned():
+def test_wide_numbers_wrap_before_page_becomes_landscape():
     import pypdfium2
 
     row = '<td class="num">62.31574 ±&nbsp;0.00100</td>' * 10
     table = (
         f"<table><thead><tr>{'<th>r</th>' * 10}</tr></thead><tbody><tr>{row}</tr></tbody></table>"
     )
-    made = pypdfium2.PdfDocument(html_to_pdf(page_of(f"<p>Before.</p><section>{table}</section>")))
+    document = pypdfium2.PdfDocument(
+        html_to_pdf(make_page(f"<p>Before.</p><section>{table}</section>"))
+    )
 
-    assert len(made) == 1
-    width, height = made[0].get_size()
+    assert len(document) == 1
+    width, height = document[0].get_size()
     assert width < height
-    lines = made[0].get_textpage().get_text_range().split("\r\n")
+    lines = document[0].get_textpage().get_text_range().split("\r\n")
     assert sum("±" in line and "62" not in line for line in lines) >= 1
 
 
 @pytest.mark.parametrize("body", ["<video></video>", "<p>a <kbd>key</kbd></p>", "<p><b>open</p>"])
-def test_a_page_of_what_no_template_uses_is_refused(body):
+def test_rejects_elements_that_no_template_uses(body):
     with pytest.raises((UnknownElementError, ValueError)):
-        html_to_pdf(page_of(body))
+        html_to_pdf(make_page(body))
 
 
-def test_without_the_extra_the_command_says_so_before_it_runs(monkeypatch, tmp_path, capsys):
+def test_missing_pdf_extra_is_reported_before_run(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(pdf, "find_spec", lambda name: None)
-    for words in (["run"], ["verify"], ["twin", "a.bin"], ["study", "a.yaml"], ["tune", "a.yaml"]):
-        with pytest.raises(SystemExit) as ended:
-            main([*words, "--pdf"])
-        assert ended.value.code == 2
+    for arguments in (
+        ["run"],
+        ["verify"],
+        ["twin", "a.bin"],
+        ["study", "a.yaml"],
+        ["tune", "a.yaml"],
+    ):
+        with pytest.raises(SystemExit) as exit_info:
+            main([*arguments, "--pdf"])
+        assert exit_info.value.code == 2
         assert "pip install 'dechirp[pdf]'" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_writes_the_pdf_beside_the_page_and_takes_it_away(tmp_path, capsys):
+def test_pdf_option_writes_pdf_and_next_run_removes_it(tmp_path, capsys):
     scenario = tmp_path / "small.yaml"
-    scenario.write_text(dump(dc.Scenario(radar=small(), scene=dc.Scene(targets=(target(),)))))
+    scenario.write_text(
+        dump(dc.Scenario(radar=small_radar(), scene=dc.Scene(targets=(make_target(),))))
+    )
     out = tmp_path / "out"
-    for words, there in ((["--pdf"], True), ([], False)):
+    for options, is_expected in ((["--pdf"], True), ([], False)):
         with pytest.raises(SystemExit):
-            main(["run", str(scenario), "--out", str(out), "--json", *words])
-        assert ("report.pdf" in json.loads(capsys.readouterr().out)["files"]) is there
-        assert (out / "report.pdf").exists() is there
+            main(["run", str(scenario), "--out", str(out), "--json", *options])
+        assert ("report.pdf" in json.loads(capsys.readouterr().out)["files"]) is is_expected
+        assert (out / "report.pdf").exists() is is_expected

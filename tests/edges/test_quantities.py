@@ -1,4 +1,4 @@
-"""Numbers with units, as people write them."""
+"""Quantities with units: parsing, suggestions for wrong units, and formatting."""
 
 import math
 
@@ -40,7 +40,7 @@ from dechirp.core.errors import InvalidSetting
         ("500 fs", "s", 5e-13),
     ],
 )
-def test_a_quantity_is_the_float_nearest_to_what_is_written(text, unit, number):
+def test_parsed_quantity_is_nearest_float(text, unit, number):
     assert parse_quantity(text, unit) == number
 
 
@@ -55,25 +55,25 @@ def test_a_quantity_is_the_float_nearest_to_what_is_written(text, unit, number):
         ("-90 dBc/Hz", "per_hz", 1e-9),
     ],
 )
-def test_decibels_become_linear_powers(text, unit, number):
-    assert parse_quantity(text, unit) == pytest.approx(number, rel=1e-5)  # digits written here
+def test_decibels_are_converted_to_linear_values(text, unit, number):
+    assert parse_quantity(text, unit) == pytest.approx(number, rel=1e-5)  # six digits
 
 
-NOT_LENGTHS = (
+INVALID_LENGTHS = (
     *("1,5 m", "9**9**9 m", "2*3 m", "1 2 m", "1_0 m", "0x10 m", "٣ m", "1 m; 2", "m", ""),
     *("nan m", "inf m", "1e999 m", "35", "5 mms", "5 m/s", "5 m/", "5 /m", "12 dBm"),
     f"{'9' * 200} m",
 )
 
 
-@pytest.mark.parametrize("text", NOT_LENGTHS)
-def test_what_is_not_a_number_with_a_fitting_unit_is_refused(text):
+@pytest.mark.parametrize("text", INVALID_LENGTHS)
+def test_rejects_text_that_is_no_length(text):
     with pytest.raises(InvalidSetting):
         parse_quantity(text, "m")
 
 
 @pytest.mark.parametrize(
-    ("text", "unit", "offered"),
+    ("text", "unit", "fix"),
     [
         ("77 Ghz", "hz", "did you mean GHz?"),
         ("10 ms", "m_per_s", "did you mean m/s?"),
@@ -85,14 +85,14 @@ def test_what_is_not_a_number_with_a_fitting_unit_is_refused(text):
         ("1,5 m", "m", "decimal separator"),
     ],
 )
-def test_a_wrong_unit_is_quoted_and_the_right_one_offered(text, unit, offered):
+def test_wrong_unit_is_quoted_and_fix_is_suggested(text, unit, fix):
     with pytest.raises(InvalidSetting) as error:
         parse_quantity(text, unit)
 
     (mistake,) = error.value.mistakes
     assert mistake.value == text
     assert mistake.expected == DIMENSIONS[unit].description
-    assert offered in mistake.fix
+    assert fix in mistake.fix
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_a_wrong_unit_is_quoted_and_the_right_one_offered(text, unit, offered):
         (1e-6, "probability", "1e-06"),
     ],
 )
-def test_a_number_is_written_as_people_would(number, unit, text):
+def test_quantity_is_formatted_with_readable_unit(number, unit, text):
     assert format_exact_quantity(number, unit) == text
 
 
@@ -120,7 +120,7 @@ def test_a_number_is_written_as_people_would(number, unit, text):
     number=st.floats(allow_nan=False, allow_infinity=False),
     unit=st.sampled_from(list(DIMENSIONS)),
 )
-def test_any_number_is_read_back_to_the_last_bit(number, unit):
+def test_any_number_reads_back_exactly(number, unit):
     assert parse_quantity(format_exact_quantity(number, unit), unit) == number
 
 
@@ -129,7 +129,7 @@ def test_any_number_is_read_back_to_the_last_bit(number, unit):
     text=st.text() | st.from_regex(r"[-+]?[0-9.e]{1,20} ?[A-Za-z/^]{0,8}", fullmatch=True),
     unit=st.sampled_from(list(DIMENSIONS)),
 )
-def test_any_text_is_a_finite_number_or_a_mistake(text, unit):
+def test_any_text_gives_finite_number_or_error(text, unit):
     try:
         assert math.isfinite(parse_quantity(text, unit))
     except InvalidSetting as error:

@@ -1,4 +1,4 @@
-"""The report: one page that stands alone and says what the result says."""
+"""Report of a run: self-contained page with figures, tables and findings of the result."""
 
 import dataclasses
 import re
@@ -43,7 +43,7 @@ from dechirp.scene.truth import truth
 from dechirp.scene.waypoints import Waypoint
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.simulate import simulate
-from printed import check_captions, check_pdf
+from page_checks import check_captions, check_pdf_contains_page_text
 
 CHIRP = Chirp(
     start_frequency_hz=77e9,
@@ -62,20 +62,20 @@ WALKER = dataclasses.replace(CAR, rcs_m2=1.0, body=Pedestrian(speed_m_per_s=1.4)
 SECTIONS = ["detections", "beat", "map", "threshold", "settings", "findings", "timing", "reproduce"]
 
 
-def samples(scene: Scene, n_frames: int) -> xr.DataArray:
-    """Make echoes by the textbook formula in white noise 10 dB above them, seed 1."""
+def simulate_echoes(scene: Scene, n_frames: int) -> xr.DataArray:
+    """Simulate echoes by the textbook formula in white noise 10 dB above them, seed 1."""
     frame, rng = RADAR.frame, np.random.default_rng(1)
-    known = truth(scene, RADAR, n_frames=n_frames)
+    target_truth = truth(scene, RADAR, n_frames=n_frames)
     slow_s = np.arange(frame.n_chirps) * frame.interval_s
     fast_s = np.arange(CHIRP.n_samples) / CHIRP.sample_rate_hz
     amplitude = np.sqrt(received_power_w(RADAR, range_m=50.0, rcs_m2=10.0))
     parts = rng.standard_normal((n_frames, 128, 1, 2200, 2), dtype=np.float32)
     cube = parts.view(np.complex64)[..., 0] * np.float32(np.sqrt(10 / 2) * amplitude)
     for index in range(n_frames):
-        for target in range(known.sizes["target"]):
-            one = known.isel(frame=index, target=target)
-            doppler_hz = 2 * float(one.velocity) / CHIRP.wavelength_m
-            beat_hz = CHIRP.beat_frequency_hz(float(one.range)) + doppler_hz
+        for target in range(target_truth.sizes["target"]):
+            state = target_truth.isel(frame=index, target=target)
+            doppler_hz = 2 * float(state.velocity) / CHIRP.wavelength_m
+            beat_hz = CHIRP.beat_frequency_hz(float(state.range)) + doppler_hz
             phase = doppler_hz * slow_s[:, None] + beat_hz * fast_s
             cube[index, :, 0] += amplitude * np.exp(2j * np.pi * phase)
     return xr.DataArray(
@@ -89,7 +89,7 @@ def samples(scene: Scene, n_frames: int) -> xr.DataArray:
     )
 
 
-def map_of(cube: xr.DataArray) -> xr.DataArray:
+def compute_map(cube: xr.DataArray) -> xr.DataArray:
     """Transform the first frame, Hann windows, (velocity, range)."""
     first = cube.values[0, :, 0]
     windows = np.outer(np.hanning(first.shape[0]), np.hanning(first.shape[1]))
@@ -105,7 +105,7 @@ def map_of(cube: xr.DataArray) -> xr.DataArray:
     )
 
 
-def detections(n: int = 1, n_frames: int = 1) -> xr.Dataset:
+def make_detections(n: int = 1, n_frames: int = 1) -> xr.Dataset:
     """Return the car, and weaker false alarms after it."""
     rng = np.random.default_rng(2)
     range_m, velocity = rng.uniform(1, 2000, n), rng.uniform(-100, 100, n)
@@ -123,7 +123,7 @@ def detections(n: int = 1, n_frames: int = 1) -> xr.Dataset:
         "range_std": 0.0039 / np.sqrt(snr / 12_500),
         "velocity_std": 0.0081 / np.sqrt(snr / 12_500),
     }
-    not_told = (
+    unknown_columns = (
         "azimuth",
         "elevation",
         "azimuth_std",
@@ -131,39 +131,45 @@ def detections(n: int = 1, n_frames: int = 1) -> xr.Dataset:
         "ambiguity_number",
         "ambiguity_confidence",
     )
-    columns |= {name: np.full(n, np.nan) for name in not_told}
+    columns |= {name: np.full(n, np.nan) for name in unknown_columns}
     return xr.Dataset({name: ("detection", values) for name, values in columns.items()})
 
 
-def line(name: str, level_db: float, kind: str, unit: str, formula: str) -> SimpleNamespace:
+def make_budget_line(
+    name: str, level_db: float, kind: str, unit: str, formula: str
+) -> SimpleNamespace:
     return SimpleNamespace(name=name, level_db=level_db, kind=kind, unit=unit, formula=formula)
 
 
 BUDGET = (
-    line("transmit power", 10.0, "level", "dBm", "Pt"),
-    line("transmit antenna", 20.0, "step", "dB", "G"),
-    line("spreading, echo and aperture", -138.17, "step", "dB", "λ² RCS / (4π)³ R⁴"),
-    line("receive antenna", 20.0, "step", "dB", "G"),
-    line("losses", 0.0, "step", "dB", "1 / L"),
-    line("received power", -88.17, "level", "dBm", "Pt G² λ² RCS / (4π)³ R⁴ L"),
-    line("noise in one sample", -78.17, "level", "dBm", "as set: -10 dB below the echo"),
-    line("SNR in one sample", -10.0, "level", "dB", "received power / noise"),
-    line("integration gain", 54.5, "step", "dB", "N M"),
-    line("range window", -1.76, "step", "dB", "noise bandwidth, Hann"),
-    line("Doppler window", -1.76, "step", "dB", "noise bandwidth, Hann"),
-    line("SNR after integration", 40.98, "level", "dB", "what the threshold sees"),
-    line("required", 13.2, "level", "dB", "detection probability 0.9 at 1e-6 false alarms"),
-    line("margin", 27.78, "step", "dB", "SNR after integration less required"),
+    make_budget_line("transmit power", 10.0, "level", "dBm", "Pt"),
+    make_budget_line("transmit antenna", 20.0, "step", "dB", "G"),
+    make_budget_line("spreading, echo and aperture", -138.17, "step", "dB", "λ² RCS / (4π)³ R⁴"),
+    make_budget_line("receive antenna", 20.0, "step", "dB", "G"),
+    make_budget_line("losses", 0.0, "step", "dB", "1 / L"),
+    make_budget_line("received power", -88.17, "level", "dBm", "Pt G² λ² RCS / (4π)³ R⁴ L"),
+    make_budget_line(
+        "noise in one sample", -78.17, "level", "dBm", "as set: -10 dB below the echo"
+    ),
+    make_budget_line("SNR in one sample", -10.0, "level", "dB", "received power / noise"),
+    make_budget_line("integration gain", 54.5, "step", "dB", "N M"),
+    make_budget_line("range window", -1.76, "step", "dB", "noise bandwidth, Hann"),
+    make_budget_line("Doppler window", -1.76, "step", "dB", "noise bandwidth, Hann"),
+    make_budget_line("SNR after integration", 40.98, "level", "dB", "what the threshold sees"),
+    make_budget_line(
+        "required", 13.2, "level", "dB", "detection probability 0.9 at 1e-6 false alarms"
+    ),
+    make_budget_line("margin", 27.78, "step", "dB", "SNR after integration less required"),
 )
 
 
-def result(**changes) -> SimpleNamespace:
-    """Make a run of the reference scenario; what is given replaces its parts."""
+def make_result(**changes) -> SimpleNamespace:
+    """Make a result of the reference scenario; keyword arguments replace its attributes."""
     scene = changes.pop("scene", Scene(targets=(CAR,)))
     n_frames = changes.pop("n_frames", 1)
-    cube = samples(scene, n_frames)
-    power = map_of(cube)
-    made = SimpleNamespace(
+    cube = simulate_echoes(scene, n_frames)
+    power = compute_map(cube)
+    run_result = SimpleNamespace(
         first_frame=0,
         scenario=SimpleNamespace(
             name="reference",
@@ -182,7 +188,7 @@ def result(**changes) -> SimpleNamespace:
         cube=cube,
         power=power,
         threshold=xr.full_like(power, 14.0 * float(np.median(power)) / np.log(2)),
-        detections=detections(),
+        detections=make_detections(),
         ego=None,
         clusters=None,
         tracks=None,
@@ -191,34 +197,36 @@ def result(**changes) -> SimpleNamespace:
         timing_s={"simulate": 0.21, "range-Doppler map": 0.013, "CFAR": 0.008, "peaks": 0.0006},
         budget=BUDGET,
     )
-    for name, thing in changes.items():
-        setattr(made, name, thing)
-    return made
+    for name, value in changes.items():
+        setattr(run_result, name, value)
+    return run_result
 
 
-def recorded() -> SimpleNamespace:
-    made = result(truth=None, budget=None, radar=dataclasses.replace(RADAR, hardware=None))
-    made.scenario.scene = None
-    made.scenario.recording = SimpleNamespace(path="captures/street.bin")
-    made.cube.attrs["units"] = "full scale"
-    return made
+def make_recorded_result() -> SimpleNamespace:
+    run_result = make_result(
+        truth=None, budget=None, radar=dataclasses.replace(RADAR, hardware=None)
+    )
+    run_result.scenario.scene = None
+    run_result.scenario.recording = SimpleNamespace(path="captures/street.bin")
+    run_result.cube.attrs["units"] = "full scale"
+    return run_result
 
 
-def page_of(made: SimpleNamespace, yaml: str = "name: reference\nseed: 1\n") -> str:
-    return render_report(made, yaml=yaml)
+def render_page(run_result: SimpleNamespace, yaml: str = "name: reference\nseed: 1\n") -> str:
+    return render_report(run_result, yaml=yaml)
 
 
 @pytest.fixture(scope="module")
 def page() -> str:
-    return page_of(result())
+    return render_page(make_result())
 
 
-def sections(page: str) -> set[str]:
+def find_sections(page: str) -> set[str]:
     return set(re.findall(r'<section id="(\w+)"', page))
 
 
 @pytest.mark.parametrize(
-    ("std", "told"),
+    ("std", "text"),
     [
         (0.0012, "0.0012"),
         (0.00098, "0.00098"),
@@ -228,150 +236,152 @@ def sections(page: str) -> set[str]:
         (40.0, "40.0"),
     ],
 )
-def test_a_standard_error_has_two_digits(std, told):
-    assert f"{std:.{decimals_for_std(std)}f}" == told
+def test_standard_error_is_rounded_to_two_digits(std, text):
+    assert f"{std:.{decimals_for_std(std)}f}" == text
 
 
-def test_the_page_asks_nothing_of_any_other_place(page):
-    outside = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?\s*([^"')> ]+)""", page)
-    assert all(place.startswith(("#", "data:")) for place in outside)
+def test_page_loads_no_external_resources(page):
+    resources = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?\s*([^"')> ]+)""", page)
+    assert all(resource.startswith(("#", "data:")) for resource in resources)
     assert page.count("<script") == 1 and "@import" not in page and "<link" not in page
     assert "http:" not in page and "https:" not in page
 
 
-def test_a_simulation_shows_every_section_and_the_target_first(page):
-    assert sections(page) == {*SECTIONS, "scene", "budget"}
+def test_report_of_simulation_shows_every_section_and_names_target(page):
+    assert find_sections(page) == {*SECTIONS, "scene", "budget"}
     assert "<h1>Target at 50.00 m, 10.00 m/s</h1>" in page
     assert "Power (dBm)" in page
 
 
-def test_a_recording_has_no_scene_no_budget_no_truth_and_no_watts():
-    page = re.sub(r"data:[^\"]+", "", page_of(recorded()))
+def test_report_of_recording_has_no_scene_budget_truth_or_dbm():
+    page = re.sub(r"data:[^\"]+", "", render_page(make_recorded_result()))
 
-    assert sections(page) == set(SECTIONS)
+    assert find_sections(page) == set(SECTIONS)
     assert "Recorded in street.bin" in page
     assert "dBFS" in page and "dBm" not in page
     assert "truth" not in page
 
 
-def test_the_table_gives_the_numbers_of_the_dataset_and_their_errors(page):
+def test_detection_table_shows_values_with_standard_errors(page):
     assert "50.0012 ±\N{NO-BREAK SPACE}0.0039" in page
     assert "10.0034 ±\N{NO-BREAK SPACE}0.0081" in page
-    known = truth(Scene(targets=(CAR,)), RADAR).isel(target=0, frame=0)
-    error_m = 50.0012 - float(known.range)
+    target_truth = truth(Scene(targets=(CAR,)), RADAR).isel(target=0, frame=0)
+    error_m = 50.0012 - float(target_truth.range)
     assert f"{error_m:+.4f}".replace("-", "\N{MINUS SIGN}") in page
     assert f"{abs(error_m) / 0.0039:.1f}\N{NO-BREAK SPACE}\N{GREEK SMALL LETTER SIGMA}" in page
     assert f"{10 * np.log10(12_500):.1f}" in page
 
 
-def test_names_from_files_stay_text():
-    hostile = "<script>alert(1)</script>$\\frac$ & \"'"
-    page = page_of(
-        result(
-            scene=Scene(targets=(dataclasses.replace(CAR, name=hostile),)),
-            findings=(Finding(level="warning", setting=hostile, value="a", expected="b", fix="c"),),
+def test_names_from_files_are_escaped():
+    hostile_name = "<script>alert(1)</script>$\\frac$ & \"'"
+    page = render_page(
+        make_result(
+            scene=Scene(targets=(dataclasses.replace(CAR, name=hostile_name),)),
+            findings=(
+                Finding(level="warning", setting=hostile_name, value="a", expected="b", fix="c"),
+            ),
         ),
-        yaml=f"name: {hostile}",
+        yaml=f"name: {hostile_name}",
     )
 
-    assert page.count("<script") == 1  # our own
+    assert page.count("<script") == 1  # the script of the page
     assert page.count("&lt;script&gt;alert(1)") >= 4  # table, scene, finding, settings
 
 
-def test_of_bodies_alone_the_table_has_no_columns_of_errors():
-    page = page_of(result(scene=Scene(targets=(WALKER,))))
+def test_table_of_bodies_has_no_error_columns():
+    page = render_page(make_result(scene=Scene(targets=(WALKER,))))
 
     assert "Bodies have no errors" in page
     assert "Range error (m)" not in page and "Errors are relative to" not in page
-    assert "Range error (m)" in page_of(result())
+    assert "Range error (m)" in render_page(make_result())
 
 
-def test_a_page_without_detections_says_so():
-    page = page_of(result(detections=detections(0)))
+def test_report_without_detections_has_notice():
+    page = render_page(make_result(detections=make_detections(0)))
 
     assert "<h1>Nothing detected</h1>" in page
     assert "No peak of the map exceeds its threshold." in page
 
 
-def test_an_empty_scene_is_a_scene_all_the_same():
-    page = page_of(result(scene=Scene(), detections=detections(0), budget=None))
+def test_report_of_empty_scene_has_scene_section():
+    page = render_page(make_result(scene=Scene(), detections=make_detections(0), budget=None))
 
-    assert "scene" in sections(page) and "budget" not in sections(page)
+    assert "scene" in find_sections(page) and "budget" not in find_sections(page)
     assert "No targets" in page
 
 
-def test_of_thousands_of_detections_the_strongest_fifty_are_listed():
-    page = page_of(result(detections=detections(3000)))
+def test_report_lists_strongest_fifty_of_many_detections():
+    page = render_page(make_result(detections=make_detections(3000)))
 
     assert "2950 more are in" in page
     assert page.count(" ±\N{NO-BREAK SPACE}") < 2 * 50 + 10
     assert len(page) < 1_500_000
 
 
-def test_cells_that_are_not_tested_have_no_threshold_to_draw():
-    made = result()
-    made.threshold[:, :60] = np.inf
-    assert "Cut along range" in page_of(made)
-    made.threshold[:] = np.inf
-    assert "Cut along range" in page_of(made)
+def test_report_accepts_infinite_thresholds():
+    run_result = make_result()
+    run_result.threshold[:, :60] = np.inf
+    assert "Cut along range" in render_page(run_result)
+    run_result.threshold[:] = np.inf
+    assert "Cut along range" in render_page(run_result)
 
 
-def test_a_silent_recording_has_a_page():
-    made = recorded()
-    made.cube[:] = 0
-    made.power[:] = 0
-    made.detections = detections(0)
-    assert "Nothing detected" in page_of(made)
+def test_silent_recording_has_report():
+    run_result = make_recorded_result()
+    run_result.cube[:] = 0
+    run_result.power[:] = 0
+    run_result.detections = make_detections(0)
+    assert "Nothing detected" in render_page(run_result)
 
 
-def test_several_frames_show_detections_over_time():
-    page = page_of(result(n_frames=3, detections=detections(6, n_frames=3)))
+def test_report_of_several_frames_shows_detections_over_time():
+    page = render_page(make_result(n_frames=3, detections=make_detections(6, n_frames=3)))
 
-    assert "frames" in sections(page)
+    assert "frames" in find_sections(page)
     assert '<th class="num">Frame</th>' in page
 
 
-def test_every_figure_says_what_to_see_and_the_pdf_says_all_of_the_page(page):
+def test_figures_have_captions_and_pdf_contains_all_text(page):
     check_captions(page)
-    check_pdf(page)
+    check_pdf_contains_page_text(page)
 
 
-def test_the_same_result_gives_the_same_page(page):
-    assert page_of(result()) == page
+def test_same_result_gives_same_page(page):
+    assert render_page(make_result()) == page
 
 
-def test_the_page_stays_small_enough_to_send(page):
+def test_page_size_stays_below_1_5_mb(page):
     assert len(page.encode()) < 1_500_000
     images = re.findall(r"data:image/png;base64,([^\"]+)", page)
     assert images and sum(map(len, images)) < 300_000
 
 
-def test_a_single_strong_cell_survives_the_reduction_of_a_large_map():
+def test_strong_cell_survives_reduction_of_large_map():
     power = np.random.default_rng(3).exponential(size=(1024, 4096)).astype(np.float32)
     power[611, 2999] = 1e6
 
-    small = block_maxima(power)
+    reduced_map = block_maxima(power)
 
-    assert small.max() == 1e6
-    assert small.size < 100_000
-    row, column = np.unravel_index(small.argmax(), small.shape)
-    assert abs(row / small.shape[0] - 611.5 / 1024) < 1 / small.shape[0]
-    assert abs(column / small.shape[1] - 2999.5 / 4096) < 1 / small.shape[1]
+    assert reduced_map.max() == 1e6
+    assert reduced_map.size < 100_000
+    row, column = np.unravel_index(reduced_map.argmax(), reduced_map.shape)
+    assert abs(row / reduced_map.shape[0] - 611.5 / 1024) < 1 / reduced_map.shape[0]
+    assert abs(column / reduced_map.shape[1] - 2999.5 / 4096) < 1 / reduced_map.shape[1]
 
 
-def test_a_spike_survives_the_thinning_of_a_long_line():
+def test_spike_survives_thinning_of_long_line():
     y = np.random.default_rng(4).normal(size=50_000)
     y[31_234], y[8_003] = 99.0, -99.0
 
-    x, thin = thin_line(np.arange(y.size), y)
+    x, thinned_y = thin_line(np.arange(y.size), y)
 
     assert x.size <= 1200
     assert 31_234 in x and 8_003 in x
-    assert np.all(y[x] == thin)
+    assert np.all(y[x] == thinned_y)
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
-def test_a_target_beyond_the_ambiguity_limits_is_expected_where_its_echo_peaks(sampling):
+def test_aliased_target_is_expected_at_peak_of_its_echo(sampling):
     chirp = Chirp(
         start_frequency_hz=77e9,
         slope_hz_per_s=20e12,
@@ -383,8 +393,8 @@ def test_a_target_beyond_the_ambiguity_limits_is_expected_where_its_echo_peaks(s
     frame = Frame(chirp=chirp, n_chirps=64, interval_s=30e-6)
     radar = dataclasses.replace(RADAR, frame=frame)
     speed = 2 * frame.max_velocity_m_per_s + 10
-    away = Target(position_m=(1.3 * chirp.max_range_m, 0, 0), velocity_m_per_s=(speed, 0, 0))
-    scene = Scene(targets=(away,))
+    target = Target(position_m=(1.3 * chirp.max_range_m, 0, 0), velocity_m_per_s=(speed, 0, 0))
+    scene = Scene(targets=(target,))
     with pytest.warns(PhysicsWarning):
         cube = simulate(scene, radar, impairments=(), seed=1)
 
@@ -394,39 +404,38 @@ def test_a_target_beyond_the_ambiguity_limits_is_expected_where_its_echo_peaks(s
     row, column = np.unravel_index(int(power.values.argmax()), power.shape)
     # Half a cell from the peak to the nearest cell, and a tenth for the move within the frame.
     assert abs(expected.range_m.item() - power.range[column]) < 0.6 * chirp.range_resolution_m
-    off = expected.velocity_m_per_s.item() - power.velocity[row]
-    assert abs(off) < 0.6 * frame.velocity_resolution_m_per_s
+    error = expected.velocity_m_per_s.item() - power.velocity[row]
+    assert abs(error) < 0.6 * frame.velocity_resolution_m_per_s
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 @pytest.mark.parametrize("n_tx", [1, 2])
-def test_over_time_the_truth_has_the_fold_of_its_detections_on_the_map_none(n_tx):
-    """Two transmitters in turns tell folds by direction; their map goes to 27 m/s, as does
-    that of one which sends as often."""
+def test_truth_over_time_is_aliased_like_its_detections_and_map_like_one_tx(n_tx):
+    """Two TDM transmitters resolve the velocity ambiguity by direction; both maps end at 27 m/s."""
     interval_s = 5 * CHIRP.ramp_duration_s / n_tx
-    turns = Tdm(order=(0, 1)) if n_tx == 2 else None
+    multiplexing = Tdm(order=(0, 1)) if n_tx == 2 else None
     radar = dataclasses.replace(
         RADAR,
-        frame=Frame(chirp=CHIRP, n_chirps=64, interval_s=interval_s, multiplexing=turns),
+        frame=Frame(chirp=CHIRP, n_chirps=64, interval_s=interval_s, multiplexing=multiplexing),
         array=Array(
             tx_m=((0, 0, 0), (0, 7.8e-3, 0))[:n_tx],
-            rx_m=tuple((0, 1.95e-3 * place, 0) for place in range(4)),
+            rx_m=tuple((0, 1.95e-3 * index, 0) for index in range(4)),
         ),
     )
     scene = Scene(targets=[dataclasses.replace(CAR, velocity_m_per_s=(-40, 0, 0), rcs_m2=100)])
     result = run(Scenario(radar=radar, scene=scene, n_frames=2))
-    view = build_page_context(result)
+    context = build_page_context(result)
 
     assert radar.frame.max_velocity_m_per_s == pytest.approx(26.5, abs=0.5)
-    told = -40 if n_tx == 2 else -40 + 2 * radar.frame.max_velocity_m_per_s
-    assert view.apparent_truth.velocity_m_per_s == pytest.approx(told, abs=0.1)
-    assert view.strongest.velocity.values[:2] == pytest.approx(told, abs=0.1)
-    on_map = -40 + 2 * radar.frame.max_velocity_m_per_s
-    assert view.expected_peaks.velocity_m_per_s == pytest.approx(on_map, abs=0.1)
+    expected = -40 if n_tx == 2 else -40 + 2 * radar.frame.max_velocity_m_per_s
+    assert context.apparent_truth.velocity_m_per_s == pytest.approx(expected, abs=0.1)
+    assert context.strongest.velocity.values[:2] == pytest.approx(expected, abs=0.1)
+    map_velocity = -40 + 2 * radar.frame.max_velocity_m_per_s
+    assert context.expected_peaks.velocity_m_per_s == pytest.approx(map_velocity, abs=0.1)
 
 
-def test_the_echo_in_the_samples_is_whole_where_transmitters_take_turns():
-    """At a sine of 1/4 the echoes of elements two wavelengths apart are half a turn apart."""
+def test_beat_signal_shows_full_echo_amplitude_with_tdm():
+    """Echoes of elements two wavelengths apart differ by half a cycle at a sine of 1/4."""
     chirp = dataclasses.replace(CHIRP, n_samples=128)
     radar = dataclasses.replace(
         RADAR,
@@ -443,119 +452,132 @@ def test_the_echo_in_the_samples_is_whole_where_transmitters_take_turns():
     page = render_report(run(Scenario(radar=radar, scene=scene)), yaml="")
     signal = page[page.index('aria-label="Beat signal') :]
 
-    def height(color: str) -> float:
+    def measure_height(color: str) -> float:
         line = re.search(rf'<path d="([^"]*)"[^>]*stroke: {color}', signal)[1]
         y = [float(point) for point in re.findall(r"[ML] \S+ (\S+)", line)]
         return max(y) - min(y)
 
-    assert height("#1d2733") == pytest.approx(height("#8fbbdb"), rel=0.1)
+    assert measure_height("#1d2733") == pytest.approx(measure_height("#8fbbdb"), rel=0.1)
 
 
-def pair_of_points(**of_target) -> Scene:
-    """A body 50 m away with scatterers at its origin and 6 m, ten cells, behind it."""
-    near = Scatterer(position_m=(0, 0, 0), rcs_m2=1.0)
-    far = Scatterer(position_m=(6, 0, 0), rcs_m2=1.0, **of_target)
+def make_point_pair_scene(**scatterer_options) -> Scene:
+    """Return a body 50 m away with scatterers at its origin and 6 m, ten cells, behind it."""
+    near_scatterer = Scatterer(position_m=(0, 0, 0), rcs_m2=1.0)
+    far_scatterer = Scatterer(position_m=(6, 0, 0), rcs_m2=1.0, **scatterer_options)
     return Scene(
-        targets=(dataclasses.replace(CAR, rcs_m2=1.0, body=Points(scatterers=(near, far))),)
+        targets=(
+            dataclasses.replace(
+                CAR, rcs_m2=1.0, body=Points(scatterers=(near_scatterer, far_scatterer))
+            ),
+        )
     )
 
 
-def at(range_m: list[float], velocity: float) -> xr.Dataset:
-    found = detections(len(range_m))
-    found["range"] = ("detection", np.array(range_m))
-    found["velocity"] = ("detection", np.full(len(range_m), velocity))
-    return found
+def place_detections(range_m: list[float], velocity: float) -> xr.Dataset:
+    dataset = make_detections(len(range_m))
+    dataset["range"] = ("detection", np.array(range_m))
+    dataset["velocity"] = ("detection", np.full(len(range_m), velocity))
+    return dataset
 
 
-def test_the_far_side_of_a_car_is_no_place_of_the_truth():
+def test_hidden_side_of_car_matches_no_detection():
     car = dataclasses.replace(CAR, rcs_m2=1.0, velocity_m_per_s=(0, 0, 0), body=Car(length_m=15))
     scene = Scene(targets=(car,))
-    known = truth(scene, RADAR)
+    target_truth = truth(scene, RADAR)
 
-    # It faces away: its tail is 7.5 m nearer than its origin and seen, its nose as far is hidden.
-    matched = associate_detections(at([42.5, 57.5], 0.0), known, RADAR, scene)
+    # The car faces away: its rear is 7.5 m nearer than its origin, its front is hidden.
+    association = associate_detections(
+        place_detections([42.5, 57.5], 0.0), target_truth, RADAR, scene
+    )
 
-    assert matched.target.tolist() == [0, -1]
-    marked = build_page_context(result(scene=scene)).scatterer_peaks
-    assert marked.range_m.min() == pytest.approx(42.5, abs=0.2)
-    assert marked.range_m.max() < 57
+    assert association.target.tolist() == [0, -1]
+    peaks = build_page_context(make_result(scene=scene)).scatterer_peaks
+    assert peaks.range_m.min() == pytest.approx(42.5, abs=0.2)
+    assert peaks.range_m.max() < 57
 
 
-def test_a_body_that_faces_elsewhere_is_nowhere():
+def test_corner_reflector_facing_away_matches_no_detection():
     corner = dataclasses.replace(CAR, rcs_m2=1.0, body=CornerReflector(edge_m=0.1))
     scene = Scene(targets=(corner,))
-    known = truth(scene, RADAR)
+    target_truth = truth(scene, RADAR)
 
-    assert associate_detections(at([known.range.item()], 10.0), known, RADAR, scene).target[0] == -1
-    row = re.search(r"<tr><td>car</td>(.*?)</tr>", page_of(result(scene=scene)))[1]
+    assert (
+        associate_detections(
+            place_detections([target_truth.range.item()], 10.0), target_truth, RADAR, scene
+        ).target[0]
+        == -1
+    )
+    row = re.search(r"<tr><td>car</td>(.*?)</tr>", render_page(make_result(scene=scene)))[1]
     assert re.sub(r"<[^>]*>", " ", row).split() == [EN_DASH, "50.00", "10.00", "0.0", EN_DASH, "no"]
 
 
 @pytest.mark.parametrize("away_m", [50.0, 5000.0])
-def test_what_turns_and_swings_is_shown_over_time_also_where_ranges_fold(away_m):
+def test_rotating_body_has_spectrogram_at_unaliased_and_aliased_range(away_m):
     turn = Rotation(center_m=(0, 0, 0), rate_rad_per_s=100.0)
     wheel = Scatterer(position_m=(0, 0, 0.3), rcs_m2=1.0, rotation=turn)
     van = dataclasses.replace(
         CAR, rcs_m2=1.0, position_m=(away_m, 0, 0), body=Points(scatterers=(wheel,))
     )
-    made = result(scene=Scene(targets=(van,)))
+    run_result = make_result(scene=Scene(targets=(van,)))
 
-    assert "spectrogram" in sections(page_of(made))
-
-
-def test_a_few_chirps_have_no_velocity_over_time():
-    cube, few = samples(Scene(targets=(CAR,)), 1), 2
-    radar = dataclasses.replace(RADAR, frame=dataclasses.replace(RADAR.frame, n_chirps=few))
-    made = result(radar=radar, cube=cube.isel(chirp=slice(few)), scene=Scene(targets=(WALKER,)))
-
-    assert "spectrogram" not in sections(page_of(made))
+    assert "spectrogram" in find_sections(render_page(run_result))
 
 
-def test_a_page_tells_bodies_ways_and_how_echoes_were_summed():
+def test_report_of_few_chirps_has_no_spectrogram():
+    cube, n_chirps = simulate_echoes(Scene(targets=(CAR,)), 1), 2
+    radar = dataclasses.replace(RADAR, frame=dataclasses.replace(RADAR.frame, n_chirps=n_chirps))
+    run_result = make_result(
+        radar=radar, cube=cube.isel(chirp=slice(n_chirps)), scene=Scene(targets=(WALKER,))
+    )
+
+    assert "spectrogram" not in find_sections(render_page(run_result))
+
+
+def test_report_describes_bodies_paths_and_summation_kernel():
     bike = Target(
         name="bike",
         position_m=(30, 5, 0),
         waypoints=[Waypoint(time_s=1.0, position_m=(34, 5, 0))],
     )
     scene = Scene(
-        targets=(*pair_of_points().targets, bike),
+        targets=(*make_point_pair_scene().targets, bike),
         ego=Ego(yaw_rad=0.2, velocity_m_per_s=(5, 0, 0), turn_rate_rad_per_s=0.3),
     )
-    made = result(scene=scene)
-    made.cube.attrs["kernels"] = "direct"
-    made.scenario.engine = Engine(tolerance=1e-4, late="onset")
+    run_result = make_result(scene=scene)
+    run_result.cube.attrs["kernels"] = "direct"
+    run_result.scenario.engine = Engine(tolerance=1e-4, late="onset")
 
-    page = page_of(made)
+    page = render_page(run_result)
 
-    for words in ("path through waypoints", "scatterers of bodies", "Bodies have no errors"):
-        assert words in page
-    for words in ("auto: direct", "10⁻⁴ of the RMS value", "start on arrival"):
-        assert words in page
-    assert "of the RMS value" not in page_of(recorded())
-
-
-def test_a_page_of_very_many_scatterers_stays_small():
-    at_m = np.random.default_rng(5).uniform(-3, 3, (20_000, 3))
-    crowd = PointCloud(positions_m=at_m, rcs_m2=np.full(20_000, 1e-4))
-    scene = Scene(targets=(dataclasses.replace(CAR, rcs_m2=1.0, body=crowd),))
-
-    assert len(page_of(result(scene=scene)).encode()) < 1_500_000
+    for phrase in ("path through waypoints", "scatterers of bodies", "Bodies have no errors"):
+        assert phrase in page
+    for phrase in ("auto: direct", "10⁻⁴ of the RMS value", "start on arrival"):
+        assert phrase in page
+    assert "of the RMS value" not in render_page(make_recorded_result())
 
 
-def test_a_step_of_the_link_budget_starts_where_the_line_above_it_ends():
+def test_page_with_many_scatterers_stays_small():
+    positions_m = np.random.default_rng(5).uniform(-3, 3, (20_000, 3))
+    cloud = PointCloud(positions_m=positions_m, rcs_m2=np.full(20_000, 1e-4))
+    scene = Scene(targets=(dataclasses.replace(CAR, rcs_m2=1.0, body=cloud),))
+
+    assert len(render_page(make_result(scene=scene)).encode()) < 1_500_000
+
+
+def test_link_budget_bars_are_contiguous():
     power, ratio = bars.link_budget_bars(BUDGET)
 
     assert [len(power.rows), len(ratio.rows)] == [7, 7]
-    gain, window = ratio.rows[1], ratio.rows[2]
-    assert gain.left + gain.width == pytest.approx(window.left + window.width)
-    assert window.kind == "loss" and gain.kind == "gain"
-    after, margin = ratio.rows[4], ratio.rows[6]
-    assert after.left + after.width == pytest.approx(margin.left + margin.width)
+    gain, window_loss = ratio.rows[1], ratio.rows[2]
+    assert gain.left + gain.width == pytest.approx(window_loss.left + window_loss.width)
+    assert window_loss.kind == "loss" and gain.kind == "gain"
+    integrated_snr, margin = ratio.rows[4], ratio.rows[6]
+    assert integrated_snr.left + integrated_snr.width == pytest.approx(margin.left + margin.width)
     for row in (*power.rows, *ratio.rows):
         assert row.left >= -1e-9 and row.left + row.width <= 100 + 1e-9
 
 
-def test_numbers_carry_a_prefix_and_no_idle_digits():
+def test_si_format_has_prefix_and_no_trailing_zeros():
     assert format_si(149.896e6, "Hz", 6) == "149.896 MHz"
     assert format_si(7.3333e-6, "s", 5) == "7.3333 µs"
     assert format_si(999.99999, "Hz") == "1000 Hz"

@@ -1,4 +1,4 @@
-"""What a run says of itself: its link budget agrees with its map, its findings with its peaks."""
+"""Link budget, findings and progress of a run."""
 
 import warnings
 from dataclasses import replace
@@ -13,7 +13,7 @@ from dechirp.experiments import run as of_run
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize("n_rx", [1, 8])
-def test_the_budget_says_how_high_the_echo_stands_in_the_map(radar, n_rx, sampling):
+def test_link_budget_matches_simulated_snr_of_map(radar, n_rx, sampling):
     chirp = replace(radar.frame.chirp, sampling=sampling)
     array = dc.Array(rx_m=[(0, 0.0019 * k, 0) for k in range(n_rx)])
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp), array=array)
@@ -28,15 +28,15 @@ def test_the_budget_says_how_high_the_echo_stands_in_the_map(radar, n_rx, sampli
     peak = float(dc.power_map(echo.isel(frame=0), radar, chain).max())
     level = np.mean([dc.power_map(noise.isel(frame=i), radar, chain).mean() for i in range(4)])
 
-    # 32,768 cells or more, correlated over at most 4: the mean is known within 0.05 dB; the
-    # echo walks over 0.06 of a bin in the frame, which blurs the peak by less than 0.01 dB.
+    # 32,768 cells or more, correlated over at most 4: the mean is known within 0.05 dB; range
+    # migration is 0.06 of a bin in the frame, which lowers the peak by less than 0.01 dB.
     assert lines["SNR in the map"] == pytest.approx(float(to_decibels(peak / level)), abs=0.25)
-    # PHYSICS 1.3 for one look; eight added looks need less of each.
+    # PHYSICS 1.3 for a single map; eight summed maps need less SNR of each.
     assert lines["SNR needed"] == pytest.approx({1: 13.183, 8: 5.96}[n_rx], abs=0.02)
     assert lines["margin"] == pytest.approx(lines["SNR in the map"] - lines["SNR needed"])
 
 
-def test_a_run_tells_that_it_kept_only_the_strongest_peaks(radar):
+def test_run_reports_limit_on_number_of_peaks(radar):
     cfar = dc.Cfar(estimator=dc.cfar.CellAveraging(), offset=0.5)
     chain = dc.Chain(range_window="rectangular", cfar=cfar)
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(), chain=chain, n_frames=2)
@@ -45,22 +45,22 @@ def test_a_run_tells_that_it_kept_only_the_strongest_peaks(radar):
     assert "in 2 frames" in finding.value
 
 
-def test_what_else_is_warned_of_while_frames_are_processed_is_no_crowd(radar, monkeypatch):
+def test_other_warnings_during_processing_give_no_finding(radar, monkeypatch):
     processor = of_run.FrameProcessor
 
-    def warning(*arguments, **more):
+    def warn_and_process(*arguments, **options):
         warnings.warn("divided by zero", RuntimeWarning, stacklevel=1)
-        return processor(*arguments, **more)
+        return processor(*arguments, **options)
 
-    monkeypatch.setattr(of_run, "FrameProcessor", warning)
+    monkeypatch.setattr(of_run, "FrameProcessor", warn_and_process)
     with pytest.warns(RuntimeWarning, match="divided by zero"):
-        found = dc.run(dc.Scenario(radar=radar, scene=dc.Scene()))
-    assert found.findings == ()
+        result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene()))
+    assert result.findings == ()
 
 
-def test_what_surprises_an_impairment_is_said_once_as_a_finding_of_the_run(radar):
-    # A warning beside it would be an error here.
-    far_off = dc.impairments.Interferer(
+def test_impairment_warning_becomes_one_finding_of_run(radar):
+    # An additional warning would be an error here.
+    interferer = dc.impairments.Interferer(
         name="far off",
         start_frequency_hz=60e9,
         slope_hz_per_s=1e12,
@@ -72,7 +72,7 @@ def test_what_surprises_an_impairment_is_said_once_as_a_finding_of_the_run(radar
     )
     impairments = [
         dc.impairments.ThermalNoise(),
-        dc.impairments.Interference(interferers=[far_off]),
+        dc.impairments.Interference(interferers=[interferer]),
     ]
     scenario = dc.Scenario(radar=radar, scene=dc.Scene(), impairments=impairments)
     (finding,) = dc.run(scenario).findings
@@ -82,13 +82,16 @@ def test_what_surprises_an_impairment_is_said_once_as_a_finding_of_the_run(radar
 @pytest.mark.parametrize(
     "wrong", [dc.impairments.ThermalNoise(), [dc.impairments.ThermalNoise], "thermal-noise"]
 )
-def test_impairments_are_a_list_of_them(radar, wrong):
+def test_rejects_impairments_that_are_no_list(radar, wrong):
     with pytest.raises(dc.InvalidSetting, match=r"Scenario\.impairments"):
         dc.Scenario(radar=radar, scene=dc.Scene(), impairments=wrong)
 
 
-def test_a_run_says_how_far_it_is_while_it_simulates_and_while_it_processes(radar):
+def test_progress_covers_simulation_and_processing(radar):
     scene = dc.Scene(targets=[dc.Target(position_m=(20, 0, 0))])
-    told = []
-    dc.run(dc.Scenario(radar=radar, scene=scene, n_frames=2), progress=lambda *n: told.append(n))
-    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    progress_calls = []
+    dc.run(
+        dc.Scenario(radar=radar, scene=scene, n_frames=2),
+        progress=lambda *n: progress_calls.append(n),
+    )
+    assert progress_calls == [(1, 4), (2, 4), (3, 4), (4, 4)]

@@ -1,4 +1,4 @@
-"""The JSON Schema of settings files says what reading them says."""
+"""JSON Schema of settings files: agreement with the reader."""
 
 import copy
 import json
@@ -25,68 +25,71 @@ KINDS = ["scenario", "study", "tune", "radar", "requirements"]
 REQUIREMENTS = "{max_range: 200 m, range_resolution: 1 m, max_velocity: 100 m/s, carrier: 77 GHz}"
 
 
-def kind_of(path: Path) -> str:
+def detect_kind(path: Path) -> str:
     if path.parent.name == "studies":
         return "study"
     return {"tune": "tune", "radar": "radar"}.get(path.stem, "scenario")
 
 
 FILES = {
-    str(path.relative_to(EXAMPLES)): kind_of(path)
+    str(path.relative_to(EXAMPLES)): detect_kind(path)
     for path in sorted(EXAMPLES.rglob("*.yaml"))
-    # One of the tracker alone, which no command reads; one of a package that is not installed.
+    # `crossing-tracks` is read by no command; `spur` needs a package that is not installed.
     if path.stem not in ("crossing-tracks", "spur")
 }
 
 
 @cache
-def checker(kind: str) -> Draft202012Validator:
-    """What `dechirp schema` prints, checked and ready."""
+def make_validator(kind: str) -> Draft202012Validator:
+    """Return a validator of the schema that `dechirp schema` prints."""
     import contextlib
     import io
 
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed), pytest.raises(SystemExit) as ended:
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), pytest.raises(SystemExit) as exit_info:
         main(["schema", kind])
-    assert ended.value.code == 0
-    schema = json.loads(printed.getvalue())
+    assert exit_info.value.code == 0
+    schema = json.loads(output.getvalue())
     Draft202012Validator.check_schema(schema)
     return Draft202012Validator(schema)
 
 
-def plain(text: str) -> Plain:
+def parse_plain(text: str) -> Plain:
     return parse_yaml(text, "").plain_data
 
 
-def wrong(kind: str, content: Plain) -> str:
-    """The first thing that the schema finds wrong; empty without."""
-    return next((error.message for error in checker(kind).iter_errors(content)), "")
+def find_schema_error(kind: str, content: Plain) -> str:
+    """Return the first error of the schema, or an empty text."""
+    return next((error.message for error in make_validator(kind).iter_errors(content)), "")
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_example_is_as_its_schema_says(name):
-    assert wrong(FILES[name], plain((EXAMPLES / name).read_text(encoding="utf-8"))) == ""
+def test_every_example_matches_schema(name):
+    assert (
+        find_schema_error(FILES[name], parse_plain((EXAMPLES / name).read_text(encoding="utf-8")))
+        == ""
+    )
 
 
 @pytest.mark.parametrize("name", [name for name, kind in FILES.items() if kind == "scenario"])
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-def test_every_scenario_as_run_is_as_the_schema_says(name):
-    assert wrong("scenario", plain(dump(dc.load(EXAMPLES / name)))) == ""
+def test_every_dumped_scenario_matches_schema(name):
+    assert find_schema_error("scenario", parse_plain(dump(dc.load(EXAMPLES / name)))) == ""
 
 
 @pytest.mark.parametrize("name", [name for name, kind in FILES.items() if kind == "study"])
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-def test_every_study_as_run_is_as_the_schema_says(name):
-    assert wrong("study", plain(dump_study(dc.load_study(EXAMPLES / name)))) == ""
+def test_every_dumped_study_matches_schema(name):
+    assert find_schema_error("study", parse_plain(dump_study(dc.load_study(EXAMPLES / name)))) == ""
 
 
-def test_the_reference_and_a_design_are_as_their_schemas_say():
-    assert wrong("scenario", plain(dump(dc.reference()))) == ""
-    assert wrong("requirements", plain(REQUIREMENTS)) == ""
+def test_reference_and_requirements_match_schemas():
+    assert find_schema_error("scenario", parse_plain(dump(dc.reference()))) == ""
+    assert find_schema_error("requirements", parse_plain(REQUIREMENTS)) == ""
 
 
 @pytest.mark.parametrize(
-    ("before", "after"),
+    ("original", "replacement"),
     [
         ("n_chirps: ", "n_chrips: "),
         ("start_frequency: 77 GHz", "start_frequency: 77"),
@@ -99,31 +102,36 @@ def test_the_reference_and_a_design_are_as_their_schemas_say():
         ("rcs: 10 dBsm", "rcs: 10 dB"),
     ],
 )
-def test_what_is_misspelt_or_lacks_its_unit_is_refused(before, after):
+def test_schema_and_reader_reject_misspelt_names_and_missing_units(original, replacement):
     text = (EXAMPLES / "overtaking-car.yaml").read_text(encoding="utf-8")
-    assert before in text
-    mended = text.replace(before, after, 1)
+    assert original in text
+    changed_text = text.replace(original, replacement, 1)
 
-    assert wrong("scenario", plain(mended))
+    assert find_schema_error("scenario", parse_plain(changed_text))
     with pytest.raises(DechirpError):
-        parse_settings(mended, dc.Scenario, readers=READERS)
+        parse_settings(changed_text, dc.Scenario, readers=READERS)
 
 
 @pytest.mark.parametrize(
     "text",
     ["77 GHz", "77GHz", "+7.7e10 Hz", ".077 THz", "76 MS/ms", "'0'", "0", "7.7e7 m/mm/s/h", "1/s"],
 )
-def test_a_schema_takes_quantities_as_reading_does(text):
-    file = f"{{max_range: 200 m, range_resolution: 1 m, max_velocity: 100 m/s, carrier: {text}}}"
-    told = []
+def test_schema_accepts_same_quantities_as_reader(text):
+    settings_text = (
+        f"{{max_range: 200 m, range_resolution: 1 m, max_velocity: 100 m/s, carrier: {text}}}"
+    )
+    unit_errors = []
     try:
-        parse_settings(file, dc.Requirements)
+        parse_settings(settings_text, dc.Requirements)
     except DechirpError as error:
-        told = [
-            one for one in error.mistakes if "a frequency" in one.expected
-        ]  # not a matter of size
-    # Of three units in a row the schema leaves it to reading whether they fit.
-    assert bool(wrong("requirements", plain(file))) == bool(told) or text.count("/") > 1
+        unit_errors = [
+            mistake for mistake in error.mistakes if "a frequency" in mistake.expected
+        ]  # size limits are not in the schema
+    # The schema does not check chains of three units; the reader does.
+    assert (
+        bool(find_schema_error("requirements", parse_plain(settings_text))) == bool(unit_errors)
+        or text.count("/") > 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -139,24 +147,24 @@ def test_a_schema_takes_quantities_as_reading_does(text):
     ],
 )
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
-def test_what_the_schema_refuses_reading_refuses(name, tmp_path):
+def test_reader_rejects_settings_that_schema_rejects(name, tmp_path):
     folder = tmp_path / "examples"
     shutil.copytree(EXAMPLES, folder)
-    content = plain((EXAMPLES / name).read_text(encoding="utf-8"))
+    content = parse_plain((EXAMPLES / name).read_text(encoding="utf-8"))
     kind = FILES[name]
     rng = random.Random(name)
-    every = list(spoilt(content))
-    drawn = rng.sample(every, min(len(every), 40))
-    refused = [one for one in drawn if wrong(kind, one)]
-    assert len(refused) > len(drawn) / 4  # or the schema says little
+    variants = list(iter_invalid_variants(content))
+    sample = rng.sample(variants, min(len(variants), 40))
+    invalid_settings = [settings for settings in sample if find_schema_error(kind, settings)]
+    assert len(invalid_settings) > len(sample) / 4  # a weak schema would reject fewer
 
-    for one in refused:
-        (folder / name).write_text(json.dumps(one), encoding="utf-8")
+    for settings in invalid_settings:
+        (folder / name).write_text(json.dumps(settings), encoding="utf-8")
         with pytest.raises(DechirpError):
-            opened(folder / name, kind)
+            read_as_command(folder / name, kind)
 
 
-def opened(path: Path, kind: str) -> object:
+def read_as_command(path: Path, kind: str) -> object:
     """Read a file as its command does."""
     match kind:
         case "study":
@@ -168,45 +176,52 @@ def opened(path: Path, kind: str) -> object:
     return dc.load(path)
 
 
-def spoilt(whole: Plain) -> Iterator[Plain]:
-    """The same settings, each time with one of them otherwise."""
-    for path in paths(whole):
-        for change in (_misspelt, _left_out, _bare, lambda _: None, lambda _: True, lambda _: []):
-            made = copy.deepcopy(whole)
-            *before, last = path
-            at = made
-            for step in before:
-                at = at[step]
-            if change is _misspelt and isinstance(last, str):
-                at[f"{last}x"] = at.pop(last)
-            elif change is _left_out:
-                del at[last]
-            elif change is not _misspelt:
-                at[last] = change(at[last])
-            if made != whole:
-                yield made
+def iter_invalid_variants(settings: Plain) -> Iterator[Plain]:
+    """Yield the settings, each time with one of them changed."""
+    for path in iter_setting_paths(settings):
+        for change in (
+            _misspell,
+            _leave_out,
+            _strip_unit,
+            lambda _: None,
+            lambda _: True,
+            lambda _: [],
+        ):
+            variant = copy.deepcopy(settings)
+            *keys, last_key = path
+            parent = variant
+            for key in keys:
+                parent = parent[key]
+            if change is _misspell and isinstance(last_key, str):
+                parent[f"{last_key}x"] = parent.pop(last_key)
+            elif change is _leave_out:
+                del parent[last_key]
+            elif change is not _misspell:
+                parent[last_key] = change(parent[last_key])
+            if variant != settings:
+                yield variant
 
 
-def _misspelt(one: Plain) -> Plain:
-    return one
+def _misspell(value: Plain) -> Plain:
+    return value
 
 
-def _left_out(one: Plain) -> Plain:
-    return one
+def _leave_out(value: Plain) -> Plain:
+    return value
 
 
-def _bare(one: Plain) -> Plain:
-    """A quantity without its unit, a name in upper case."""
-    if not isinstance(one, str):
-        return one
-    number = one.partition(" ")[0]
-    return plain(number) if number != one else one.upper()
+def _strip_unit(value: Plain) -> Plain:
+    """Return a quantity without its unit, or a name in upper case."""
+    if not isinstance(value, str):
+        return value
+    number = value.partition(" ")[0]
+    return parse_plain(number) if number != value else value.upper()
 
 
-def paths(content: Plain, before: tuple = ()) -> Iterator[tuple]:
-    """Where each setting stands."""
+def iter_setting_paths(content: Plain, parent: tuple = ()) -> Iterator[tuple]:
+    """Yield the path of each setting."""
     keys = content if isinstance(content, dict) else range(len(content))
     for key in keys:
-        yield (*before, key)
+        yield (*parent, key)
         if isinstance(content[key], dict | list):
-            yield from paths(content[key], (*before, key))
+            yield from iter_setting_paths(content[key], (*parent, key))

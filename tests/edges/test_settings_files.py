@@ -1,4 +1,4 @@
-"""Settings files: what they say becomes values, and what they should not say is told."""
+"""Settings files: values, defaults, overrides, and mistakes with line and column."""
 
 import math
 from pathlib import Path
@@ -25,8 +25,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.simulation.impairments.base import Impairment
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise
-from dechirp.simulation.impairments.white_noise import WhiteNoise
+from dechirp.simulation.impairments.noise import ThermalNoise, WhiteNoise
 
 RADAR = """\
 frame:
@@ -49,7 +48,7 @@ targets:
 
 @frozen_dataclass
 class Setup:
-    """A little of everything."""
+    """Settings of several kinds for these tests."""
 
     radar: Radar | None = None
     """What sends,
@@ -61,22 +60,24 @@ class Setup:
     is_quiet: bool = False
 
 
-def mistakes(text, kind, **more):
-    """All that a text has wrong, by setting."""
+def collect_mistakes(text, kind, **options):
+    """Return all mistakes in a text, by setting."""
     with pytest.raises(InvalidFile) as error:
-        parse_settings(text, kind, **more)
-    told = str(error.value)
-    assert "Input should" not in told and "Field required" not in told and "http" not in told
+        parse_settings(text, kind, **options)
+    message = str(error.value)
+    assert (
+        "Input should" not in message and "Field required" not in message and "http" not in message
+    )
     return {mistake.setting: mistake for mistake in error.value.mistakes}
 
 
-def mistake(text, kind, **more):
-    """Name the one thing that a text has wrong."""
-    (only,) = mistakes(text, kind, **more).values()
-    return only
+def expect_mistake(text, kind, **options):
+    """Return the only mistake in a text."""
+    (mistake,) = collect_mistakes(text, kind, **options).values()
+    return mistake
 
 
-def test_a_radar_in_the_words_of_people_becomes_si():
+def test_radar_settings_with_units_become_si_values():
     radar = parse_settings(RADAR, Radar)
 
     chirp = Chirp(
@@ -90,11 +91,11 @@ def test_a_radar_in_the_words_of_people_becomes_si():
     )
     assert radar.frame == Frame(chirp=chirp, n_chirps=128, interval_s=35e-6, period_s=50e-3)
     assert radar.array == Array(rx_m=[(0, 0.001944 * n, 0) for n in range(4)])
-    assert radar.hardware.transmit_power_w == pytest.approx(0.0158489, rel=1e-5)  # digits here
+    assert radar.hardware.transmit_power_w == pytest.approx(0.0158489, rel=1e-5)  # six digits
     assert radar.hardware.antenna_gain == 10
 
 
-def test_a_value_is_written_so_that_it_is_read_back_equal(radar):
+def test_dumped_settings_read_back_equal(radar):
     setup = Setup(
         radar=radar,
         scene=Scene(targets=[Target(name="1e5", position_m=(1 / 3, 0, 0), rcs_m2=0.1)]),
@@ -104,15 +105,15 @@ def test_a_value_is_written_so_that_it_is_read_back_equal(radar):
     assert parse_settings(dump(setup), Setup) == setup
 
 
-def in_turns(text):
-    """The radar with two transmitters, and what it says of how they share the chirps."""
+def add_multiplexing(text):
+    """Return the radar settings with two transmitters and a multiplexing entry."""
     array = "array:\n  tx: [[0 mm, 0 mm, 0 mm], [0 mm, 7.776 mm, 0 mm]]\n"
     radar = RADAR.replace("array:\n", array)
     return radar.replace("  period: 50 ms\n", f"  period: 50 ms\n  multiplexing: {text}\n")
 
 
-def test_transmitters_that_take_turns_are_read_and_written():
-    radar = parse_settings(in_turns("{kind: tdm, order: [1, 0]}"), Radar)
+def test_tdm_settings_are_read_and_written():
+    radar = parse_settings(add_multiplexing("{kind: tdm, order: [1, 0]}"), Radar)
 
     assert radar.frame.multiplexing == Tdm(order=(1, 0))
     assert radar.n_channels == 8
@@ -132,8 +133,8 @@ def test_transmitters_that_take_turns_are_read_and_written():
     ],
     ids=["bpm", "ddma", "phase-code"],
 )
-def test_codes_of_transmitters_that_send_together_are_read_and_written(text, code):
-    radar = parse_settings(in_turns(text), Radar)
+def test_simultaneous_multiplexing_settings_are_read_and_written(text, code):
+    radar = parse_settings(add_multiplexing(text), Radar)
 
     assert radar.frame.multiplexing == code
     assert parse_settings(dump(radar), Radar) == radar
@@ -168,44 +169,55 @@ def test_codes_of_transmitters_that_send_together_are_read_and_written(text, cod
         ("{kind: phase-code, phases: [[0]]}", "", "1 transmitter: 0", "the 2 in array.tx: 0"),
     ],
 )
-def test_turns_that_cannot_be_are_told_with_their_place(text, setting, value, expected):
-    only = mistake(in_turns(text), Radar)
+def test_invalid_multiplexing_is_reported_with_setting_and_line(text, setting, value, expected):
+    mistake = expect_mistake(add_multiplexing(text), Radar)
 
-    assert (only.setting, only.line) == (f"frame.multiplexing{setting}", 7)
-    assert only.value == value
-    assert expected in only.expected
-    assert only.fix
+    assert (mistake.setting, mistake.line) == (f"frame.multiplexing{setting}", 7)
+    assert mistake.value == value
+    assert expected in mistake.expected
+    assert mistake.fix
 
 
-def test_another_kind_starts_from_its_own_defaults():
-    """Those of the kind before would be refused, though nobody wrote them."""
-    chosen = parse_settings(
+def test_override_of_kind_starts_from_defaults_of_that_kind():
+    """Defaults of the previous kind would be rejected, although no file contains them."""
+    override_settings = parse_settings(
         "{}", Setup, overrides=["chain.angle.kind=music", "chain.angle.n_sources=2"]
     )
-    as_file = parse_settings("{chain: {angle: {kind: music, n_sources: 2}}}", Setup)
-    again = parse_settings(
+    file_settings = parse_settings("{chain: {angle: {kind: music, n_sources: 2}}}", Setup)
+    repeated_settings = parse_settings(
         "{chain: {angle: {kind: music, n_sources: 2}}}", Setup, overrides=["chain.angle.kind=music"]
     )
 
-    assert chosen == as_file == again
+    assert override_settings == file_settings == repeated_settings
 
 
-def test_a_step_beyond_the_sweep_is_told_with_its_place():
+def test_excessive_frequency_step_is_reported_with_setting():
     step = "  modulation: {kind: frequency-shift-keying, step: 90 GHz}\n"
-    only = mistake(RADAR.replace("  period: 50 ms\n", "  period: 50 ms\n" + step), Radar)
+    mistake = expect_mistake(RADAR.replace("  period: 50 ms\n", "  period: 50 ms\n" + step), Radar)
 
-    assert (only.setting, only.value) == ("frame.modulation.step", "9e+10 Hz")
-
-
-def test_turns_can_be_set_on_the_command_line():
-    one, two = in_turns("null"), in_turns("{kind: tdm, order: [0, 1]}")
-    swapped = parse_settings(two, Radar, overrides=["frame.multiplexing.order=[1, 0]"])
-    given = parse_settings(one, Radar, overrides=["frame.multiplexing={kind: tdm, order: [1, 0]}"])
-
-    assert swapped == given == parse_settings(in_turns("{kind: tdm, order: [1, 0]}"), Radar)
+    assert (mistake.setting, mistake.value) == ("frame.modulation.step", "9e+10 Hz")
 
 
-def test_a_written_radar_keeps_units_and_leaves_out_what_is_none():
+def test_override_changes_multiplexing():
+    without_scheme, with_scheme = (
+        add_multiplexing("null"),
+        add_multiplexing("{kind: tdm, order: [0, 1]}"),
+    )
+    changed_order = parse_settings(
+        with_scheme, Radar, overrides=["frame.multiplexing.order=[1, 0]"]
+    )
+    added_scheme = parse_settings(
+        without_scheme, Radar, overrides=["frame.multiplexing={kind: tdm, order: [1, 0]}"]
+    )
+
+    assert (
+        changed_order
+        == added_scheme
+        == parse_settings(add_multiplexing("{kind: tdm, order: [1, 0]}"), Radar)
+    )
+
+
+def test_dumped_radar_keeps_units_and_omits_none():
     text = dump(Radar(frame=parse_settings(RADAR, Radar).frame))
 
     assert "slope: 10 MHz/us" in text
@@ -218,13 +230,13 @@ def test_a_written_radar_keeps_units_and_leaves_out_what_is_none():
     rcs_m2=st.floats(1e-12, 1e12),
     position_m=st.tuples(*[st.floats(-1e9, 1e9)] * 3),
 )
-def test_any_target_is_read_back_equal(name, rcs_m2, position_m):
+def test_any_target_reads_back_equal(name, rcs_m2, position_m):
     target = Target(name=name, rcs_m2=rcs_m2, position_m=position_m)
 
     assert parse_settings(dump(target), Target) == target
 
 
-def test_plain_numbers_have_the_names_of_the_fields():
+def test_json_data_has_field_names():
     numbers = to_json_data(
         Setup(radar=parse_settings(RADAR, Radar), impairments=(WhiteNoise(snr=2.0),))
     )
@@ -234,7 +246,7 @@ def test_plain_numbers_have_the_names_of_the_fields():
     assert numbers["impairments"] == [{"kind": "white-noise", "snr": 2.0, "target": None}]
 
 
-def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
+def test_all_mistakes_in_file_are_reported_in_order():
     text = RADAR.replace("77 GHz", "7 apples").replace("n_chirps", "n_chrips")
     text = text.replace("50 ms", "50 m").replace("transmit_power: 12 dBm, ", "")
 
@@ -254,7 +266,7 @@ def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
 
 
 @pytest.mark.parametrize(
-    ("was", "becomes", "setting", "value", "expected"),
+    ("original", "replacement", "setting", "value", "expected"),
     [
         ("n_chirps: 128", "n_chirps: 12.5", "frame.n_chirps", "12.5", "a whole number"),
         ("n_chirps: 128", "n_chirps: '128'", "frame.n_chirps", "the text '128'", "a whole number"),
@@ -281,30 +293,30 @@ def test_every_mistake_of_a_file_is_told_at_once_in_its_order():
         ),
     ],
 )
-def test_a_wrong_value_says_where_what_was_got_and_what_is_needed(
-    was, becomes, setting, value, expected
+def test_invalid_value_is_reported_with_setting_value_and_expectation(
+    original, replacement, setting, value, expected
 ):
-    text = RADAR.replace(was, becomes, 1)
-    only = mistake(text, Radar)
+    text = RADAR.replace(original, replacement, 1)
+    mistake = expect_mistake(text, Radar)
 
-    assert (only.setting, only.value) == (setting, value)
-    assert expected in only.expected
-    assert only.fix
-    assert text.splitlines()[only.line - 1] not in RADAR.splitlines()
-
-
-def test_a_name_given_twice_is_a_mistake_at_the_second():
-    only = mistake(RADAR.replace("  interval", "  n_chirps: 64\n  interval"), Radar)
-
-    assert (only.setting, only.line, only.column) == ("frame.n_chirps", 5, 3)
-    assert only.value == "given twice, first on line 4"
+    assert (mistake.setting, mistake.value) == (setting, value)
+    assert expected in mistake.expected
+    assert mistake.fix
+    assert text.splitlines()[mistake.line - 1] not in RADAR.splitlines()
 
 
-def test_members_of_a_list_go_by_name_else_kind_else_index():
+def test_duplicate_name_is_reported_at_second_occurrence():
+    mistake = expect_mistake(RADAR.replace("  interval", "  n_chirps: 64\n  interval"), Radar)
+
+    assert (mistake.setting, mistake.line, mistake.column) == ("frame.n_chirps", 5, 3)
+    assert mistake.value == "given twice, first on line 4"
+
+
+def test_list_members_are_addressed_by_name_kind_or_index():
     text = "scene:\n  targets:\n  - {name: car, position: [1 m, 0 m, 0 m], rcs: 0}\n  - 7\n"
     text += "impairments: [{kind: white-noise}, {kind: thermal-noise, power: 1 W}, {kind: nose}]\n"
 
-    assert list(mistakes(text, Setup)) == [
+    assert list(collect_mistakes(text, Setup)) == [
         "scene.targets.car.rcs",
         "scene.targets.1",
         "impairments.white-noise.snr",
@@ -313,27 +325,27 @@ def test_members_of_a_list_go_by_name_else_kind_else_index():
     ]
 
 
-def test_the_member_of_a_family_is_chosen_by_kind():
+def test_kind_selects_member_of_family():
     text = "impairments: [{kind: white-noise, snr: -10 dB}, {kind: thermal-noise}]"
 
     assert parse_settings(text, Setup).impairments == (WhiteNoise(snr=0.1), ThermalNoise())
-    only = mistake(text.replace("thermal-noise", "thermal_noise"), Setup)
-    assert only.setting == "impairments.thermal_noise.kind"
-    assert only.fix == "did you mean thermal-noise?"
+    mistake = expect_mistake(text.replace("thermal-noise", "thermal_noise"), Setup)
+    assert mistake.setting == "impairments.thermal_noise.kind"
+    assert mistake.fix == "did you mean thermal-noise?"
 
 
-def test_what_is_left_out_by_null_has_settings_of_its_own():
+def test_optional_settings_accept_null_and_only_known_names():
     assert parse_settings("chain: {cluster: null}", Setup) == Setup()
-    only = mistake("chain: {cluster: {kind: dbscan}}", Setup)
-    assert only.setting == "chain.cluster.kind"
-    assert only.expected == "one of reach, min_detections"
+    mistake = expect_mistake("chain: {cluster: {kind: dbscan}}", Setup)
+    assert mistake.setting == "chain.cluster.kind"
+    assert mistake.expected == "one of reach, min_detections"
 
 
-def test_a_probability_in_decibels_is_a_mistake():
+def test_rejects_probability_in_decibels():
     text = "chain: {cfar: {estimator: {kind: cell-averaging}, false_alarm_probability: -60 dB}}"
 
-    only = mistake(text, Setup)
-    assert (only.setting, only.fix) == (
+    mistake = expect_mistake(text, Setup)
+    assert (mistake.setting, mistake.fix) == (
         "chain.cfar.false_alarm_probability",
         "omit the unit",
     )
@@ -354,39 +366,41 @@ def test_a_probability_in_decibels_is_a_mistake():
         ('a: "\\UFFFFFFFF"', None, None),
     ],
 )
-def test_a_text_that_cannot_be_read_says_where(text, line, column):
-    only = mistake(text, Radar)
+def test_yaml_syntax_error_has_line_and_column(text, line, column):
+    mistake = expect_mistake(text, Radar)
 
-    assert (only.line, only.column) == (line, column)
+    assert (mistake.line, mistake.column) == (line, column)
 
 
 @pytest.mark.parametrize("text", ["", "# nothing\n", "- 1", "7", "frame"])
-def test_a_text_that_is_no_mapping_is_one_mistake(text):
-    assert mistake(text, Radar).expected == "a mapping of frame, array, hardware, calibration"
+def test_text_without_mapping_gives_one_mistake(text):
+    assert (
+        expect_mistake(text, Radar).expected == "a mapping of frame, array, hardware, calibration"
+    )
 
 
 @pytest.mark.parametrize(
     ("content", "value"),
     [(b"\xff\xfe\x00", "not text"), (b"# \n" * 2**19, "1.5 MiB"), (b"", "empty"), (None, "folder")],
 )
-def test_a_file_that_cannot_be_settings_is_one_mistake(tmp_path, content, value):
+def test_unreadable_file_gives_one_mistake(tmp_path, content, value):
     path = tmp_path / "radar.yaml"
     path.mkdir() if content is None else path.write_bytes(content)
 
     with pytest.raises(InvalidFile) as error:
         read_settings(path, Radar)
 
-    (only,) = error.value.mistakes
-    assert only.file == str(path)
-    assert value in only.value
+    (mistake,) = error.value.mistakes
+    assert mistake.file == str(path)
+    assert value in mistake.value
 
 
-def test_a_file_that_is_not_there_is_one_mistake(tmp_path):
+def test_missing_file_gives_one_mistake(tmp_path):
     with pytest.raises(InvalidFile, match="the file: not found"):
         read_settings(tmp_path / "radar.yaml", Radar)
 
 
-def test_paths_are_relative_to_the_file(tmp_path):
+def test_paths_are_relative_to_settings_file(tmp_path):
     (tmp_path / "radar.yaml").write_text(RADAR)
     (tmp_path / "setup.yaml").write_text("radar: radar.yaml\npath: sub/x.npy\n")
 
@@ -398,7 +412,7 @@ def test_paths_are_relative_to_the_file(tmp_path):
     assert Path(setup.path) == tmp_path / "sub" / "x.npy"
 
 
-def test_mistakes_of_a_file_that_is_named_are_told_with_the_others(tmp_path):
+def test_mistakes_in_referenced_file_are_reported_with_others(tmp_path):
     (tmp_path / "radar.yaml").write_text("frame: 1")
     (tmp_path / "setup.yaml").write_text("radar: radar.yaml\nchian: 1\n")
 
@@ -413,7 +427,7 @@ def test_mistakes_of_a_file_that_is_named_are_told_with_the_others(tmp_path):
     }
 
 
-def test_what_a_reader_refuses_passes_through():
+def test_error_of_custom_reader_passes_through():
     def refuse(path):
         raise RecordingError(path, value="nothing", expected="something", fix="Look.")
 
@@ -421,7 +435,7 @@ def test_what_a_reader_refuses_passes_through():
         parse_settings("radar: x.cfg", Setup, readers={Radar: refuse})
 
 
-def test_a_setting_of_the_command_line_takes_the_place_of_the_files():
+def test_override_replaces_value_of_file():
     setup = parse_settings(
         f"scene:\n  {SCENE.replace(chr(10), chr(10) + '  ')}",
         Setup,
@@ -433,34 +447,34 @@ def test_a_setting_of_the_command_line_takes_the_place_of_the_files():
     assert setup.is_quiet
 
 
-def test_a_setting_of_the_command_line_starts_from_what_holds_without_it():
+def test_override_of_nested_setting_keeps_other_defaults():
     chain = parse_settings("{}", Setup, overrides=["chain.cfar.n_training.range=5"]).chain
 
     assert chain.cfar.n_training.range == 5
     assert chain.cfar.n_training.velocity == Chain().cfar.n_training.velocity
 
 
-def test_a_setting_of_the_command_line_changes_a_radar_that_is_read_from_its_own_file():
+def test_override_changes_radar_of_referenced_file():
     radar = parse_settings(RADAR, Radar)
-    changed = parse_settings(
+    changed_radar = parse_settings(
         "radar: vendor.cfg",
         Setup,
         overrides=["radar.frame.n_chirps=64"],
         readers={Radar: lambda path: radar},
     ).radar
 
-    assert changed.frame.n_chirps == 64
-    assert changed.frame.chirp == radar.frame.chirp
+    assert changed_radar.frame.n_chirps == 64
+    assert changed_radar.frame.chirp == radar.frame.chirp
 
 
-def test_an_offset_beside_a_probability_is_refused_until_one_is_cleared():
+def test_rejects_cfar_offset_with_probability_until_one_is_null():
     offset, clear = "chain.cfar.offset=15 dB", "chain.cfar.false_alarm_probability=null"
 
-    only = mistake("{}", Setup, overrides=[offset])
-    assert only.setting == "chain.cfar.false_alarm_probability"
-    assert "offset" in only.value
+    mistake = expect_mistake("{}", Setup, overrides=[offset])
+    assert mistake.setting == "chain.cfar.false_alarm_probability"
+    assert "offset" in mistake.value
     cfar = parse_settings("{}", Setup, overrides=[offset, clear]).chain.cfar
-    assert cfar.offset == pytest.approx(31.6228, rel=1e-5)  # digits written here
+    assert cfar.offset == pytest.approx(31.6228, rel=1e-5)  # six digits
 
 
 @pytest.mark.parametrize(
@@ -480,15 +494,17 @@ def test_an_offset_beside_a_probability_is_refused_until_one_is_cleared():
         ("targets.car.rcs=[", "targets.car.rcs", "correct it there, or just before"),
     ],
 )
-def test_a_mistake_of_the_command_line_says_so(option, setting, fix):
-    at_chain = option.startswith("chain")
-    only = mistake("{}" if at_chain else SCENE, Setup if at_chain else Scene, overrides=[option])
+def test_mistake_in_override_is_attributed_to_set_option(option, setting, fix):
+    is_chain_option = option.startswith("chain")
+    mistake = expect_mistake(
+        "{}" if is_chain_option else SCENE, Setup if is_chain_option else Scene, overrides=[option]
+    )
 
-    assert (only.file, only.line, only.column) == ("--set", None, None)
-    assert (only.setting, only.fix) == (setting, fix)
+    assert (mistake.file, mistake.line, mistake.column) == ("--set", None, None)
+    assert (mistake.setting, mistake.fix) == (setting, fix)
 
 
-def test_a_path_within_a_value_is_found_in_its_file():
+def test_error_in_nested_value_has_line_of_file():
     @frozen_dataclass
     class Narrow(Setup):
         def __post_init__(self):
@@ -497,17 +513,21 @@ def test_a_path_within_a_value_is_found_in_its_file():
     text = "scene:\n  targets:\n  - {position: [1 m, 0 m, 0 m]}\n"
     text += "  - {name: car, position: [1 m, 0 m, 0 m], rcs: -10 dBsm}\n"
 
-    only = mistake(text, Narrow)
-    assert (only.setting, only.line, only.value) == ("scene.targets.car.rcs", 4, "-10 dBsm")
-    # What is not written is pointed at where it would be.
-    assert mistake("scene: {targets: []}", Narrow).column == 9
+    mistake = expect_mistake(text, Narrow)
+    assert (mistake.setting, mistake.line, mistake.value) == (
+        "scene.targets.car.rcs",
+        4,
+        "-10 dBsm",
+    )
+    # A missing setting is reported at the place of its parent.
+    assert expect_mistake("scene: {targets: []}", Narrow).column == 9
 
 
-def test_the_text_under_a_field_is_its_help():
-    helped = field_docstrings(Setup)
+def test_field_docstring_is_its_help_text():
+    docstrings = field_docstrings(Setup)
 
-    assert helped["radar"] == "What sends, and receives."
-    assert helped["scene"] == ""
+    assert docstrings["radar"] == "What sends, and receives."
+    assert docstrings["scene"] == ""
     assert list(field_docstrings(Hardware)) == [
         "transmit_power_w",
         "antenna_gain",
@@ -518,14 +538,18 @@ def test_the_text_under_a_field_is_its_help():
     ]
 
 
-PIECES = st.sampled_from(list(" \n\t:-,[]{}'\"|>&*!#?%@~\\0e")) | st.sampled_from(
+TEXT_PIECES = st.sampled_from(list(" \n\t:-,[]{}'\"|>&*!#?%@~\\0e")) | st.sampled_from(
     ["frame", "chirp", "n_chirps", "tx", "77 GHz", "1e999 dB", "null", "...", ": ", "\n  "]
 )
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.text() | st.lists(PIECES, max_size=40).map(" ".join) | st.lists(PIECES).map("".join))
-def test_any_text_gives_a_radar_or_says_why_not(text):
+@given(
+    st.text()
+    | st.lists(TEXT_PIECES, max_size=40).map(" ".join)
+    | st.lists(TEXT_PIECES).map("".join)
+)
+def test_any_text_gives_radar_or_mistakes(text):
     try:
         parse_settings(text, Radar)
     except InvalidFile as error:
@@ -535,18 +559,18 @@ def test_any_text_gives_a_radar_or_says_why_not(text):
 @settings(max_examples=200, deadline=None)
 @given(
     st.sampled_from(RADAR.replace(",", " ,").replace("}", " }").split()),
-    st.text(max_size=8) | st.lists(PIECES, max_size=4).map("".join),
+    st.text(max_size=8) | st.lists(TEXT_PIECES, max_size=4).map("".join),
 )
-def test_a_radar_with_any_word_changed_is_a_radar_or_says_why_not(was, becomes):
+def test_radar_text_with_any_changed_word_gives_radar_or_mistakes(original, replacement):
     try:
-        parse_settings(RADAR.replace(was, becomes, 1), Radar)
+        parse_settings(RADAR.replace(original, replacement, 1), Radar)
     except InvalidFile as error:
         assert all(mistake.fix for mistake in error.mistakes)
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.text() | st.lists(PIECES, max_size=9).map(".".join).map("frame.{}=1".format))
-def test_any_setting_of_the_command_line_is_taken_or_refused(option):
+@given(st.text() | st.lists(TEXT_PIECES, max_size=9).map(".".join).map("frame.{}=1".format))
+def test_any_override_is_accepted_or_rejected(option):
     try:
         parse_settings(RADAR, Radar, overrides=[option])
     except InvalidFile as error:
@@ -554,7 +578,7 @@ def test_any_setting_of_the_command_line_is_taken_or_refused(option):
 
 
 @pytest.mark.parametrize(
-    "written",
+    "frame_text",
     [
         "interval: [35 us, 38.5 us]",
         "interval: 35 us\n  modulation: {kind: triangular}",
@@ -562,16 +586,16 @@ def test_any_setting_of_the_command_line_is_taken_or_refused(option):
         "interval: 35 us\n  modulation: {kind: staggered, pauses: [0 s, 2.5 us]}",
     ],
 )
-def test_intervals_in_turn_and_modulations_are_written_as_they_are_read(written):
-    radar = parse_settings(RADAR.replace("interval: 35 us", written), Radar)
+def test_alternating_intervals_and_modulations_read_back_equal(frame_text):
+    radar = parse_settings(RADAR.replace("interval: 35 us", frame_text), Radar)
     assert radar.frame.n_intervals + radar.frame.n_slots == 3
     assert parse_settings(dump(radar), Radar) == radar
 
 
-def test_a_wrong_interval_of_a_list_is_told_by_its_place():
-    assert mistake(RADAR.replace("interval: 35 us", "interval: [35 us, 5 us]"), Radar).setting == (
-        "frame.interval.1"
-    )
-    for wrong in ("[35 us]", "[35 us, 38 apples]", "35 apples"):
-        told = mistake(RADAR.replace("interval: 35 us", f"interval: {wrong}"), Radar)
-        assert told.setting.startswith("frame.interval")
+def test_invalid_interval_in_list_is_reported_with_index():
+    assert expect_mistake(
+        RADAR.replace("interval: 35 us", "interval: [35 us, 5 us]"), Radar
+    ).setting == ("frame.interval.1")
+    for intervals in ("[35 us]", "[35 us, 38 apples]", "35 apples"):
+        error = expect_mistake(RADAR.replace("interval: 35 us", f"interval: {intervals}"), Radar)
+        assert error.setting.startswith("frame.interval")

@@ -1,4 +1,4 @@
-"""`dechirp study` from the file to its results, on a radar so small that trials are quick."""
+"""`dechirp study`: files, trials, reproducibility and errors, with a small and fast radar."""
 
 import json
 import sqlite3
@@ -47,29 +47,29 @@ require:
 
 
 @pytest.fixture
-def file(tmp_path) -> Path:
+def study_file(tmp_path) -> Path:
     path = tmp_path / "small.yaml"
     path.write_text(STUDY)
     return path
 
 
-def status(*words: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([str(word) for word in words])
-    return int(ended.value.code)
+def get_exit_status(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as exit_info:
+        main([str(word) for word in arguments])
+    return int(exit_info.value.code)
 
 
-def test_a_study_runs_and_says_the_same_when_it_is_asked_again(file, tmp_path, capsys):
+def test_study_runs_and_repeated_call_gives_same_rows(study_file, tmp_path, capsys):
     out = tmp_path / "out"
-    assert status("study", file, "--workers", 2, "--out", out, "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+    assert get_exit_status("study", study_file, "--workers", 2, "--out", out, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
 
-    assert {"version", "rows", "done", "total", "require", "files"} <= set(found)
-    assert found["done"] == found["total"] == 6 * 40
-    assert all(Path(path).is_file() for path in found["files"].values())
-    (limit,) = found["require"]
+    assert {"version", "rows", "done", "total", "require", "files"} <= set(document)
+    assert document["done"] == document["total"] == 6 * 40
+    assert all(Path(path).is_file() for path in document["files"].values())
+    (limit,) = document["require"]
     assert limit["decision"] == "met"
-    for row in found["rows"]:
+    for row in document["rows"]:
         rate = row["detection_probability"]["targets"]["car"]
         assert rate["low"] <= rate["value"] <= rate["high"]
         assert 0 <= rate["theory"] <= 1
@@ -79,94 +79,102 @@ def test_a_study_runs_and_says_the_same_when_it_is_asked_again(file, tmp_path, c
     page = (out / "report.html").read_text()
     assert 'src="http' not in page
 
-    assert status("study", file, "--out", out, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["rows"] == found["rows"]
+    assert get_exit_status("study", study_file, "--out", out, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["rows"] == document["rows"]
 
 
-def test_trials_are_the_same_to_the_bit_wherever_they_run(file, tmp_path):
-    study = dc.load_study(file)
+def test_trials_are_bit_identical_in_threads_and_processes(study_file, tmp_path):
+    study = dc.load_study(study_file)
     with ThreadPoolExecutor(3) as threads:
         dc.run_study(study, tmp_path / "threads", executor=threads)
     dc.run_study(study, tmp_path / "processes")
     with (
-        LedgerReader.open_existing(tmp_path / "threads") as one,
-        LedgerReader.open_existing(tmp_path / "processes") as other,
+        LedgerReader.open_existing(tmp_path / "threads") as thread_ledger,
+        LedgerReader.open_existing(tmp_path / "processes") as process_ledger,
     ):
         for point in range(6):
-            np.testing.assert_array_equal(one.point_sums(point), other.point_sums(point))
-            np.testing.assert_array_equal(one.point_theory(point), other.point_theory(point))
-        made = replay_trial(dc.load_study(file), 17, point=3)
-        np.testing.assert_array_equal(made.sums, one.point_sums(3)[17])
-    # `run` of that trial sees the same samples: the same detections.
+            np.testing.assert_array_equal(
+                thread_ledger.point_sums(point), process_ledger.point_sums(point)
+            )
+            np.testing.assert_array_equal(
+                thread_ledger.point_theory(point), process_ledger.point_theory(point)
+            )
+        replay = replay_trial(dc.load_study(study_file), 17, point=3)
+        np.testing.assert_array_equal(replay.sums, thread_ledger.point_sums(3)[17])
+    # `run` of that trial uses the same samples, so its detections are equal.
     np.testing.assert_array_equal(
-        made.result.detections.range.values, made.trial_result.detections["range"]
+        replay.result.detections.range.values, replay.trial_result.detections["range"]
     )
 
 
-def test_one_trial_is_shown_as_a_run_is(file, tmp_path, capsys):
+def test_trial_option_writes_report_of_one_trial(study_file, tmp_path, capsys):
     point = ("impairments.white-noise.snr=-20 dB", "chain.range_window=hann")
-    sets = [word for one in point for word in ("--set", one)]
+    options = [word for setting in point for word in ("--set", setting)]
     out = tmp_path / "one"
-    assert status("study", file, "--trial", 7, *sets, "--out", out, "--json") == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["trial"] == 7
-    assert found["sums"]["detection_probability"]["van"][1] == 1  # one frame was looked at
+    assert get_exit_status("study", study_file, "--trial", 7, *options, "--out", out, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["trial"] == 7
+    assert document["sums"]["detection_probability"]["van"][1] == 1  # one frame was evaluated
     assert (out / "report.html").is_file()
 
-    assert status("study", file, "--trial", 7, "--out", out) == 2
+    assert get_exit_status("study", study_file, "--trial", 7, "--out", out) == 2
     assert "--set chain.range_window=VALUE" in capsys.readouterr().err
 
 
-def blocks_in(out):
+def read_blocks(out):
     with closing(sqlite3.connect(out / "study.sqlite")) as connection:
         return list(connection.execute("SELECT * FROM blocks"))
 
 
-def test_another_study_is_refused_in_the_same_folder(file, tmp_path, capsys):
+def test_rejects_changed_study_in_same_folder(study_file, tmp_path, capsys):
     out = tmp_path / "out"
-    assert status("study", file, "--set", "trials.at_most=5", "--out", out, "--quiet") in (0, 1)
-    rows = blocks_in(out)
+    assert get_exit_status(
+        "study", study_file, "--set", "trials.at_most=5", "--out", out, "--quiet"
+    ) in (0, 1)
+    rows = read_blocks(out)
 
-    changed = ["trials.at_most=5", "scene.targets.van.rcs=11 dBsm"]
-    sets = [word for one in changed for word in ("--set", one)]
-    assert status("study", file, *sets, "--out", out) == 2
-    said = capsys.readouterr().err
-    assert "12 dBsm" in said and "11 dBsm" in said and "--out" in said
-    assert blocks_in(out) == rows
+    changed_settings = ["trials.at_most=5", "scene.targets.van.rcs=11 dBsm"]
+    options = [word for setting in changed_settings for word in ("--set", setting)]
+    assert get_exit_status("study", study_file, *options, "--out", out) == 2
+    err = capsys.readouterr().err
+    assert "12 dBsm" in err and "11 dBsm" in err and "--out" in err
+    assert read_blocks(out) == rows
 
 
-def test_a_point_that_cannot_be_is_a_failure_that_is_told(file, tmp_path, capsys):
-    # Each value is possible alone; so many training cells and so few velocities are not.
-    file.write_text(
+def test_impossible_point_is_reported_as_failure(study_file, tmp_path, capsys):
+    # Each value is valid alone; 13 training cells with 16 velocities are not.
+    study_file.write_text(
         STUDY.replace("  chain.range_window: [hann, rectangular]\n", "").replace(
             "vary:\n",
             "vary:\n  chain.cfar.n_training.velocity: [4, 13]\n  radar.frame.n_chirps: [16, 32]\n",
         )
     )
-    assert status("study", file, "--out", tmp_path / "out") == 2
-    said = capsys.readouterr().err
-    assert "n_training" in said
-    assert "Traceback" not in said
+    assert get_exit_status("study", study_file, "--out", tmp_path / "out") == 2
+    err = capsys.readouterr().err
+    assert "n_training" in err
+    assert "Traceback" not in err
 
 
-def test_drawn_detections_agree_with_those_of_samples(file, tmp_path):
-    # Of 150 trials each, Pd is known to 0.04: 5 of its standard deviations and the 0.02 asked.
-    found = {}
+def test_statistical_sensor_agrees_with_signal_simulation(study_file, tmp_path):
+    # 150 trials each give Pd within 0.04: the limit is 5 standard deviations plus 0.02.
+    probabilities = {}
     for sensor in ("signal", "statistical"):
         study = dc.load_study(
-            file,
+            study_file,
             [f"sensor={sensor}", "trials.at_most=150", "impairments.white-noise.snr=-20 dB",
              "chain.range_window=hann", "require=[]"],
         )  # fmt: skip
         with ThreadPoolExecutor(2) as threads:
-            done = dc.run_study(study, tmp_path / sensor, executor=threads)
-        found[sensor] = done.result.dataset.detection_probability_by_target.values.ravel()
+            outcome = dc.run_study(study, tmp_path / sensor, executor=threads)
+        probabilities[sensor] = (
+            outcome.result.dataset.detection_probability_by_target.values.ravel()
+        )
     spread = np.sqrt(2 * 0.25 / 150)
-    np.testing.assert_allclose(*found.values(), atol=5 * spread + 0.02)
+    np.testing.assert_allclose(*probabilities.values(), atol=5 * spread + 0.02)
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("arguments", "message"),
     [
         (["--workers", "0"], "--workers"),
         (["--workers", "two"], "whole number"),
@@ -176,17 +184,17 @@ def test_drawn_detections_agree_with_those_of_samples(file, tmp_path):
         (["--set", "scene.targets.cra.rcs=1 dBsm"], "car"),
     ],
 )
-def test_a_wrong_call_is_told_in_words(file, tmp_path, capsys, words, says):
+def test_rejects_invalid_calls_with_message(study_file, tmp_path, capsys, arguments, message):
     out = tmp_path / "out"
-    assert status("study", file, *words, "--out", out) == 2
-    told = capsys.readouterr().err
-    assert says in told
-    assert "Traceback" not in told
+    assert get_exit_status("study", study_file, *arguments, "--out", out) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert "Traceback" not in err
     assert not (out / "report.html").exists()
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
-def test_the_studies_of_the_examples_are_read(path):
+def test_example_studies_load(path):
     study = dc.load_study(path)
     assert study.name == path.stem
     assert study.n_points >= 5

@@ -1,4 +1,4 @@
-"""The page, the terminal and the document of a study: each says what the result says."""
+"""Output of a study: report page, terminal tables and JSON document."""
 
 import html as html_module
 import io
@@ -27,11 +27,20 @@ from dechirp.report.study.page import (
 )
 from dechirp.report.study.settings import format_percent
 from dechirp.report.study.table import build_point_table
-from dechirp.results.tables import json_text
-from printed import check_captions, check_pdf
-from study_made import DISTANCE, OFFSET, RCS, SCORES, WINDOW, Share, layout, result
+from dechirp.results.text_files import json_text
+from page_checks import check_captions, check_pdf_contains_page_text
+from sample_studies import (
+    DISTANCE,
+    OFFSET,
+    RCS,
+    SCORES,
+    WINDOW,
+    HitProbability,
+    make_layout,
+    make_result,
+)
 
-MADE = StudyOrigin(
+ORIGIN = StudyOrigin(
     date="2026-11-22T15:00:00",
     source="my study.yaml",
     digests=(("my study.yaml", "5d" * 32),),
@@ -39,17 +48,19 @@ MADE = StudyOrigin(
     seconds=30.0,
 )
 PD = "detection_probability"
-TWO = SweptSetting(path=DISTANCE.path, texts=("10 m", "20 m"), numbers=(10.0, 20.0), unit="m")
+TWO_DISTANCES = SweptSetting(
+    path=DISTANCE.path, texts=("10 m", "20 m"), numbers=(10.0, 20.0), unit="m"
+)
 
 
-def page(found, kept=(), yaml="trials: {at_most: 200}\n"):
-    judged = judge_requirements(found, lambda point: kept[point])
-    return render_study_page(found, judged, yaml=yaml, origin=MADE)
+def render_page(study_result, sums=(), yaml="trials: {at_most: 200}\n"):
+    verdicts = judge_requirements(study_result, lambda point: sums[point])
+    return render_study_page(study_result, verdicts, yaml=yaml, origin=ORIGIN)
 
 
-def words(html):
-    """What a reader sees, without the figures."""
-    plain = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", html, flags=re.DOTALL)
+def extract_text(page):
+    """Return the visible text of a page, without the figures."""
+    plain = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", page, flags=re.DOTALL)
     plain = re.sub(r"<[^>]+>", " ", plain)
     return re.sub(r"\s+", " ", html_module.unescape(plain))
 
@@ -60,39 +71,39 @@ def words(html):
         ((), {}, 0),
         ((RCS, WINDOW), {"scores": SCORES}, 3),
         ((WINDOW,), {"targets": ("car", "truck")}, 1),
-        # Lines and a map of each target.
+        # Lines and a map for each target.
         ((RCS, DISTANCE), {"targets": ("car", "truck")}, 4),
         ((WINDOW, OFFSET), {"n_draws": 8}, 1),
         # One figure for each window.
-        ((RCS, TWO, WINDOW), {}, 2),
+        ((RCS, TWO_DISTANCES, WINDOW), {}, 2),
     ],
-    ids=["point", "lines", "bars", "maps", "drawn", "three"],
+    ids=["point", "lines", "bars", "maps", "random", "three axes"],
 )
-def test_every_kind_of_study_has_its_figures_and_one_page(axes, settings, n_figures):
-    found, _ = result(*axes, n_trials=20, **{"scores": (Share(),), **settings})
+def test_every_kind_of_study_has_expected_number_of_figures(axes, settings, n_figures):
+    study_result, _ = make_result(*axes, n_trials=20, **{"scores": (HitProbability(),), **settings})
 
-    html = page(found)
+    html = render_page(study_result)
 
     assert html.count("<svg") == n_figures
     assert not re.search(r"""(src|href)\s*=\s*["']?\s*(https?:)?//""", html)
     assert "url(http" not in html
     assert "@import" not in html
     assert "mathdefault" not in html
-    assert "nan" not in re.findall(r"[a-z]+", words(html).lower())
-    check_pdf(html)
+    assert "nan" not in re.findall(r"[a-z]+", extract_text(html).lower())
+    check_pdf_contains_page_text(html)
     if n_figures:
         check_captions(html)
 
 
-def test_the_same_result_gives_the_same_page():
-    found, _ = result(RCS, n_trials=20, scores=(Share(),))
+def test_same_result_gives_same_page():
+    study_result, _ = make_result(RCS, n_trials=20, scores=(HitProbability(),))
 
-    assert page(found) == page(found)
+    assert render_page(study_result) == render_page(study_result)
 
 
-def test_a_safety_engineer_reads_first_what_is_met_and_on_what_that_rests():
-    close_m = 1.001 * result(RCS)[0].rows[3]["range_rmse"]["value"]
-    found, kept = result(
+def test_page_starts_with_requirements_and_their_evidence():
+    close_m = 1.001 * make_result(RCS)[0].rows[3]["range_rmse"]["value"]
+    study_result, sums = make_result(
         RCS,
         require=(
             Requirement(score=PD, target="car", points=((RCS.path, "20 dBsm"),), at_least=0.9),
@@ -101,22 +112,22 @@ def test_a_safety_engineer_reads_first_what_is_met_and_on_what_that_rests():
         ),
     )
 
-    said = words(page(found, kept))
+    text = extract_text(render_page(study_result, sums))
 
-    assert "Of 3 requirements 1 met, 1 not met, 1 undecided" in said
-    assert said.index("Requirements") < said.index("Varied settings")
-    assert "detection probability of car ≥ 0.9 RCS of car 20 dBsm met" in said
-    assert re.search(r"range RMSE ≤ [\d.]+ mm RCS of car 5 dBsm undecided", said)
-    assert "created 22 November 2026, 15:00 UTC" in said
-    assert f"SHA-256 of my study.yaml {'5d' * 32}" in said
-    assert "seed 7 trials 1 400, 0 failed" in said
-    assert "name date signature" in said
-    assert "Bands and bars are intervals that contain the true value" in said
-    assert "Each value is followed by its interval, which contains the true value" in said
+    assert "Of 3 requirements 1 met, 1 not met, 1 undecided" in text
+    assert text.index("Requirements") < text.index("Varied settings")
+    assert "detection probability of car ≥ 0.9 RCS of car 20 dBsm met" in text
+    assert re.search(r"range RMSE ≤ [\d.]+ mm RCS of car 5 dBsm undecided", text)
+    assert "created 22 November 2026, 15:00 UTC" in text
+    assert f"SHA-256 of my study.yaml {'5d' * 32}" in text
+    assert "seed 7 trials 1 400, 0 failed" in text
+    assert "name date signature" in text
+    assert "Bands and bars are intervals that contain the true value" in text
+    assert "Each value is followed by its interval, which contains the true value" in text
 
 
 @pytest.mark.parametrize(
-    ("decisions", "said"),
+    ("decisions", "text"),
     [
         (["met", "met"], "All requirements met"),
         (["met"], "Requirement met"),
@@ -124,46 +135,51 @@ def test_a_safety_engineer_reads_first_what_is_met_and_on_what_that_rests():
         (["met", "not met"], "Of 2 requirements 1 met, 1 not met"),
     ],
 )
-def test_the_headline_is_the_decision(decisions, said):
-    found, _ = result(n_trials=5)
+def test_headline_states_decisions(decisions, text):
+    study_result, _ = make_result(n_trials=5)
 
-    assert format_headline(found, [SimpleNamespace(decision=one) for one in decisions]) == said
+    assert (
+        format_headline(
+            study_result, [SimpleNamespace(decision=decision) for decision in decisions]
+        )
+        == text
+    )
 
 
-def test_failures_are_told_by_message_with_how_to_see_one_again():
+def test_failures_are_grouped_by_message_with_replay_command():
     message = "ValueError: <b>no</b> & never"
     failed = [(3, 17, message), (3, 18, message), (5, 2, "KeyError: 'x'")]
-    found, _ = result(RCS, WINDOW, failed=failed, scores=(Share(),))
+    study_result, _ = make_result(RCS, WINDOW, failed=failed, scores=(HitProbability(),))
 
-    said = words(page(found))
+    text = extract_text(render_page(study_result))
 
-    assert "2 trials: ValueError: <b>no</b> & never" in said
-    assert "First trial 17, RCS of car \N{MINUS SIGN}5 dBsm, range window rectangular" in said
-    assert "<b>no</b>" not in page(found)
-    command = replay_command(MADE.source, 17, found.settings[3])
-    assert command in said
+    assert "2 trials: ValueError: <b>no</b> & never" in text
+    assert "First trial 17, RCS of car \N{MINUS SIGN}5 dBsm, range window rectangular" in text
+    assert "<b>no</b>" not in render_page(study_result)
+    command = replay_command(ORIGIN.source, 17, study_result.settings[3])
+    assert command in text
     assert shlex.split(command)[1:] == [
         *("study", "my study.yaml", "--trial", "17"),
         *("--set", "scene.targets.car.rcs=-5 dBsm", "--set", "chain.range_window=rectangular"),
     ]
 
 
-def test_the_table_has_each_target_and_says_how_many_points_are_left_out():
-    found, _ = result(RCS, targets=("car", "truck"))
+def test_point_table_has_columns_per_target_and_counts_omitted_points():
+    study_result, _ = make_result(RCS, targets=("car", "truck"))
 
-    shown = build_point_table(found, max_rows=3)
+    table = build_point_table(study_result, max_rows=3)
 
-    heads = [column.label for column in shown.columns]
-    assert "detection probability of truck" in heads
-    assert "range RMSE of car (mm)" in heads
-    assert (len(shown.rows), shown.n_more) == (3, 4)
-    at = heads.index("range RMSE of car (mm)")
-    told_m = found.rows[0]["range_rmse"]["targets"]["car"]["value"]
-    assert float(shown.rows[0][at]) == pytest.approx(1e3 * told_m, rel=0.01)
+    headings = [column.label for column in table.columns]
+    assert "detection probability of truck" in headings
+    assert "range RMSE of car (mm)" in headings
+    assert (len(table.rows), table.n_more) == (3, 4)
+    column_index = headings.index("range RMSE of car (mm)")
+    value_m = study_result.rows[0]["range_rmse"]["targets"]["car"]["value"]
+    assert float(table.rows[0][column_index]) == pytest.approx(1e3 * value_m, rel=0.01)
 
 
 @pytest.mark.parametrize(
-    ("path", "said"),
+    ("path", "text"),
     [
         ("scene.targets.car.rcs", "RCS of car"),
         ("scene.targets.my_car.position.0", "position x of my_car"),
@@ -174,18 +190,18 @@ def test_the_table_has_each_target_and_says_how_many_points_are_left_out():
         ("n_frames", "n frames"),
     ],
 )
-def test_axes_say_a_setting_in_words(path, said):
-    assert setting_label(path) == said
+def test_setting_label_is_readable(path, text):
+    assert setting_label(path) == text
 
 
-def test_words_of_scores_and_values():
+def test_score_and_value_labels_are_readable():
     assert score_label("range_rmse") == "range RMSE"
     assert value_label("{kind: ordered-statistic}") == "ordered statistic"
     assert value_label("-10 dBsm") == "\N{MINUS SIGN}10 dBsm"
 
 
 @pytest.mark.parametrize(
-    ("numbers", "said"),
+    ("numbers", "texts"),
     [
         ((0.913, 0.894, 0.929), ("0.913", "0.894 to 0.929")),
         ((1.21e-6, 1.1e-6, 1.3e-6), (f"1.21 {TIMES_SIGN} 10⁻⁶", f"1.10 to 1.30 {TIMES_SIGN} 10⁻⁶")),
@@ -195,12 +211,12 @@ def test_words_of_scores_and_values():
         ((-0.001, -0.02, 0.02), (f"{MINUS_SIGN}0.001", f"{MINUS_SIGN}0.020 to 0.020")),
     ],
 )
-def test_a_value_is_written_with_two_digits_of_its_interval(numbers, said):
-    assert format_with_interval(*numbers) == said
+def test_value_is_rounded_to_two_digits_of_its_interval(numbers, texts):
+    assert format_with_interval(*numbers) == texts
 
 
 @pytest.mark.parametrize(
-    ("share", "said"),
+    ("certainty", "text"),
     [
         (0.95, "95\xa0%"),
         (0.9996, "99.96\xa0%"),
@@ -210,11 +226,11 @@ def test_a_value_is_written_with_two_digits_of_its_interval(numbers, said):
         (np.nan, EN_DASH),
     ],
 )
-def test_nothing_is_said_to_be_more_certain_than_it_is(share, said):
-    assert format_percent(share) == said
+def test_certainty_is_never_rounded_up(certainty, text):
+    assert format_percent(certainty) == text
 
 
-def test_shares_go_from_0_to_1_and_errors_over_decades():
+def test_axis_scale_follows_kind_and_range_of_values():
     assert figures.choose_axis_scale(np.array([0.0, 0.5, 1.0]), is_ratio=True) == "shares"
     assert figures.choose_axis_scale(np.array([0.0, 1e-6, 1e-3]), is_ratio=True) == "log"
     assert figures.choose_axis_scale(np.array([0.9e-3, 1.1e-3]), is_ratio=True) == "linear"
@@ -225,45 +241,47 @@ def test_shares_go_from_0_to_1_and_errors_over_decades():
     assert not figures.is_evenly_spaced_in_ratio((10, 20, 30, 40))
 
 
-def test_more_values_than_a_figure_tells_apart_are_thinned_and_said_so():
+def test_figure_thins_many_values_and_states_their_number():
     many = SweptSetting(
         path="scene.targets.car.position.1",
         texts=tuple(f"{n} m" for n in range(30)),
         numbers=tuple(map(float, range(30))),
         unit="m",
     )
-    found, _ = result(many, WINDOW, n_trials=5, scores=(Share(),))
-    turned, _ = result(
+    study_result, _ = make_result(many, WINDOW, n_trials=5, scores=(HitProbability(),))
+    second_result, _ = make_result(
         many,
         SweptSetting(path=RCS.path, texts=tuple(f"{n} dBsm" for n in range(20))),
         n_trials=5,
-        scores=(Share(),),
+        scores=(HitProbability(),),
     )
 
-    (first, *_), *_ = (one.figures for one in draw_score_figures(found))
-    (words_, *_), *_ = (one.figures for one in draw_score_figures(turned))
+    (first_figure, *_), *_ = (group.figures for group in draw_score_figures(study_result))
+    (second_figure, *_), *_ = (group.figures for group in draw_score_figures(second_result))
 
-    assert first.caption.startswith("over position y of car, by range window. ")
-    assert words_.caption.startswith("over position y of car, by RCS of car, 8 of 20 values. ")
+    assert first_figure.caption.startswith("over position y of car, by range window. ")
+    assert second_figure.caption.startswith(
+        "over position y of car, by RCS of car, 8 of 20 values. "
+    )
 
 
-def test_the_terminal_shows_as_many_scores_as_there_is_room_for():
-    found, _ = result(RCS, targets=("car", "truck"), n_trials=50)
+def test_terminal_table_fits_width():
+    study_result, _ = make_result(RCS, targets=("car", "truck"), n_trials=50)
 
-    def shown(width):
+    def render_table(width):
         console = Console(width=width, record=True, file=io.StringIO())
-        console.print(study_output.points_table(found, width=width))
+        console.print(study_output.points_table(study_result, width=width))
         return console.export_text()
 
-    assert max(map(len, shown(80).splitlines())) <= 80
-    assert "truck" in shown(80)
-    assert "RMSE" not in shown(70)
-    assert "false alarm" in re.sub(r"\s+", " ", shown(160))
-    # Whole cells: nothing is cut.
-    assert "…" not in shown(80)
+    assert max(map(len, render_table(80).splitlines())) <= 80
+    assert "truck" in render_table(80)
+    assert "RMSE" not in render_table(70)
+    assert "false alarm" in re.sub(r"\s+", " ", render_table(160))
+    # No cell is truncated.
+    assert "…" not in render_table(80)
 
 
-def test_progress_says_points_trials_speed_and_time_left():
+def test_progress_line_shows_points_trials_speed_and_time_left():
     console = Console(width=120, record=True, file=io.StringIO())
     console.print(study_output.progress_line(Progress(3, 8, 240, 480, 120.5, 5400.0, 1)))
 
@@ -272,42 +290,44 @@ def test_progress_says_points_trials_speed_and_time_left():
     )
 
 
-def test_nobody_who_does_not_look_is_shown_anything(capsys):
+def test_no_progress_is_shown_without_terminal(capsys):
     with study_output.live_progress(
-        SimpleNamespace(), layout(), SimpleNamespace(), quiet=False
+        SimpleNamespace(), make_layout(), SimpleNamespace(), quiet=False
     ) as report:
-        assert report is None  # standard error is no terminal here
+        assert report is None  # standard error is not a terminal in tests
     assert capsys.readouterr() == ("", "")
 
 
-def test_the_document_holds_rows_requirements_and_failures_in_plain_values():
-    found, kept = result(
+def test_json_document_contains_rows_requirements_and_failures():
+    study_result, sums = make_result(
         RCS,
         failed=[(1, 7, "ValueError: no")],
         require=(Requirement(score=PD, points=((RCS.path, "20 dBsm"),), at_least=0.9),),
     )
-    judged = judge_requirements(found, lambda point: kept[point])
+    verdicts = judge_requirements(study_result, lambda point: sums[point])
 
-    made = study_output.study_document(
-        found, judged, version="1", n_done=1400, n_total=1400, files={}
+    document = study_output.study_document(
+        study_result, verdicts, version="1", n_done=1400, n_total=1400, files={}
     )
 
-    read = json.loads(json_text(made))
-    assert set(read) >= {"version", "seed", "rows", "done", "total", "require", "files"}
-    assert read["rows"] == found.rows
-    (asked,) = read["require"]
-    assert (asked["decision"], asked["at_least"]) == ("met", 0.9)
-    assert asked["point_settings"] == asked["deciding"] == {RCS.path: "20 dBsm"}
-    assert read["failures"] == [{"point": 1, "trial": 7, "message": "ValueError: no"}]
-    assert read["findings"][0]["point"] == 1
+    content = json.loads(json_text(document))
+    assert set(content) >= {"version", "seed", "rows", "done", "total", "require", "files"}
+    assert content["rows"] == study_result.rows
+    (requirement,) = content["require"]
+    assert (requirement["decision"], requirement["at_least"]) == ("met", 0.9)
+    assert requirement["point_settings"] == requirement["deciding"] == {RCS.path: "20 dBsm"}
+    assert content["failures"] == [{"point": 1, "trial": 7, "message": "ValueError: no"}]
+    assert content["findings"][0]["point"] == 1
 
 
-def test_requirements_are_a_sentence_each():
-    found, kept = result(RCS, require=(Requirement(score=PD, at_least=0.9),))
+def test_each_requirement_is_one_sentence():
+    study_result, sums = make_result(RCS, require=(Requirement(score=PD, at_least=0.9),))
 
-    (said,) = study_output.requirement_paragraphs(
-        judge_requirements(found, lambda point: kept[point]), found
+    (paragraph,) = study_output.requirement_paragraphs(
+        judge_requirements(study_result, lambda point: sums[point]), study_result
     )
 
-    assert said.plain.startswith("not met: detection probability ≥ 0.9 (at every point, met at ")
-    assert said.plain.endswith("certainty over 99.9999\xa0%.")
+    assert paragraph.plain.startswith(
+        "not met: detection probability ≥ 0.9 (at every point, met at "
+    )
+    assert paragraph.plain.endswith("certainty over 99.9999\xa0%.")

@@ -1,4 +1,4 @@
-"""The example that reads a data set for PyTorch, with and without it."""
+"""Example that reads a data set for PyTorch, with and without PyTorch installed."""
 
 import importlib.util
 import pickle
@@ -19,7 +19,7 @@ FILE = Path(dc.__file__).parents[2] / "examples" / "torch_dataset.py"
 def example():
     spec = importlib.util.spec_from_file_location("torch_dataset", FILE)
     module = importlib.util.module_from_spec(spec)
-    sys.modules["torch_dataset"] = module  # so that workers find its classes
+    sys.modules["torch_dataset"] = module  # workers import its classes by this name
     spec.loader.exec_module(module)
     yield module
     del sys.modules["torch_dataset"]
@@ -28,11 +28,11 @@ def example():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("data")
-    data_set_study.run(out, data_set_study.adaptive())
+    data_set_study.run_to_folder(out, data_set_study.make_adaptive_study())
     return out / "data.zarr"
 
 
-def test_items_are_those_that_were_made(example, folder):
+def test_items_equal_stored_trials(example, folder):
     data = read_data_set(folder)
     items = example.Items(folder)
     assert len(items) == int(data[""].made.sum()) < data[""].made.size
@@ -45,18 +45,18 @@ def test_items_are_those_that_were_made(example, folder):
     assert items.classes == ["point", "point"]
 
 
-def test_labels_lie_on_the_peaks_of_the_map(example, folder):
-    """The van is 25 dB over the noise: its peak is in the nearest cell, or at the next one."""
+def test_labels_lie_on_peaks_of_map(example, folder):
+    """The van is 25 dB over the noise, so its peak is in the nearest cell or next to it."""
     items = example.Items(folder)
     for index in range(len(items)):
         level_dbw, labels = items[index]
-        row, column = (round(float(labels[one][0, 1])) for one in ("row", "column"))
-        around = level_dbw[0, row - 3 : row + 4, column - 3 : column + 4]
-        at = np.array(np.unravel_index(around.argmax(), around.shape))
-        assert abs(at - 3).max() <= 1
+        row, column = (round(float(labels[name][0, 1])) for name in ("row", "column"))
+        patch = level_dbw[0, row - 3 : row + 4, column - 3 : column + 4]
+        peak = np.array(np.unravel_index(patch.argmax(), patch.shape))
+        assert abs(peak - 3).max() <= 1
 
 
-def test_samples_are_complex_and_those_of_the_data_set(example, folder):
+def test_cube_items_are_complex_samples_of_data_set(example, folder):
     data = read_data_set(folder)[""]
     cube, labels = example.Items(folder, what="cube")[2]
     scale = np.float32(data.cube_scale[0, 2])
@@ -64,36 +64,36 @@ def test_samples_are_complex_and_those_of_the_data_set(example, folder):
     assert "row" not in labels
 
 
-def test_parts_by_trials_share_none(example, folder):
-    parts = [example.Items(folder, trials=ends) for ends in ((0, 0.5), (0.5, 1))]
-    tried = [set(part.places[:, 1].tolist()) for part in parts]
-    assert not tried[0] & tried[1]
+def test_splits_by_trials_are_disjoint(example, folder):
+    parts = [example.Items(folder, trials=limits) for limits in ((0, 0.5), (0.5, 1))]
+    trial_sets = [set(part.places[:, 1].tolist()) for part in parts]
+    assert not trial_sets[0] & trial_sets[1]
     assert sum(map(len, parts)) == len(example.Items(folder))
 
 
-def test_items_travel_to_other_processes(example, folder):
+def test_items_can_be_pickled(example, folder):
     items = example.Items(folder)
-    again = pickle.loads(pickle.dumps(items))
-    np.testing.assert_array_equal(again[3][0], items[3][0])
+    copy = pickle.loads(pickle.dumps(items))
+    np.testing.assert_array_equal(copy[3][0], items[3][0])
 
 
-def test_the_example_shows_the_first_item(example, folder, capsys):
+def test_example_prints_first_item(example, folder, capsys):
     example.main(str(folder))
-    said = capsys.readouterr().out
-    assert "items of power (1, 32, 64)" in said
-    assert "van (point): row" in said
+    output = capsys.readouterr().out
+    assert "items of power (1, 32, 64)" in output
+    assert "van (point): row" in output
 
 
-def test_a_folder_that_is_no_data_set_is_refused_in_a_line(example, folder, tmp_path, capsys):
-    for wrong in (tmp_path, tmp_path / "nothing", folder / "truth"):
-        with pytest.raises(SystemExit) as ended:
-            example.main(str(wrong))
-        assert ended.value.code == 2
-        assert capsys.readouterr().err.startswith(f"{wrong}: no data set with maps")
+def test_rejects_folder_without_data_set_with_message(example, folder, tmp_path, capsys):
+    for path in (tmp_path, tmp_path / "nothing", folder / "truth"):
+        with pytest.raises(SystemExit) as exit_info:
+            example.main(str(path))
+        assert exit_info.value.code == 2
+        assert capsys.readouterr().err.startswith(f"{path}: no data set with maps")
 
 
 @pytest.mark.parametrize("n_workers", [0, 2])
-def test_a_data_loader_gives_the_same_items(example, folder, n_workers):
+def test_data_loader_gives_same_items(example, folder, n_workers):
     torch = pytest.importorskip("torch")
     items = example.Items(folder)
     loader = torch.utils.data.DataLoader(

@@ -1,4 +1,4 @@
-"""With what `pip install dechirp` brings alone, commands work, or name the extra that they need."""
+"""Commands without optional extras: results, or the name of the missing extra."""
 
 import json
 import subprocess
@@ -8,30 +8,30 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-# What the extras bring; whatever imports one of them finds nothing.
-BLOCKED = (
+# Modules of the extras; the script below hides them from imports.
+BLOCKED_MODULES = (
     *("bokeh", "tornado", "stonesoup", "cantools", "can", "osi3", "mcap", "rosbags", "dask"),
     *("distributed", "dask_jobqueue", "optuna", "sklearn", "typst", "trimesh", "embreex"),
 )
-CALL = f"""
+SCRIPT = f"""
 import sys
 from importlib.machinery import PathFinder
 
-class Without(PathFinder):
+class PartialFinder(PathFinder):
     @classmethod
     def find_spec(cls, name, path=None, target=None):
-        blocked = name.partition(".")[0] in {BLOCKED}
+        blocked = name.partition(".")[0] in {BLOCKED_MODULES}
         return None if blocked else super().find_spec(name, path, target)
 
-sys.meta_path[sys.meta_path.index(PathFinder)] = Without
+sys.meta_path[sys.meta_path.index(PathFinder)] = PartialFinder
 from dechirp.cli.main import main
 main()
 """
 
 
-def call(folder, *words):
+def run_without_extras(folder, *arguments):
     return subprocess.run(
-        [sys.executable, "-c", CALL, *map(str, words)],
+        [sys.executable, "-c", SCRIPT, *map(str, arguments)],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -39,15 +39,15 @@ def call(folder, *words):
     )
 
 
-@pytest.mark.parametrize("words", ["list --json", "schema scenario", "doctor --json"])
-def test_what_needs_no_extra_works(tmp_path, words):
-    ended = call(tmp_path, *words.split())
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert json.loads(ended.stdout)
+@pytest.mark.parametrize("arguments", ["list --json", "schema scenario", "doctor --json"])
+def test_commands_without_extras_work(tmp_path, arguments):
+    process = run_without_extras(tmp_path, *arguments.split())
+    assert (process.returncode, process.stderr) == (0, "")
+    assert json.loads(process.stdout)
 
 
 @pytest.mark.parametrize(
-    ("words", "extra"),
+    ("arguments", "extra"),
     [
         (["studio", "--port", "0"], "web"),
         (["tune", EXAMPLES / "tune.yaml"], "tune"),
@@ -56,9 +56,9 @@ def test_what_needs_no_extra_works(tmp_path, words):
         (["convert", EXAMPLES / "mimo.yaml", "out.mcap"], "io"),
     ],
 )
-def test_what_needs_one_says_which_and_writes_nothing(tmp_path, words, extra):
-    ended = call(tmp_path, *words)
-    assert (ended.returncode, ended.stdout) == (2, "")
-    assert f"pip install 'dechirp[{extra}]'" in ended.stderr
-    assert "Traceback" not in ended.stderr
+def test_missing_extra_is_named_and_nothing_is_written(tmp_path, arguments, extra):
+    process = run_without_extras(tmp_path, *arguments)
+    assert (process.returncode, process.stdout) == (2, "")
+    assert f"pip install 'dechirp[{extra}]'" in process.stderr
+    assert "Traceback" not in process.stderr
     assert not list(tmp_path.iterdir())

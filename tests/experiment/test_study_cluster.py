@@ -1,4 +1,4 @@
-"""The same studies on Dask, with a scheduler and workers of its own, and on Slurm."""
+"""Studies on Dask clusters, with their own scheduler and workers, and on Slurm."""
 
 import os
 import socket
@@ -29,14 +29,14 @@ from dechirp.experiments.study.executors import (
 )
 from dechirp.experiments.study.ledger_reader import LedgerReader
 from nightly import NIGHTLY, nightly
-from tiny_study import Tiny, fingerprint, run
+from tiny_study import TinyPlan, ledger_digest, run_tiny_study
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _sent_by_value() -> Iterator[None]:
-    """Workers of a cluster have no folder of tests."""
+def _pickled_by_value() -> Iterator[None]:
+    """Pickle test modules by value, because workers of a cluster cannot import them."""
     cloudpickle.register_pickle_by_value(tiny_study)
     cloudpickle.register_pickle_by_value(sys.modules[__name__])
     yield
@@ -45,15 +45,15 @@ def _sent_by_value() -> Iterator[None]:
 
 
 class Cluster:
-    """A scheduler and workers on loopback, processes that can be killed one by one."""
+    """Scheduler and workers on the loopback interface, as processes that can be killed singly."""
 
     def __init__(self) -> None:
-        self.address = f"tcp://127.0.0.1:{free_port()}"
+        self.address = f"tcp://127.0.0.1:{find_free_port()}"
         host, port = self.address.removeprefix("tcp://").split(":")
         self.scheduler = self._start("scheduler", "--host", host, "--port", port, "--no-show")
-        self.workers = [self.work(), self.work()]
+        self.workers = [self.start_worker(), self.start_worker()]
 
-    def work(self) -> subprocess.Popen[bytes]:
+    def start_worker(self) -> subprocess.Popen[bytes]:
         return self._start("worker", self.address, "--nthreads", "1", "--no-nanny")
 
     def _start(self, kind: str, *options: str) -> subprocess.Popen[bytes]:
@@ -67,111 +67,117 @@ class Cluster:
 
 
 @contextmanager
-def cluster() -> Iterator[Cluster]:
-    made = Cluster()
+def start_cluster() -> Iterator[Cluster]:
+    dask_cluster = Cluster()
     try:
-        yield made
+        yield dask_cluster
     finally:
-        made.close()
+        dask_cluster.close()
 
 
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
+def find_free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 @contextmanager
-def joined(address: str, *, within_s: float = 40.0):
-    """Workers of a scheduler that was started a moment ago."""
-    with dask_workers(address, timeout_s=within_s) as workers:
-        deadline = time.monotonic() + within_s
+def join_cluster(address: str, *, timeout_s: float = 40.0):
+    """Connect to a scheduler that was just started and wait for its two workers."""
+    with dask_workers(address, timeout_s=timeout_s) as workers:
+        deadline = time.monotonic() + timeout_s
         while workers.capacity() < 2 and time.monotonic() < deadline:
             time.sleep(0.05)
         yield workers
 
 
-def undisturbed(out: Path, *, until: bool = False) -> str:
+def run_undisturbed(out: Path, *, until: bool = False) -> str:
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
-        run(out, workers, until=until)
-    return fingerprint(out)
+        run_tiny_study(out, workers, until=until)
+    return ledger_digest(out)
 
 
-def test_dask_gives_the_same_as_one_thread_and_loses_nothing_when_it_dies(tmp_path, monkeypatch):
-    kept = undisturbed(tmp_path / "alone")
-    kept_until = undisturbed(tmp_path / "alone-until", until=True)
-    with cluster() as there:
-        with joined(there.address) as workers:
+def test_dask_matches_one_thread_and_loses_nothing_when_killed(tmp_path, monkeypatch):
+    expected = run_undisturbed(tmp_path / "alone")
+    expected_until = run_undisturbed(tmp_path / "alone-until", until=True)
+    with start_cluster() as dask_cluster:
+        with join_cluster(dask_cluster.address) as workers:
             assert workers.capacity() == 2
             assert workers.findings == ()
-            run(tmp_path / "until", workers, until=True)
-            assert fingerprint(tmp_path / "until") == kept_until
+            run_tiny_study(tmp_path / "until", workers, until=True)
+            assert ledger_digest(tmp_path / "until") == expected_until
 
-        # Other versions on the workers are refused, by name.
+        # Workers with other library versions are refused by name.
         monkeypatch.setitem(describe_environment(), "numpy", "1.0")
-        with pytest.raises(DechirpError) as refused, dask_workers(there.address):
+        with pytest.raises(DechirpError) as error, dask_workers(dask_cluster.address):
             pass
         monkeypatch.undo()
-        first, second = refused.value.mistakes
+        first, second = error.value.mistakes
         assert {first.setting[:13], second.setting[:13]} == {"worker tcp://"}
         assert (first.value, first.expected) == (f"numpy {np.__version__}", "numpy 1.0")
 
-        # A worker dies in the midst of it, then the scheduler.
-        def kill(said) -> None:
-            if said.n_trials_done > 200 and there.workers[0].poll() is None:
-                there.workers[0].kill()
-                there.workers[0].wait()
-            if said.n_trials_done > 1000:
-                there.scheduler.kill()
+        # A worker is killed during the study, then the scheduler.
+        def kill(progress) -> None:
+            if progress.n_trials_done > 200 and dask_cluster.workers[0].poll() is None:
+                dask_cluster.workers[0].kill()
+                dask_cluster.workers[0].wait()
+            if progress.n_trials_done > 1000:
+                dask_cluster.scheduler.kill()
 
         with (
-            joined(there.address) as workers,
+            join_cluster(dask_cluster.address) as workers,
             pytest.raises(DechirpError, match=r"which is gone.*what was done is kept"),
         ):
-            run(tmp_path / "killed", workers, Tiny(pause_s=0.001), progress=kill)
+            run_tiny_study(tmp_path / "killed", workers, TinyPlan(pause_s=0.001), progress=kill)
     with LedgerReader.open_existing(tmp_path / "killed") as record:
         assert 1000 < sum(len(sums) for _, sums in record.iter_point_sums()) < 1612
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
-        run(tmp_path / "killed", workers)
-    assert fingerprint(tmp_path / "killed") == kept
+        run_tiny_study(tmp_path / "killed", workers)
+    assert ledger_digest(tmp_path / "killed") == expected
 
 
 @nightly
 @pytest.mark.parametrize("seed", range(30))
-def test_a_cluster_killed_at_random_moments_loses_nothing(tmp_path, seed):
-    chance = np.random.default_rng(seed)
+def test_cluster_killed_at_random_moments_loses_nothing(tmp_path, seed):
+    rng = np.random.default_rng(seed)
     until = bool(seed % 2)
-    moment = int(chance.integers(0, 300 if until else 1500))
-    kept = undisturbed(tmp_path / "alone", until=until)
-    with cluster() as there:
-        victim = (there.scheduler, *there.workers)[seed % 3]
+    moment = int(rng.integers(0, 300 if until else 1500))
+    expected = run_undisturbed(tmp_path / "alone", until=until)
+    with start_cluster() as dask_cluster:
+        victim = (dask_cluster.scheduler, *dask_cluster.workers)[seed % 3]
 
-        def kill(said) -> None:
-            if said.n_trials_done >= moment:
+        def kill(progress) -> None:
+            if progress.n_trials_done >= moment:
                 victim.kill()
 
-        with joined(there.address) as workers:
+        with join_cluster(dask_cluster.address) as workers:
             try:
-                run(tmp_path / "killed", workers, Tiny(pause_s=0.001), until=until, progress=kill)
+                run_tiny_study(
+                    tmp_path / "killed",
+                    workers,
+                    TinyPlan(pause_s=0.001),
+                    until=until,
+                    progress=kill,
+                )
             except DechirpError:
-                assert victim is there.scheduler
+                assert victim is dask_cluster.scheduler
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
-        run(tmp_path / "killed", workers, until=until)
-    assert fingerprint(tmp_path / "killed") == kept
+        run_tiny_study(tmp_path / "killed", workers, until=until)
+    assert ledger_digest(tmp_path / "killed") == expected
 
 
-def test_a_scheduler_that_does_not_answer_is_said_within_its_time():
-    started = time.monotonic()
+def test_unresponsive_scheduler_is_reported_within_timeout():
+    start_s = time.monotonic()
     with (
         pytest.raises(InvalidSetting, match=r"--scheduler.*does not answer.*within 0.5 s"),
-        dask_workers(f"tcp://127.0.0.1:{free_port()}", timeout_s=0.5),
+        dask_workers(f"tcp://127.0.0.1:{find_free_port()}", timeout_s=0.5),
     ):
         pass
-    assert time.monotonic() - started < 10
+    assert time.monotonic() - start_s < 10
 
 
 @pytest.mark.parametrize("address", ["", "node", "tcp://node", "node:port", "tcp://node:99999"])
-def test_what_is_no_address_is_refused_at_once(address):
+def test_rejects_malformed_scheduler_address(address):
     with (
         pytest.raises(InvalidSetting, match="an address as tcp://node:8786"),
         dask_workers(address),
@@ -179,53 +185,55 @@ def test_what_is_no_address_is_refused_at_once(address):
         pass
 
 
-def test_without_the_extra_it_says_what_to_install(monkeypatch):
+def test_missing_dask_extra_names_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    for told in ({"scheduler": "tcp://a:1"}, {"cluster": "slurm"}):
+    for options in ({"scheduler": "tcp://a:1"}, {"cluster": "slurm"}):
         with (
             pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[dask\]'"),
-            workers_from_options(**told),
+            workers_from_options(**options),
         ):
             pass
 
 
-def test_without_slurm_it_says_so(monkeypatch):
+def test_missing_slurm_is_reported(monkeypatch):
     pytest.importorskip("dask_jobqueue")
     monkeypatch.setenv("PATH", "")
     with pytest.raises(InvalidSetting, match="has no `sbatch`"), slurm_workers(2):
         pass
 
 
-@pytest.mark.skipif(os.name != "posix", reason="Slurm is where POSIX is")
-def test_slurm_is_given_jobs_of_one_thread_a_worker_that_do_the_study(tmp_path, monkeypatch):
-    """A stand-in for `sbatch` keeps the script and, by night, runs it here."""
+@pytest.mark.skipif(os.name != "posix", reason="Slurm needs POSIX")
+def test_slurm_jobs_have_one_thread_per_worker_and_run_study(tmp_path, monkeypatch):
+    """A stand-in for `sbatch` saves the script; nightly tests also run it on this machine."""
     pytest.importorskip("dask_jobqueue")
     bin_, scripts = tmp_path / "bin", tmp_path / "scripts"
-    # The copy: the script itself is gone as soon as `sbatch` has answered.
-    begun = f"setsid bash {scripts}/$$.sh" if NIGHTLY else "true"
+    # The copy is run, because the script is deleted as soon as `sbatch` returns.
+    start_command = f"setsid bash {scripts}/$$.sh" if NIGHTLY else "true"
     bin_.mkdir()
     scripts.mkdir()
-    for name, does in {
-        "sbatch": f'cp "$1" {scripts}/$$.sh\n{begun} >/dev/null 2>&1 &\n'
+    for name, body in {
+        "sbatch": f'cp "$1" {scripts}/$$.sh\n{start_command} >/dev/null 2>&1 &\n'
         'echo "Submitted batch job $!"',
         "scancel": 'for job in "$@"; do kill -- "-$job" 2>/dev/null; done\nexit 0',
     }.items():
-        (bin_ / name).write_text(f"#!/bin/bash\n{does}\n")
+        (bin_ / name).write_text(f"#!/bin/bash\n{body}\n")
         (bin_ / name).chmod(stat.S_IRWXU)
     monkeypatch.setenv("PATH", f"{bin_}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.chdir(tmp_path)
 
     with slurm_workers(2) as workers:
         if NIGHTLY:
-            run(tmp_path / "slurm", workers, until=True)
-            assert fingerprint(tmp_path / "slurm") == undisturbed(tmp_path / "alone", until=True)
+            run_tiny_study(tmp_path / "slurm", workers, until=True)
+            assert ledger_digest(tmp_path / "slurm") == run_undisturbed(
+                tmp_path / "alone", until=True
+            )
         deadline = time.monotonic() + 20
         while len(list(scripts.iterdir())) < 2 and time.monotonic() < deadline:
             time.sleep(0.05)
 
-    written = [script.read_text() for script in scripts.iterdir()]
-    assert len(written) == 2
-    for script in written:
+    texts = [script.read_text() for script in scripts.iterdir()]
+    assert len(texts) == 2
+    for script in texts:
         assert "#SBATCH -n 1\n" in script
         assert "#SBATCH --cpus-per-task=1\n" in script
         assert "--nthreads 1 " in script

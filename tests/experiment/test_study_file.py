@@ -1,4 +1,4 @@
-"""Study files: what they vary, and what is told of those that cannot be meant."""
+"""Study files: swept and random settings, round trips and reported mistakes."""
 
 import math
 from decimal import Decimal
@@ -48,40 +48,42 @@ require:
 
 
 @pytest.fixture
-def load(tmp_path):
-    """Read a text as a study file, beside the scenario."""
+def load_text(tmp_path):
+    """Return a function that loads a text as a study file next to the scenario."""
 
-    def loaded(text, *overrides, scenario=SCENARIO, **more):
+    def load_study_text(text, *overrides, scenario=SCENARIO, **options):
         (tmp_path / "scenario.yaml").write_text(scenario)
         (tmp_path / "study.yaml").write_text(text)
-        return load_study(tmp_path / "study.yaml", overrides, **more)
+        return load_study(tmp_path / "study.yaml", overrides, **options)
 
-    return loaded
+    return load_study_text
 
 
 @pytest.fixture
-def varied(load):
-    """One setting of a study that varies nothing else."""
+def load_swept_setting(load_text):
+    """Return a function that loads the single varied setting of a study."""
 
-    def made(path, said, *overrides, more=""):
-        text = f"scenario: scenario.yaml\nscores: [processing_time]\n{more}vary: {{{path}: {said}}}"
-        return load(text, *overrides).vary[0]
+    def load_one_setting(path, values, *overrides, more=""):
+        text = (
+            f"scenario: scenario.yaml\nscores: [processing_time]\n{more}vary: {{{path}: {values}}}"
+        )
+        return load_text(text, *overrides).vary[0]
 
-    return made
+    return load_one_setting
 
 
-def told(loaded, *args, **more):
-    """All that is wrong with a file."""
+def collect_mistakes(loader, *args, **options):
+    """Load a file and return all its mistakes."""
     with pytest.raises(InvalidFile) as error:
-        loaded(*args, **more)
+        loader(*args, **options)
     for mistake in error.value.mistakes:
         assert mistake.setting and mistake.value and mistake.expected and mistake.fix
         assert mistake.file
     return error.value.mistakes
 
 
-def test_a_study_reads_as_it_is_written(load):
-    study = load(STUDY)
+def test_study_file_is_read_as_written(load_text):
+    study = load_text(STUDY)
 
     rcs, window = study.vary
     assert rcs.texts == tuple(f"{level} dBsm" for level in range(-10, 25, 5))
@@ -90,36 +92,36 @@ def test_a_study_reads_as_it_is_written(load):
     assert (study.seed, study.n_points) == (7, 14)
     assert study.trials.until.width == 1e-3
     first, second = study.require
-    assert first.points == (("scene.targets.car.rcs", "10 dBsm"),)  # the text of the list
+    assert first.points == (("scene.targets.car.rcs", "10 dBsm"),)  # text as in the swept list
     assert (second.at_most, second.confidence) == (0.1, 0.9)
 
 
-def test_a_study_is_written_so_that_it_is_read_back_equal(load):
+def test_dumped_study_is_read_back_equal(load_text):
     more = "  scene.targets.truck.position.0: {normal: [90 m, 10 cm]}\n"
     more += "  radar.hardware.noise_factor: {uniform: [10 dB, 14 dB]}\n"
     more += "  impairments: {clear: [{kind: thermal-noise}], 'to: be': []}\n"
     more += "  chain.angle: [null, {kind: fft}]\ndraw: {method: sobol, n: 8}\n"
-    study = load(STUDY.replace("trials:", more + "trials:", 1))
+    study = load_text(STUDY.replace("trials:", more + "trials:", 1))
 
     text = dump_study(study)
-    assert load(text) == study
-    assert dump_study(load(text)) == text
+    assert load_text(text) == study
+    assert dump_study(load_text(text)) == text
 
 
-def test_a_long_range_stays_short_where_it_is_written(load):
-    said = "{from: 1 m, to: 200 m, n: 300, spacing: log}"
-    study = load(
+def test_long_range_is_dumped_in_short_form(load_text):
+    values = "{from: 1 m, to: 200 m, n: 300, spacing: log}"
+    study = load_text(
         "scenario: scenario.yaml\nscores: [processing_time]\ntrials: {at_most: 10}\n"
-        f"vary: {{scene.targets.car.position.0: {said}}}"
+        f"vary: {{scene.targets.car.position.0: {values}}}"
     )
 
     text = dump_study(study)
-    assert said in text
-    assert load(text) == study
+    assert values in text
+    assert load_text(text) == study
 
 
 @pytest.mark.parametrize(
-    ("said", "texts"),
+    ("values", "texts"),
     [
         ("{from: -45 dB, to: -10 dB, step: 2.5 dB}", [f"{-45 + 2.5 * k:g} dB" for k in range(15)]),
         ("{from: 0 dB, to: 1 dB, step: 0.4 dB}", ["0 dB", "0.4 dB", "0.8 dB"]),
@@ -129,12 +131,12 @@ def test_a_long_range_stays_short_where_it_is_written(load):
         ("[1, 3 dB]", ["1", "3 dB"]),
     ],
 )
-def test_ranges_of_ratios_are_what_people_mean(varied, said, texts):
-    assert list(varied("impairments.white-noise.snr", said).texts) == texts
+def test_ranges_of_ratios_are_spaced_in_their_unit(load_swept_setting, values, texts):
+    assert list(load_swept_setting("impairments.white-noise.snr", values).texts) == texts
 
 
 @pytest.mark.parametrize(
-    ("said", "texts"),
+    ("values", "texts"),
     [
         ("{from: 10 cm, to: 0.5 m, step: 20 cm}", ["10 cm", "30 cm", "50 cm"]),
         ("{from: 0, to: 1 km, step: 500 m}", ["0 km", "0.5 km", "1 km"]),
@@ -143,23 +145,23 @@ def test_ranges_of_ratios_are_what_people_mean(varied, said, texts):
         ("{from: 0.1 m, to: 0.7 m, step: 0.1 m}", [f"0.{k} m" for k in range(1, 8)]),
     ],
 )
-def test_ranges_of_lengths_take_units_that_fit(varied, said, texts):
-    axis = varied("scene.targets.truck.position.0", said)
+def test_ranges_of_lengths_use_suitable_units(load_swept_setting, values, texts):
+    axis = load_swept_setting("scene.targets.truck.position.0", values)
 
     assert list(axis.texts) == texts
     assert axis.numbers == tuple(float(text.split()[0]) for text in texts)
     assert axis.unit == texts[0].split()[1]
 
 
-def test_numbers_of_a_list_are_in_its_first_unit(varied):
-    axis = varied("scene.targets.car.rcs", "[0.1 m^2, 10 dBsm, 1e6 cm2]")
+def test_numbers_of_list_are_in_its_first_unit(load_swept_setting):
+    axis = load_swept_setting("scene.targets.car.rcs", "[0.1 m^2, 10 dBsm, 1e6 cm2]")
 
     assert axis.unit == "m^2"
     assert axis.numbers == pytest.approx((0.1, 10, 100), rel=1e-12)
 
 
-def test_counts_stay_whole_in_equal_ratios(varied):
-    axis = varied("radar.frame.n_chirps", "{from: 16, to: 256, n: 5, spacing: log}")
+def test_counts_with_log_spacing_are_integers(load_swept_setting):
+    axis = load_swept_setting("radar.frame.n_chirps", "{from: 16, to: 256, n: 5, spacing: log}")
 
     assert axis.texts == ("16", "32", "64", "128", "256")
 
@@ -171,45 +173,49 @@ def test_counts_stay_whole_in_equal_ratios(varied):
     n=st.integers(2, 300),
     short=st.integers(0, 999),
 )
-def test_a_range_has_its_ends_and_equal_steps(low, step, n, short):
-    """`short`: thousandths of a step by which the end is beyond the last value."""
+def test_stepped_range_has_its_ends_and_equal_steps(low, step, n, short):
+    """The end lies `short` thousandths of a step beyond the last value."""
     from dechirp.experiments.study.vary_values import stepped_values
 
     high = low + step * (n - 1) + step * short / 1000
-    made = stepped_values(low, high, step)
+    values = stepped_values(low, high, step)
 
-    assert len(made) == n
-    assert made[0] == low
-    assert (made[-1] == high) == (short == 0)
-    assert {b - a for a, b in pairwise(made)} == {step}
+    assert len(values) == n
+    assert values[0] == low
+    assert (values[-1] == high) == (short == 0)
+    assert {b - a for a, b in pairwise(values)} == {step}
 
 
 @settings(max_examples=60, deadline=None)
 @given(low=st.floats(1e-6, 1e6), ratio=st.floats(1.01, 1e6), n=st.integers(2, 200))
-def test_equal_ratios_have_both_ends(low, ratio, n):
+def test_spaced_values_have_both_ends_and_equal_ratios(low, ratio, n):
     from dechirp.experiments.study.vary_values import spaced_values
 
     ends = Decimal(repr(low)), Decimal(repr(low * ratio))
-    made = [float(one) for one in spaced_values(*ends, n, "log")]
-    even = [float(one) for one in spaced_values(*ends, n, "linear")]
+    log_values = [float(value) for value in spaced_values(*ends, n, "log")]
+    linear_values = [float(value) for value in spaced_values(*ends, n, "linear")]
 
-    assert (made[0], made[-1]) == (even[0], even[-1]) == tuple(map(float, ends))
-    # Twelve digits are kept, of the number and of the larger end.
-    expected = [low * (made[-1] / low) ** (k / (n - 1)) for k in range(n)]
-    assert made == pytest.approx(expected, rel=1e-10)
-    steps = [(b - a) * (n - 1) / (even[-1] - low) for a, b in pairwise(even)]
+    assert (
+        (log_values[0], log_values[-1])
+        == (linear_values[0], linear_values[-1])
+        == tuple(map(float, ends))
+    )
+    # Values have twelve digits, of the number and of the larger end.
+    expected = [low * (log_values[-1] / low) ** (k / (n - 1)) for k in range(n)]
+    assert log_values == pytest.approx(expected, rel=1e-10)
+    steps = [(b - a) * (n - 1) / (linear_values[-1] - low) for a, b in pairwise(linear_values)]
     assert steps == pytest.approx([1] * (n - 1), abs=1e-7 * n)
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.decimals(allow_nan=False, allow_infinity=False, places=9))
-def test_digits_of_a_number_are_read_back(number):
+def test_formatted_decimal_is_read_back(number):
     if abs(number) < Decimal("1e300"):
         assert parse_quantity(format_decimal(number), None) == float(number)
 
 
 @pytest.mark.parametrize(
-    ("path", "said", "labels"),
+    ("path", "values", "labels"),
     [
         ("chain.cfar.estimator", "[{kind: cell-averaging}, {kind: ordered-statistic}]",
          ("cell-averaging", "ordered-statistic")),
@@ -226,39 +232,42 @@ def test_digits_of_a_number_are_read_back(number):
          ("range 1, velocity 2", "range 3, velocity 4")),
     ],
 )  # fmt: skip
-def test_values_of_any_kind_have_short_labels(varied, path, said, labels):
-    axis = varied(path, said)
+def test_values_of_any_kind_have_short_labels(load_swept_setting, path, values, labels):
+    axis = load_swept_setting(path, values)
 
     assert axis.labels == labels
     assert axis.numbers is None
 
 
-def test_texts_of_values_do_for_set(load, varied, tmp_path, monkeypatch):
-    """From everywhere: files have absolute paths."""
+def test_texts_of_values_are_valid_for_set_option(
+    load_text, load_swept_setting, tmp_path, monkeypatch
+):
+    """Texts are valid from any working folder because file paths are absolute."""
     radar = "\n".join(line[2:] for line in SCENARIO.splitlines()[1:8])
     (tmp_path / "radar.yaml").write_text(radar)
     axes = [
-        varied("chain.angle", "[null, {kind: fft, window: hann}]"),
-        varied("radar", "{far: radar.yaml}", "name=x"),
-        varied("impairments", "{none: [], 'a: b': [{kind: thermal-noise}]}"),
+        load_swept_setting("chain.angle", "[null, {kind: fft, window: hann}]"),
+        load_swept_setting("radar", "{far: radar.yaml}", "name=x"),
+        load_swept_setting("impairments", "{none: [], 'a: b': [{kind: thermal-noise}]}"),
     ]
     monkeypatch.chdir("/")
 
     for axis in axes:
         for text in axis.texts:
-            again = load("scenario: scenario.yaml\nscores: [roc]\n", f"{axis.path}={text}")
-            by_label = load("scenario: scenario.yaml\nscores: [roc]\n")
+            set_study = load_text("scenario: scenario.yaml\nscores: [roc]\n", f"{axis.path}={text}")
+            by_label = load_text("scenario: scenario.yaml\nscores: [roc]\n")
             assert (
-                Plan.from_study(by_label).study.scenario != again.scenario or axis.path == "radar"
+                Plan.from_study(by_label).study.scenario != set_study.scenario
+                or axis.path == "radar"
             )
-            both = Plan.from_study(
+            plan = Plan.from_study(
                 Study(scenario=by_label.scenario, scores=by_label.scores, vary=(axis,))
             )
-            assert both.scenario(axis.texts.index(text)) == again.scenario
+            assert plan.scenario(axis.texts.index(text)) == set_study.scenario
 
 
-WRONG = [
-    # what stands there, what stands there then, setting, got, need
+INVALID_CHANGES = [
+    # old text, new text, setting, value, expected
     ("scenario.yaml", "senario.yaml", "scenario", "senario.yaml, which is no file", "the path"),
     ("scenario: scenario.yaml", "scenario: 7", "scenario", "7", "the path of a scenario file"),
     ("scenario: scenario.yaml\n", "", "scenario", "missing", "given: the path"),
@@ -270,7 +279,7 @@ WRONG = [
     ("seed: 7", "confidence: 1", "confidence", "1", "between 0 and 1"),
     ("seed: 7", "confidence: 95 %", "confidence", "95 %", "a bare number"),
     ("stop_after_failures: 0.01", "stop_after_failures: 1.5", "stop_after_failures", "1.5", "to 1"),
-    # vary: where
+    # vary: paths
     ("car.rcs: {", "cra.rcs: {", "vary.scene.targets.cra", "not in the list", "one of car, truck"),
     ("car.rcs: {", "car.rsc: {", "vary.scene.targets.car.rsc", "not a known name", "rcs"),
     ("chain.range", "chian.range", "vary.chian", "not a known name", "chain"),
@@ -400,73 +409,90 @@ WRONG = [
 
 
 @pytest.mark.parametrize(
-    ("was", "becomes", "setting", "value", "expected"), WRONG, ids=[f"{w[1]!r:.60}" for w in WRONG]
+    ("old_text", "new_text", "setting", "value", "expected"),
+    INVALID_CHANGES,
+    ids=[f"{w[1]!r:.60}" for w in INVALID_CHANGES],
 )
-def test_what_is_wrong_is_told_with_its_place(load, was, becomes, setting, value, expected):
-    assert was in STUDY
-    text = STUDY.replace(was, becomes, 1)
-    mistakes = told(load, text)
+def test_mistake_is_reported_with_setting_line_and_expected_value(
+    load_text, old_text, new_text, setting, value, expected
+):
+    assert old_text in STUDY
+    text = STUDY.replace(old_text, new_text, 1)
+    mistakes = collect_mistakes(load_text, text)
 
-    found = [one for one in mistakes if one.setting == setting]
-    assert found, mistakes
-    assert value in found[0].value
-    assert expected in found[0].expected
-    assert found[0].file.endswith("study.yaml")
-    if becomes:
-        assert text.splitlines()[found[0].line - 1] not in STUDY.splitlines() or value in (
+    matching = [mistake for mistake in mistakes if mistake.setting == setting]
+    assert matching, mistakes
+    assert value in matching[0].value
+    assert expected in matching[0].expected
+    assert matching[0].file.endswith("study.yaml")
+    if new_text:
+        assert text.splitlines()[matching[0].line - 1] not in STUDY.splitlines() or value in (
             "missing",
             "given twice",
         )
-    # Nothing is told twice, and nothing that follows only from another mistake.
-    follows = {"at_least", "points"} if "vary" in setting or "scores" in setting else set()
-    others = {one.setting.split(".")[2] for one in mistakes if one.setting.startswith("require")}
-    assert len(mistakes) == 1 or others <= follows or setting.startswith("require"), mistakes
+    # No mistake is repeated, and none is reported that only follows from another one.
+    dependent_keys = {"at_least", "points"} if "vary" in setting or "scores" in setting else set()
+    other_keys = {
+        mistake.setting.split(".")[2]
+        for mistake in mistakes
+        if mistake.setting.startswith("require")
+    }
+    assert len(mistakes) == 1 or other_keys <= dependent_keys or setting.startswith("require"), (
+        mistakes
+    )
 
 
-def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(load):
+def test_all_mistakes_are_reported_in_file_order(load_text):
     text = STUDY.replace("seed: 7", "seed: x").replace("step: 5 dB", "step: 0 dB")
     text = text.replace("[hann,", "[hnan,").replace("width: 1e-3", "width: 1 m")
     text = text.replace("10 cm", "10 dB")
     scenario = SCENARIO.replace("n_chirps: 32", "n_chirps: 3.2")
 
-    assert [one.setting for one in told(load, text)] == [
+    assert [mistake.setting for mistake in collect_mistakes(load_text, text)] == [
         "seed",
         "vary.scene.targets.car.rcs.step",
         "vary.chain.range_window.0",
         "trials.until.width",
         "require.1.at_most",
     ]
-    settings = {one.setting: one.file for one in told(load, text, scenario=scenario)}
+    settings = {
+        mistake.setting: mistake.file
+        for mistake in collect_mistakes(load_text, text, scenario=scenario)
+    }
     assert settings["radar.frame.n_chirps"].endswith("scenario.yaml")
     assert settings["seed"].endswith("study.yaml")
     assert not any(setting.startswith("vary") for setting in settings)
 
 
-def test_a_recording_is_no_scenario_of_a_study(load):
-    (one,) = told(load, STUDY, scenario="recording: {path: x.npy}\n")
+def test_rejects_recording_as_scenario_of_study(load_text):
+    (mistake,) = collect_mistakes(load_text, STUDY, scenario="recording: {path: x.npy}\n")
 
-    assert (one.setting, one.value) == ("scenario", "of a recording")
-    assert "tune" in one.fix
-
-
-def test_a_scenario_may_stand_in_the_file_itself(load):
-    inside = "scenario:\n" + "".join(f"  {line}\n" for line in SCENARIO.splitlines())
-
-    assert load(STUDY.replace("scenario: scenario.yaml\n", inside)) == load(STUDY)
-    wrong = inside.replace("n_chirps: 32", "n_chirps: 3.2")
-    (one,) = told(load, STUDY.replace("scenario: scenario.yaml\n", wrong))
-    assert (one.setting, one.line) == ("radar.frame.n_chirps", 6)
+    assert (mistake.setting, mistake.value) == ("scenario", "of a recording")
+    assert "tune" in mistake.fix
 
 
-def test_a_grid_beyond_what_is_stated_must_be_confirmed(load):
+def test_scenario_can_be_written_inside_study_file(load_text):
+    inline_scenario = "scenario:\n" + "".join(f"  {line}\n" for line in SCENARIO.splitlines())
+
+    assert load_text(STUDY.replace("scenario: scenario.yaml\n", inline_scenario)) == load_text(
+        STUDY
+    )
+    invalid_scenario = inline_scenario.replace("n_chirps: 32", "n_chirps: 3.2")
+    (mistake,) = collect_mistakes(
+        load_text, STUDY.replace("scenario: scenario.yaml\n", invalid_scenario)
+    )
+    assert (mistake.setting, mistake.line) == ("radar.frame.n_chirps", 6)
+
+
+def test_grid_beyond_limit_must_be_confirmed(load_text):
     text = STUDY.replace("[hann, rectangular]", "[hann, rectangular]\n  scene.targets.truck."
                          "position.0: {from: 1 m, to: 8 km, step: 1 m}").replace(
         "at_most: 100,", "at_most: 10,")  # fmt: skip
-    (one,) = told(load, text)
+    (mistake,) = collect_mistakes(load_text, text)
 
-    assert (one.setting, one.value) == ("vary", "a grid of 112000 points")
-    assert "at_most_points: 112000" in one.fix
-    study = load(f"{text}at_most_points: 112000\n")
+    assert (mistake.setting, mistake.value) == ("vary", "a grid of 112000 points")
+    assert "at_most_points: 112000" in mistake.fix
+    study = load_text(f"{text}at_most_points: 112000\n")
     plan = Plan.from_study(study)
     assert plan.n_points == 112_000
     assert dict(plan.point_settings(111_999)) == {
@@ -476,8 +502,8 @@ def test_a_grid_beyond_what_is_stated_must_be_confirmed(load):
     }
 
 
-def test_options_go_to_the_scenario_or_to_the_study(load):
-    study = load(
+def test_set_options_apply_to_scenario_or_study(load_text):
+    study = load_text(
         STUDY,
         "n_frames=3",
         "scenario.name=other",
@@ -491,19 +517,21 @@ def test_options_go_to_the_scenario_or_to_the_study(load):
     assert (study.scenario.n_frames, study.scenario.name, study.scenario.seed) == (3, "other", 3)
     assert (study.trials.at_most, study.require[0].at_most, study.seed) == (200, 0.01, 11)
     assert study.vary[2].texts == ("16", "32")
-    assert study.trials.until == load(STUDY).trials.until
+    assert study.trials.until == load_text(STUDY).trials.until
 
 
-def test_a_varied_setting_that_is_set_keeps_one_value(load):
+def test_set_option_fixes_varied_setting(load_text):
     text = STUDY.replace("[hann, rectangular]", "{soft: hann, hard: rectangular}")
-    study = load(text, "scene.targets.car.rcs=3 dBsm", "chain.range_window=hard")
+    study = load_text(text, "scene.targets.car.rcs=3 dBsm", "chain.range_window=hard")
 
     assert study.n_points == 1
     assert Plan.from_study(study).point_settings(0) == (
         ("scene.targets.car.rcs", "3 dBsm"),
         ("chain.range_window", "rectangular"),
     )
-    assert [one.score for one in study.require] == ["track_ospa"]  # the other has no points left
+    assert [requirement.score for requirement in study.require] == [
+        "track_ospa"
+    ]  # the other requirement has no points
 
 
 @pytest.mark.parametrize(
@@ -517,35 +545,35 @@ def test_a_varied_setting_that_is_set_keeps_one_value(load):
         ("n_frames", "--set", "n_frames"),
     ],
 )
-def test_an_option_that_cannot_be_is_told_as_one(load, option, setting, value):
-    mistakes = told(load, STUDY, option)
+def test_invalid_set_option_is_reported_as_option(load_text, option, setting, value):
+    mistakes = collect_mistakes(load_text, STUDY, option)
 
-    found = [one for one in mistakes if setting in one.setting]
-    assert len(mistakes) == 1 and found, mistakes
-    assert found[0].file == "--set"
-    assert value in found[0].value
+    matching = [mistake for mistake in mistakes if setting in mistake.setting]
+    assert len(mistakes) == 1 and matching, mistakes
+    assert matching[0].file == "--set"
+    assert value in matching[0].value
 
 
-def test_values_of_a_requirement_are_quantities(load):
+def test_values_of_requirement_are_quantities(load_text):
     for text in ("10 dBsm", "10.0 dBsm", "10 m^2", "1e5 cm^2"):
-        study = load(STUDY.replace("10.0 dBsm", text))
+        study = load_text(STUDY.replace("10.0 dBsm", text))
         assert study.require[0].points == (("scene.targets.car.rcs", "10 dBsm"),)
 
 
-def test_a_limit_holds_however_its_score_is_spelt(load):
+def test_requirement_accepts_hyphens_in_score_name(load_text):
     hyphens = STUDY.replace("score: false_alarm_probability", "score: false-alarm-probability")
     assert hyphens != STUDY
 
-    assert load(hyphens).require == load(STUDY).require
+    assert load_text(hyphens).require == load_text(STUDY).require
 
 
-def test_a_study_made_in_python_is_checked_as_well(load):
-    study = load(STUDY)
-    made = {"scenario": study.scenario, "scores": study.scores}
-    twice = SweptSetting(path="n_frames", texts=("1",))
+def test_study_built_in_python_is_checked(load_text):
+    study = load_text(STUDY)
+    settings = {"scenario": study.scenario, "scores": study.scores}
+    axis = SweptSetting(path="n_frames", texts=("1",))
 
     with pytest.raises(InvalidSetting, match="n_frames twice"):
-        Study(**made, vary=(twice, twice))
+        Study(**settings, vary=(axis, axis))
     with pytest.raises(InvalidSetting, match="SweptSetting.labels: 2 of them"):
         SweptSetting(path="n_frames", texts=("1",), labels=("a", "b"))
     with pytest.raises(InvalidSetting, match="1 twice"):
@@ -555,4 +583,4 @@ def test_a_study_made_in_python_is_checked_as_well(load):
     with pytest.raises(InvalidSetting, match="above the lower end"):
         RandomSetting(path="x", distribution="uniform", first=1.0, second=math.nan)
     with pytest.raises(InvalidSetting, match="nfames: not a known name"):
-        Plan.from_study(Study(**made, vary=(SweptSetting(path="nfames", texts=("1",)),)))
+        Plan.from_study(Study(**settings, vary=(SweptSetting(path="nfames", texts=("1",)),)))

@@ -1,4 +1,4 @@
-"""What a study keeps, and what it refuses to mix with it."""
+"""Ledger of a study: stored blocks, refusal of other studies, damage and full disks."""
 
 import os
 import sqlite3
@@ -23,18 +23,18 @@ from tiny_study import ENVIRONMENT, IDENTITY
 NUMBERS = np.array([0.5, np.nan])
 
 
-def opened(out: Path, **told) -> Ledger:
-    return Ledger.open(out, **{"identity": IDENTITY, "environment": ENVIRONMENT, **told})
+def open_ledger(out: Path, **settings) -> Ledger:
+    return Ledger.open(out, **{"identity": IDENTITY, "environment": ENVIRONMENT, **settings})
 
 
-def blocks(n: int, columns: int = 2) -> list[Block]:
+def make_blocks(n: int, columns: int = 2) -> list[Block]:
     rng = np.random.default_rng(5)
     return [Block(0, i, 3 * i, rng.normal(size=(3, columns)), 0.5) for i in range(n)]
 
 
-def test_what_was_added_is_read_back_to_the_bit_in_the_order_of_the_trials(tmp_path):
-    first, second = blocks(2)
-    odd = Block(
+def test_added_blocks_are_read_back_in_trial_order(tmp_path):
+    first, second = make_blocks(2)
+    extreme_block = Block(
         7,
         0,
         0,
@@ -44,14 +44,14 @@ def test_what_was_added_is_read_back_to_the_bit_in_the_order_of_the_trials(tmp_p
         (),
         np.array([0.5, np.nan]),
     )
-    with opened(tmp_path) as ledger:
-        ledger.add_blocks([second, odd])
+    with open_ledger(tmp_path) as ledger:
+        ledger.add_blocks([second, extreme_block])
         ledger.add_blocks([first])
     with LedgerReader.open_existing(tmp_path) as record:
         assert record.finished_blocks().tolist() == [[0, 0], [0, 1], [7, 0]]
         assert record.point_sums(0).tobytes() == np.concatenate([first.sums, second.sums]).tobytes()
         assert record.trial_numbers(0).tolist() == [0, 1, 2, 3, 4, 5]
-        assert record.point_sums(7).tobytes() == odd.sums.tobytes()
+        assert record.point_sums(7).tobytes() == extreme_block.sums.tobytes()
         assert [point for point, _ in record.iter_point_sums()] == [0, 7]
         assert record.failures() == [(7, Failure(1, "ValueError: no"))]
         np.testing.assert_array_equal(record.point_theory(7), [0.5, np.nan])
@@ -59,26 +59,26 @@ def test_what_was_added_is_read_back_to_the_bit_in_the_order_of_the_trials(tmp_p
         assert record.total_seconds() == 1.25
 
 
-def test_a_reader_sees_finished_blocks_while_the_study_runs(tmp_path):
-    with opened(tmp_path) as ledger, LedgerReader.open_existing(tmp_path) as record:
-        for n, block in enumerate(blocks(3)):
+def test_reader_returns_finished_blocks_while_study_runs(tmp_path):
+    with open_ledger(tmp_path) as ledger, LedgerReader.open_existing(tmp_path) as record:
+        for n, block in enumerate(make_blocks(3)):
             assert len(record.finished_blocks()) == n
             ledger.add_blocks([block])
         assert len(record.point_sums(0)) == 9
 
 
-def test_blocks_past_the_end_of_a_point_are_dropped_with_their_failures(tmp_path):
+def test_blocks_past_end_of_point_are_dropped_with_their_failures(tmp_path):
     late = Block(0, 2, 6, np.full((3, 2), np.nan), 0.1, (Failure(6, "late"),))
-    with opened(tmp_path) as ledger:
-        ledger.add_blocks([*blocks(2), late])
+    with open_ledger(tmp_path) as ledger:
+        ledger.add_blocks([*make_blocks(2), late])
         ledger.end_point(0, 1)
         assert ledger.finished_blocks().tolist() == [[0, 0]]
         assert ledger.ended_points() == {0: 1}
         assert ledger.count_failures() == 0
 
 
-def test_a_second_process_on_one_folder_is_refused_and_the_first_one_goes_on(tmp_path):
-    with opened(tmp_path) as ledger:
+def test_second_process_on_folder_is_refused_and_first_continues(tmp_path):
+    with open_ledger(tmp_path) as ledger:
         second = subprocess.run(
             [sys.executable, tiny_study.__file__, tmp_path],
             capture_output=True,
@@ -89,14 +89,14 @@ def test_a_second_process_on_one_folder_is_refused_and_the_first_one_goes_on(tmp
         assert second.returncode == 2
         assert "in use by another study that runs now" in second.stdout
         with pytest.raises(DechirpError, match="in use by another study"):
-            opened(tmp_path)
-        ledger.add_blocks(blocks(1))
-    with opened(tmp_path) as ledger:  # closed is free again
+            open_ledger(tmp_path)
+        ledger.add_blocks(make_blocks(1))
+    with open_ledger(tmp_path) as ledger:  # closing releases the lock
         assert len(ledger.finished_blocks()) == 1
 
 
 @pytest.mark.parametrize(
-    ("asked", "says"),
+    ("changes", "message"),
     [
         (
             {"study": "seed: 1\ntrials: 500"},
@@ -107,62 +107,65 @@ def test_a_second_process_on_one_folder_is_refused_and_the_first_one_goes_on(tmp
         ({"scenario": "car"}, r"scenario: car; expected absent"),
     ],
 )
-def test_another_study_is_refused_with_what_differs(tmp_path, asked, says):
-    with opened(tmp_path) as ledger:
-        ledger.add_blocks(blocks(1))
-    with pytest.raises(DechirpError, match=says):
-        opened(tmp_path, identity={**IDENTITY, **asked})
-    with opened(tmp_path) as ledger:  # and nothing has changed
+def test_different_study_is_refused_with_its_differences(tmp_path, changes, message):
+    with open_ledger(tmp_path) as ledger:
+        ledger.add_blocks(make_blocks(1))
+    with pytest.raises(DechirpError, match=message):
+        open_ledger(tmp_path, identity={**IDENTITY, **changes})
+    with open_ledger(tmp_path) as ledger:  # the ledger is unchanged
         assert len(ledger.finished_blocks()) == 1
 
 
-def test_all_that_differs_is_said_at_once(tmp_path):
-    opened(tmp_path).close()
-    with pytest.raises(DechirpError) as refused:
-        opened(tmp_path, identity={"study": "seed: 2", "dechirp": "9"})
-    assert [mistake.setting for mistake in refused.value.mistakes] == ["study", "dechirp"]
+def test_all_differences_are_reported_together(tmp_path):
+    open_ledger(tmp_path).close()
+    with pytest.raises(DechirpError) as error:
+        open_ledger(tmp_path, identity={"study": "seed: 2", "dechirp": "9"})
+    assert [mistake.setting for mistake in error.value.mistakes] == ["study", "dechirp"]
 
 
-def test_another_library_is_a_doubt_and_no_refusal(tmp_path):
-    opened(tmp_path).close()
-    with opened(tmp_path, environment={"numpy": "1.0"}) as ledger:
-        (doubt,) = ledger.environment_findings
-        assert "now numpy 1.0, begun with numpy" in doubt.value
+def test_different_library_version_gives_finding(tmp_path):
+    open_ledger(tmp_path).close()
+    with open_ledger(tmp_path, environment={"numpy": "1.0"}) as ledger:
+        (finding,) = ledger.environment_findings
+        assert "now numpy 1.0, begun with numpy" in finding.value
         assert ledger.environments == [ENVIRONMENT, {"numpy": "1.0"}]
-    with opened(tmp_path) as ledger:
+    with open_ledger(tmp_path) as ledger:
         assert ledger.environment_findings == ()
 
 
-def test_a_file_that_is_something_else_is_refused_and_left_alone(tmp_path):
-    text, other, empty = tmp_path / "text", tmp_path / "other", tmp_path / "empty"
-    for folder in (text, other, empty):
+def test_foreign_file_is_refused_and_left_unchanged(tmp_path):
+    text, other_database, empty = tmp_path / "text", tmp_path / "other", tmp_path / "empty"
+    for folder in (text, other_database, empty):
         folder.mkdir()
     (text / LEDGER_NAME).write_text("a shopping list, quite long enough to be no header")
-    with closing(sqlite3.connect(other / LEDGER_NAME)) as connection, connection:
+    with closing(sqlite3.connect(other_database / LEDGER_NAME)) as connection, connection:
         connection.execute("CREATE TABLE songs (name TEXT)")
     connection.close()
-    for folder, says in ((text, "no database"), (other, "a database of something else")):
-        before = (folder / LEDGER_NAME).read_bytes()
-        for open_it in (opened, LedgerReader.open_existing):
-            with pytest.raises(DechirpError, match=says):
-                open_it(folder)
-        assert (folder / LEDGER_NAME).read_bytes() == before
+    for folder, message in (
+        (text, "no database"),
+        (other_database, "a database of something else"),
+    ):
+        content = (folder / LEDGER_NAME).read_bytes()
+        for opener in (open_ledger, LedgerReader.open_existing):
+            with pytest.raises(DechirpError, match=message):
+                opener(folder)
+        assert (folder / LEDGER_NAME).read_bytes() == content
     with pytest.raises(DechirpError, match="not there"):
         LedgerReader.open_existing(empty)
 
 
-def test_a_damaged_record_is_said_to_be_damaged(tmp_path):
-    with opened(tmp_path) as ledger:
-        ledger.add_blocks(blocks(400, columns=10))
+def test_damaged_ledger_is_reported(tmp_path):
+    with open_ledger(tmp_path) as ledger:
+        ledger.add_blocks(make_blocks(400, columns=10))
     content = bytearray((tmp_path / LEDGER_NAME).read_bytes())
     content[4096:] = b"\xff" * (len(content) - 4096)
     (tmp_path / LEDGER_NAME).write_bytes(content)
     with pytest.raises(DechirpError, match="damaged"):
-        opened(tmp_path)
+        open_ledger(tmp_path)
 
 
 @pytest.mark.parametrize(
-    "tampered",
+    "statement",
     [
         "UPDATE blocks SET sums = x'00'",
         "UPDATE blocks SET sums = 'a text'",
@@ -183,17 +186,17 @@ def test_a_damaged_record_is_said_to_be_damaged(tmp_path):
         "ALTER TABLE blocks RENAME COLUMN sums TO other",
     ],
 )
-def test_rows_that_are_not_ours_are_said_to_be_damage(tampered, tmp_path):
-    with opened(tmp_path) as ledger:
-        said = Finding(level="note", setting="a", value="b", expected="c", fix="D.")
+def test_malformed_rows_are_reported_as_damage(statement, tmp_path):
+    with open_ledger(tmp_path) as ledger:
+        finding = Finding(level="note", setting="a", value="b", expected="c", fix="D.")
         failure = Failure(0, "ValueError: no")
         ledger.add_blocks(
-            [*blocks(2), Block(1, 0, 0, np.ones((3, 2)), 0.5, (failure,), (said,), NUMBERS)]
+            [*make_blocks(2), Block(1, 0, 0, np.ones((3, 2)), 0.5, (failure,), (finding,), NUMBERS)]
         )
     with closing(sqlite3.connect(tmp_path / LEDGER_NAME)) as connection, connection:
-        connection.execute(tampered)
+        connection.execute(statement)
     with pytest.raises(DechirpError, match="damaged"):
-        opened(tmp_path)
+        open_ledger(tmp_path)
     with (
         pytest.raises(DechirpError, match="damaged"),
         LedgerReader.open_existing(tmp_path) as record,
@@ -201,8 +204,8 @@ def test_rows_that_are_not_ours_are_said_to_be_damage(tampered, tmp_path):
         assert not (record.identity, record.environments)
 
 
-def test_trials_of_other_sums_and_points_of_other_theory_are_damage(tmp_path):
-    with opened(tmp_path) as ledger:
+def test_mismatched_sums_and_theory_are_reported_as_damage(tmp_path):
+    with open_ledger(tmp_path) as ledger:
         ledger.add_blocks([Block(0, 0, 0, np.ones((3, 2)), 0.5, theory=NUMBERS)])
         ledger.check_columns(n_columns=2, n_laws=2)
         for n_columns, n_laws in ((3, 2), (2, 1)):
@@ -213,60 +216,62 @@ def test_trials_of_other_sums_and_points_of_other_theory_are_damage(tmp_path):
             ledger.point_sums(0)
 
 
-def test_a_record_of_a_later_format_is_refused(tmp_path):
-    opened(tmp_path).close()
+def test_ledger_of_later_format_is_refused(tmp_path):
+    open_ledger(tmp_path).close()
     with closing(sqlite3.connect(tmp_path / LEDGER_NAME)) as connection, connection:
         connection.execute("UPDATE meta SET said = '2' WHERE key = 'format_version'")
     connection.close()
     with pytest.raises(DechirpError, match="in format 2"):
-        opened(tmp_path)
+        open_ledger(tmp_path)
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root writes everywhere")
-def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root can write to any folder")
+def test_rejects_folder_that_is_not_writable(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(DechirpError, match="not writable"):
-        opened(tmp_path)
+        open_ledger(tmp_path)
 
 
-def test_a_place_where_no_folder_can_be_is_refused(tmp_path):
+def test_rejects_path_where_no_folder_can_be_created(tmp_path):
     (tmp_path / "file").write_text("")
-    for place in (tmp_path / "file", tmp_path / "file" / "below"):
+    for path in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(DechirpError, match="not writable"):
-            opened(place)
+            open_ledger(path)
 
 
-def test_a_full_disk_keeps_what_was_there_and_says_so(tmp_path):
-    with opened(tmp_path) as ledger:
-        ledger.add_blocks(blocks(1, columns=10))
+def test_full_disk_keeps_earlier_blocks_and_is_reported(tmp_path):
+    with open_ledger(tmp_path) as ledger:
+        ledger.add_blocks(make_blocks(1, columns=10))
         n_pages = ledger._connection.execute("PRAGMA page_count").fetchone()[0]
         ledger._connection.execute(f"PRAGMA max_page_count = {n_pages + 2}")
         with pytest.raises(DechirpError, match=r"full disk.*What was done before is kept"):
-            ledger.add_blocks(blocks(2000, columns=10))
+            ledger.add_blocks(make_blocks(2000, columns=10))
         assert len(ledger.finished_blocks()) == 1
-    with opened(tmp_path) as ledger:  # with room again
-        ledger.add_blocks(blocks(2000, columns=10))
+    with open_ledger(tmp_path) as ledger:  # after space was freed
+        ledger.add_blocks(make_blocks(2000, columns=10))
         assert len(ledger.finished_blocks()) == 2000
 
 
-@pytest.mark.skipif(os.name != "posix", reason="limits of file sizes are those of POSIX")
-def test_a_study_that_runs_into_a_limit_of_its_disk_goes_on_with_the_same_result(tmp_path):
-    def run(out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX file size limits")
+def test_study_stopped_by_file_size_limit_continues_to_same_result(tmp_path):
+    def run_study(out: Path, *options: str) -> subprocess.CompletedProcess[str]:
         call = [sys.executable, tiny_study.__file__, out, *options]
         return subprocess.run(call, capture_output=True, check=False, text=True, timeout=60)
 
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
-        tiny_study.run(tmp_path / "undisturbed", workers)
-    limited = run(tmp_path / "limited", "--file-limit", "60000")
-    assert (limited.returncode, limited.stderr) == (2, "")
-    assert "What was done before is kept" in limited.stdout
+        tiny_study.run_tiny_study(tmp_path / "undisturbed", workers)
+    process = run_study(tmp_path / "limited", "--file-limit", "60000")
+    assert (process.returncode, process.stderr) == (2, "")
+    assert "What was done before is kept" in process.stdout
     with LedgerReader.open_existing(tmp_path / "limited") as record:
         assert 0 < len(record.finished_blocks()) < 324
-    assert run(tmp_path / "limited").returncode == 0
-    ends = [tiny_study.fingerprint(tmp_path / name) for name in ("undisturbed", "limited")]
-    assert ends[0] == ends[1]
+    assert run_study(tmp_path / "limited").returncode == 0
+    fingerprints = [
+        tiny_study.ledger_digest(tmp_path / name) for name in ("undisturbed", "limited")
+    ]
+    assert fingerprints[0] == fingerprints[1]
 
 
-def test_the_lock_is_no_obstacle_when_it_is_left_behind(tmp_path):
+def test_stale_lock_file_does_not_block(tmp_path):
     (tmp_path / LOCK_NAME).touch()
-    opened(tmp_path).close()
+    open_ledger(tmp_path).close()

@@ -1,4 +1,4 @@
-"""Points of a study by their numbers: each has the scenario that its settings say."""
+"""Plan of a study: scenarios of points and trials, random settings and digests."""
 
 import pickle
 from dataclasses import replace
@@ -56,41 +56,50 @@ n_frames: 3
 
 
 @pytest.fixture(scope="module")
-def rich():
-    """A scenario with something at most of its settings."""
+def rich_scenario():
+    """Return a scenario with values for most of its settings."""
     return loading.parse_settings(RICH, Scenario, readers=READERS)
 
 
 @pytest.fixture(scope="module")
-def plain(rich):
-    """The same with one simple target, which is soon checked."""
-    return replace(rich, scene=replace(rich.scene, targets=rich.scene.targets[:1]))
-
-
-def by_text(whole, *options):
-    """Value as it is read from a file with `--set`."""
-    return loading.parse_settings(dump(whole), type(whole), overrides=options, readers=READERS)
-
-
-def by_value(whole, path, text):
-    """The same without the text between."""
-    way = find_setting(whole, path)
-    return replace_settings(
-        whole, {way.steps: parse_setting(whole, way, parse_yaml(text, ""), ABSOLUTE_CONTEXT)}
+def one_target_scenario(rich_scenario):
+    """Return the rich scenario with one simple target, which is checked faster."""
+    return replace(
+        rich_scenario, scene=replace(rich_scenario.scene, targets=rich_scenario.scene.targets[:1])
     )
 
 
-def leaves(node, path=""):
-    """Path and node of all that is no mapping and no list."""
-    inside = list(node.iter_children())
-    if not inside:
+def set_by_text(settings_value, *options):
+    """Change settings as `--set` does, by dumping and parsing the text."""
+    return loading.parse_settings(
+        dump(settings_value), type(settings_value), overrides=options, readers=READERS
+    )
+
+
+def set_by_value(settings_value, path, text):
+    """Change a setting directly, without an intermediate text."""
+    setting_path = find_setting(settings_value, path)
+    return replace_settings(
+        settings_value,
+        {
+            setting_path.steps: parse_setting(
+                settings_value, setting_path, parse_yaml(text, ""), ABSOLUTE_CONTEXT
+            )
+        },
+    )
+
+
+def iter_leaves(node, path=""):
+    """Yield path and node of each scalar."""
+    children = list(node.iter_children())
+    if not children:
         yield path, node
-    for label, child in inside:
-        yield from leaves(child, f"{path}.{label}" if path else label)
+    for label, child in children:
+        yield from iter_leaves(child, f"{path}.{label}" if path else label)
 
 
-def other(node):
-    """Another value of the same kind."""
+def make_other_value(node):
+    """Return the text of another value of the same kind."""
     if isinstance(node.content, bool):
         return str(not node.content).lower()
     if isinstance(node.content, int):
@@ -105,40 +114,40 @@ def other(node):
 @pytest.mark.parametrize(
     ("part", "at_least"), [("radar", 20), ("scene", 15), ("chain", 8), ("impairments", 4)]
 )
-def test_every_setting_is_changed_as_set_changes_it(rich, part, at_least):
-    whole = getattr(rich, part)
+def test_every_setting_changes_by_value_as_by_text(rich_scenario, part, at_least):
+    settings_value = getattr(rich_scenario, part)
     if part == "impairments":
-        whole = Impaired(impairments=whole)
-    assert compared(whole) >= at_least
+        settings_value = ImpairmentList(impairments=settings_value)
+    assert count_changes(settings_value) >= at_least
 
 
 @nightly
-def test_every_setting_of_a_scenario_is_changed_as_set_changes_it(rich):
-    assert compared(rich) > 50
+def test_every_scenario_setting_changes_by_value_as_by_text(rich_scenario):
+    assert count_changes(rich_scenario) > 50
 
 
 @frozen_dataclass
-class Impaired:
-    """Impairments alone."""
+class ImpairmentList:
+    """Settings that consist of impairments alone."""
 
     impairments: tuple[Impairment, ...]
 
 
-def compared(whole):
+def count_changes(settings_value):
     """Change every setting of a value both ways, one at a time, and count the changes."""
     n = 0
-    for path, node in leaves(parse_yaml(dump(whole), "")):
-        text = other(node)
+    for path, node in iter_leaves(parse_yaml(dump(settings_value), "")):
+        text = make_other_value(node)
         if path.endswith("kind"):
             continue
         try:
-            expected = by_text(whole, f"{path}={text}")
+            expected = set_by_text(settings_value, f"{path}={text}")
         except DechirpError:
             with pytest.raises(DechirpError):
-                by_value(whole, path, text)
+                set_by_value(settings_value, path, text)
             continue
-        assert by_value(whole, path, text) == expected, path
-        n += expected != whole
+        assert set_by_value(settings_value, path, text) == expected, path
+        n += expected != settings_value
     return n
 
 
@@ -152,20 +161,24 @@ def compared(whole):
         ("scene.targets.van.body", Body, "{{kind: {}}}"),
     ],
 )
-def test_every_member_of_a_family_is_chosen_as_set_chooses_it(rich, path, family, form):
+def test_every_family_member_is_selected_by_value_as_by_text(rich_scenario, path, family, form):
     n = 0
     first, _, rest = path.partition(".")
-    whole = getattr(rich, first) if rest else Impaired(impairments=rich.impairments)
+    settings_value = (
+        getattr(rich_scenario, first)
+        if rest
+        else ImpairmentList(impairments=rich_scenario.impairments)
+    )
     path = rest or path
     for kind in family.members():
         text = form.format(kind)
         try:
-            expected = by_text(whole, f"{path}={text}")
-        except DechirpError:  # it needs settings, or another array
+            expected = set_by_text(settings_value, f"{path}={text}")
+        except DechirpError:  # the member needs settings or another array
             with pytest.raises(DechirpError):
-                by_value(whole, path, text)
+                set_by_value(settings_value, path, text)
             continue
-        assert by_value(whole, path, text) == expected
+        assert set_by_value(settings_value, path, text) == expected
         n += 1
 
     assert n >= 3
@@ -177,32 +190,32 @@ def test_every_member_of_a_family_is_chosen_as_set_chooses_it(rich, path, family
         ["chain.cluster=null"],
         ["ego_motion={}", "chain.angle.window=hann"],
         ["tracker.gate_probability=0.99"],
-        ["radar.frame.chirp.n_samples=128", "chain.n_range_bins=128"],  # only both together
+        ["radar.frame.chirp.n_samples=128", "chain.n_range_bins=128"],  # valid only together
         ["ego_motion.gate=3", "n_frames=4"],
         ["scene.targets.1.position.0=1 km", "scene.targets.car.name=coupe"],
         ["impairments.rain-attenuation.rate=8 mm/h", "impairments.0=null"],
-        ["chain.angle.kind=music", "chain.angle.n_sources=2"],  # the second of what the first made
+        ["chain.angle.kind=music", "chain.angle.n_sources=2"],  # of the new kind
     ],
 )
-def test_settings_together_are_as_set_makes_them(rich, options):
+def test_combined_settings_change_by_value_as_by_text(rich_scenario, options):
     texts = dict(option.split("=") for option in options)
     try:
-        expected = by_text(rich, *options)
+        expected = set_by_text(rich_scenario, *options)
     except InvalidFile as error:
-        with pytest.raises(InvalidFile) as again:
-            Variants(rich).with_settings(texts)
-        assert [one.setting for one in again.value.mistakes] == [
-            one.setting for one in error.mistakes
+        with pytest.raises(InvalidFile) as variant_error:
+            Variants(rich_scenario).with_settings(texts)
+        assert [mistake.setting for mistake in variant_error.value.mistakes] == [
+            mistake.setting for mistake in error.mistakes
         ]
-        assert all(one.file is None for one in again.value.mistakes)
+        assert all(mistake.file is None for mistake in variant_error.value.mistakes)
     else:
-        assert Variants(rich).with_settings(texts) == expected
+        assert Variants(rich_scenario).with_settings(texts) == expected
 
 
-def study_of(scenario, *vary, scores=(), **more):
+def make_study(scenario, *vary, scores=(), **settings):
     from dechirp.evaluation.score.processing_time import ProcessingTime
 
-    return Study(scenario=scenario, scores=scores or (ProcessingTime(),), vary=vary, **more)
+    return Study(scenario=scenario, scores=scores or (ProcessingTime(),), vary=vary, **settings)
 
 
 RCS = SweptSetting(
@@ -220,31 +233,31 @@ LOSS = RandomSetting(
 )
 
 
-def test_points_count_through_the_grid_the_last_list_fastest(plain):
-    plan = Plan.from_study(study_of(plain, RCS, ANGLE))
+def test_points_number_grid_with_last_list_fastest(one_target_scenario):
+    plan = Plan.from_study(make_study(one_target_scenario, RCS, ANGLE))
 
     assert (plan.shape, plan.n_points) == ((3, 2), 6)
-    said = [tuple(text for _, text in plan.point_settings(point)) for point in range(6)]
-    assert said == list(product(RCS.texts, ANGLE.texts))
+    texts = [tuple(text for _, text in plan.point_settings(point)) for point in range(6)]
+    assert texts == list(product(RCS.texts, ANGLE.texts))
     assert [plan.grid_index(point) for point in range(6)] == list(product(range(3), range(2)))
     assert plan.point_labels(3)[1] == ("chain.angle", "fft")
     assert plan.point_numbers(3) == (10.0, None)
     for point in range(6):
         options = [f"{path}={text}" for path, text in plan.point_settings(point)]
-        assert plan.scenario(point) == by_text(plain, *options)
+        assert plan.scenario(point) == set_by_text(one_target_scenario, *options)
     with pytest.raises(InvalidSetting, match="from 0 to 5"):
         plan.point_settings(6)
 
 
-def test_a_study_that_varies_nothing_has_one_point(plain):
-    plan = Plan.from_study(study_of(plain))
+def test_study_without_varied_settings_has_one_point(one_target_scenario):
+    plan = Plan.from_study(make_study(one_target_scenario))
 
     assert (plan.n_points, plan.point_settings(0), plan.trial_settings(7)) == (1, (), {})
-    assert plan.scenario(0) is plain
+    assert plan.scenario(0) is one_target_scenario
 
 
-def test_drawn_points_are_crossed_with_the_grid(plain):
-    plan = Plan.from_study(study_of(plain, RANGE, ANGLE, LOSS, draw=Sampling(n=8)))
+def test_random_points_are_crossed_with_grid(one_target_scenario):
+    plan = Plan.from_study(make_study(one_target_scenario, RANGE, ANGLE, LOSS, draw=Sampling(n=8)))
 
     assert (plan.shape, plan.n_points) == ((2, 8), 16)
     assert plan.trial_settings(0) == {}
@@ -258,37 +271,46 @@ def test_drawn_points_are_crossed_with_the_grid(plain):
     assert path == RANGE.path
 
 
-def test_what_is_drawn_anew_belongs_to_the_trial_alone(plain):
-    plan = Plan.from_study(study_of(plain, RCS, RANGE, LOSS))
-    drawn = [plan.trial_settings(trial) for trial in range(2000)]
+def test_random_setting_without_draw_changes_per_trial(one_target_scenario):
+    plan = Plan.from_study(make_study(one_target_scenario, RCS, RANGE, LOSS))
+    trial_settings = [plan.trial_settings(trial) for trial in range(2000)]
 
     assert (
-        drawn[3]
+        trial_settings[3]
         == plan.trial_settings(3)
-        == Plan.from_study(study_of(plain, RANGE, LOSS)).trial_settings(3)
+        == Plan.from_study(make_study(one_target_scenario, RANGE, LOSS)).trial_settings(3)
     )
-    assert drawn[3] != Plan.from_study(study_of(plain, RANGE, LOSS, seed=1)).trial_settings(3)
+    assert trial_settings[3] != Plan.from_study(
+        make_study(one_target_scenario, RANGE, LOSS, seed=1)
+    ).trial_settings(3)
     assert plan.n_points == 3
     assert set(dict(plan.point_settings(0))) == {RCS.path}
     ranges, losses = (
-        np.array([float(one[axis.path].split()[0]) for one in drawn]) for axis in (RANGE, LOSS)
+        np.array([float(settings[axis.path].split()[0]) for settings in trial_settings])
+        for axis in (RANGE, LOSS)
     )
-    # 2000 draws: thirds of a uniform one, and one standard deviation of a normal one, in dB.
-    sure = 1 - 1e-7
-    low, high = binomial_interval(int(np.sum(ranges < 10 + 40 / 3)), 2000, confidence=sure)
+    # 2000 draws: a third of the uniform range, and one standard deviation of the normal one in dB.
+    confidence = 1 - 1e-7
+    low, high = binomial_interval(int(np.sum(ranges < 10 + 40 / 3)), 2000, confidence=confidence)
     assert low < 1 / 3 < high
-    low, high = binomial_interval(int(np.sum(np.abs(losses - 3) < 0.5)), 2000, confidence=sure)
+    low, high = binomial_interval(
+        int(np.sum(np.abs(losses - 3) < 0.5)), 2000, confidence=confidence
+    )
     assert low < 0.6826895 < high
-    low, high = binomial_interval(int(np.sum((losses > 3) == (ranges > 30))), 2000, confidence=sure)
-    assert low < 0.5 < high  # of each other they know nothing
-    scenario = plan.scenario(2, drawn[0])
+    low, high = binomial_interval(
+        int(np.sum((losses > 3) == (ranges > 30))), 2000, confidence=confidence
+    )
+    assert low < 0.5 < high  # the two settings are independent
+    scenario = plan.scenario(2, trial_settings[0])
     assert scenario.scene.targets[0].position_m[0] == ranges[0]
     assert scenario.radar.hardware.loss == pytest.approx(10 ** (losses[0] / 10), rel=1e-12)
 
 
-def test_points_of_a_sobol_sequence_lie_evenly(plain):
-    """256 points of two settings: one in each of 256 equal cells, of any of these nine shapes."""
-    plan = Plan.from_study(study_of(plain, RANGE, LOSS, draw=Sampling(method="sobol", n=256)))
+def test_sobol_points_fill_cells_evenly(one_target_scenario):
+    """256 points of two settings: one in each of 256 equal cells of nine different shapes."""
+    plan = Plan.from_study(
+        make_study(one_target_scenario, RANGE, LOSS, draw=Sampling(method="sobol", n=256))
+    )
     from scipy.special import ndtr
 
     numbers = np.array([plan.point_numbers(point) for point in range(256)])
@@ -298,49 +320,64 @@ def test_points_of_a_sobol_sequence_lie_evenly(plain):
         rows, columns = 2**bits, 2 ** (8 - bits)
         cells = (shares[0] * rows).astype(int) * columns + (shares[1] * columns).astype(int)
         assert len(set(cells)) == 256, (rows, columns)
-    other = Plan.from_study(study_of(plain, RANGE, LOSS, draw=Sampling(n=256), seed=1))
-    assert other.point_numbers(0) != plan.point_numbers(0)
+    other_plan = Plan.from_study(
+        make_study(one_target_scenario, RANGE, LOSS, draw=Sampling(n=256), seed=1)
+    )
+    assert other_plan.point_numbers(0) != plan.point_numbers(0)
 
 
-def test_independent_points_do_not(plain):
-    plan = Plan.from_study(study_of(plain, RANGE, LOSS, draw=Sampling(method="independent", n=300)))
+def test_independent_points_do_not_fill_cells_evenly(one_target_scenario):
+    plan = Plan.from_study(
+        make_study(one_target_scenario, RANGE, LOSS, draw=Sampling(method="independent", n=300))
+    )
     shares = (np.array([plan.point_numbers(point)[0] for point in range(256)]) - 10) / 40
 
-    # 256 throws into 256 cells leave 94 empty, give or take 8.
+    # 256 random points in 256 cells leave 94 empty, with a spread of 8.
     assert 94 - 50 < 256 - len(set((shares * 256).astype(int))) < 94 + 50
 
 
-def test_a_plan_is_small_wherever_it_goes(plain):
-    plan = Plan.from_study(study_of(plain, RCS, ANGLE, RANGE))
-    before = pickle.dumps(plan)
+def test_pickled_plan_is_small_and_complete(one_target_scenario):
+    plan = Plan.from_study(make_study(one_target_scenario, RCS, ANGLE, RANGE))
+    pickled_plan = pickle.dumps(plan)
     scenarios = [plan.scenario(point, plan.trial_settings(1)) for point in range(6)]
 
-    assert len(pickle.dumps(plan)) == len(before) < 20_000
-    again = pickle.loads(before)
-    assert again.study == plan.study
-    assert [again.scenario(point, again.trial_settings(1)) for point in range(6)] == scenarios
-    assert again.digest() == plan.digest()
+    assert len(pickle.dumps(plan)) == len(pickled_plan) < 20_000
+    restored_plan = pickle.loads(pickled_plan)
+    assert restored_plan.study == plan.study
+    assert [
+        restored_plan.scenario(point, restored_plan.trial_settings(1)) for point in range(6)
+    ] == scenarios
+    assert restored_plan.digest() == plan.digest()
 
 
-def test_a_digest_tells_what_has_changed(rich, tmp_path):
+def test_digest_differences_name_changed_settings(rich_scenario, tmp_path):
     (tmp_path / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     text = "{kind: mesh, path: " + str(tmp_path / "box.obj") + "}"
     body = SweptSetting(path="scene.targets.van.body", texts=("{kind: van}", text))
-    study = study_of(rich, RCS, body)
-    then = Plan.from_study(study).digest()
+    study = make_study(rich_scenario, RCS, body)
+    earlier_digest = Plan.from_study(study).digest()
 
-    assert digest_differences(then, Plan.from_study(study).digest()) == []
-    now = Plan.from_study(study_of(by_text(rich, "n_frames=5"), RCS, body, seed=3)).digest()
-    assert digest_differences(then, now) == ["seed: 0 -> 3", "scenario.n_frames: 3 -> 5"]
-    now = Plan.from_study(
-        study_of(rich, SweptSetting(path=RCS.path, texts=("0 dBsm",)), body)
+    assert digest_differences(earlier_digest, Plan.from_study(study).digest()) == []
+    digest = Plan.from_study(
+        make_study(set_by_text(rich_scenario, "n_frames=5"), RCS, body, seed=3)
     ).digest()
-    (said,) = digest_differences(then, now)
-    assert said == f"vary.{RCS.path}: [0 dBsm, 10 dBsm, 20 dBsm] -> [0 dBsm]"
-    assert digest_differences(then, {**then, "version": "9"})[0].endswith("-> 9")
+    assert digest_differences(earlier_digest, digest) == [
+        "seed: 0 -> 3",
+        "scenario.n_frames: 3 -> 5",
+    ]
+    digest = Plan.from_study(
+        make_study(rich_scenario, SweptSetting(path=RCS.path, texts=("0 dBsm",)), body)
+    ).digest()
+    (difference,) = digest_differences(earlier_digest, digest)
+    assert difference == f"vary.{RCS.path}: [0 dBsm, 10 dBsm, 20 dBsm] -> [0 dBsm]"
+    assert digest_differences(earlier_digest, {**earlier_digest, "version": "9"})[0].endswith(
+        "-> 9"
+    )
     (tmp_path / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n")
-    now = Plan.from_study(study).digest()
-    assert digest_differences(then, now) == [f"file {tmp_path / 'box.obj'}: other content"]
+    digest = Plan.from_study(study).digest()
+    assert digest_differences(earlier_digest, digest) == [
+        f"file {tmp_path / 'box.obj'}: other content"
+    ]
     (tmp_path / "box.obj").unlink()
     assert "not readable" in Plan.from_study(study).digest()[f"file {tmp_path / 'box.obj'}"]
 
@@ -358,8 +395,8 @@ def test_a_digest_tells_what_has_changed(rich, tmp_path):
         (["recording.frmes"], "frames"),
     ],
 )
-def test_settings_that_cannot_be_varied_together_are_refused(rich, paths, match):
+def test_rejects_settings_that_cannot_be_varied_together(rich_scenario, paths, match):
     axes = [SweptSetting(path=path, texts=("1", "2")) for path in paths]
 
     with pytest.raises(InvalidSetting, match=match):
-        Plan.from_study(study_of(rich, *axes))
+        Plan.from_study(make_study(rich_scenario, *axes))

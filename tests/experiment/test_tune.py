@@ -1,4 +1,4 @@
-"""A search finds what is better, says by how much and how surely, and goes on where it stopped."""
+"""Tuning: search, gain in confirmation trials, continuation, refusals and report."""
 
 import json
 from concurrent.futures import BrokenExecutor, Executor, Future
@@ -19,7 +19,7 @@ from dechirp.experiments.tune.document import tune_document
 from dechirp.experiments.tune.parsing import load_tune
 from dechirp.experiments.tune.run import TuneResult, run_search
 from dechirp.report.tune import format_headline, format_verdict, render_tune_page
-from printed import check_captions, check_pdf
+from page_checks import check_captions, check_pdf_contains_page_text
 
 RADAR = """\
   frame:
@@ -30,7 +30,7 @@ RADAR = """\
   hardware: {transmit_power: 12 dBm, antenna_gain: 10 dBi, noise_factor: 12 dB}
 """
 
-# Two training cells, where the map has room for hundreds: 9 dB are lost at 1e-3.
+# Two training cells, where the map has space for hundreds, cost 9 dB at 1e-3.
 CHAIN = """\
 chain:
   range_window: rectangular
@@ -63,8 +63,8 @@ candidates: 12
 """
 
 
-class Here(Executor):
-    """Does what it is given at once; stops the whole search after so many blocks."""
+class ImmediateExecutor(Executor):
+    """Executor that runs tasks immediately and interrupts the search after `at_most` blocks."""
 
     def __init__(self, at_most: int | None = None) -> None:
         self.done, self.at_most = 0, at_most
@@ -78,11 +78,11 @@ class Here(Executor):
         return future
 
 
-def here(at_most: int | None = None) -> Workers:
-    return Workers(Here(at_most), lambda: 1)
+def immediate_workers(at_most: int | None = None) -> Workers:
+    return Workers(ImmediateExecutor(at_most), lambda: 1)
 
 
-def written(folder: Path, text: str = TUNE, scenario: str = SCENARIO) -> Path:
+def write_tune_file(folder: Path, text: str = TUNE, scenario: str = SCENARIO) -> Path:
     (folder / "weak.yaml").write_text(scenario)
     (folder / "tune.yaml").write_text(text)
     return folder / "tune.yaml"
@@ -94,173 +94,202 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def tuned(folder) -> TuneResult:
-    return run_search(load_tune(written(folder)), folder / "out", workers=here())
+def reference_result(folder) -> TuneResult:
+    return run_search(
+        load_tune(write_tune_file(folder)), folder / "out", workers=immediate_workers()
+    )
 
 
-def test_the_search_finds_the_training_cells_that_were_left_out(tuned):
-    best = dict(tuned.candidates[tuned.best.number].settings)
-    case = build_trial_context(tuned.scenarios[0])
+def test_search_adds_missing_training_cells(reference_result):
+    best = dict(reference_result.candidates[reference_result.best.number].settings)
+    context = build_trial_context(reference_result.scenarios[0])
 
     assert (
-        len(case.chain.cfar.training_window.offsets(case.chain.cfar.training_window.half_range))
+        len(
+            context.chain.cfar.training_window.offsets(
+                context.chain.cfar.training_window.half_range
+            )
+        )
         > 12
     )
     assert float(best["chain.cfar.false_alarm_probability"]) <= 2e-3
-    assert tuned.gain.certainty > 1 - 1e-6
+    assert reference_result.gain.certainty > 1 - 1e-6
 
 
-def is_near_theory(tuned: TuneResult, before: dc.Scenario, after: dc.Scenario) -> bool:
-    """Five standard errors: the interval has at least 1.96 of them on each side."""
-    score = tuned.tune.objective.score
+def is_near_theory(
+    reference_result: TuneResult, default_scenario: dc.Scenario, best_scenario: dc.Scenario
+) -> bool:
+    """Compare the gain with theory within five standard errors (the interval has 1.96 per side)."""
+    score = reference_result.tune.objective.score
     gain = (
-        score.theory(build_trial_context(after)).item()
-        - score.theory(build_trial_context(before)).item()
+        score.theory(build_trial_context(best_scenario)).item()
+        - score.theory(build_trial_context(default_scenario)).item()
     )
-    return abs(gain - tuned.gain.value) < 2.5 * (tuned.gain.high - tuned.gain.low) / 2 + 0.02
-
-
-def test_the_gain_in_fresh_trials_is_what_theory_says(tuned):
-    assert is_near_theory(tuned, tuned.tune.scenarios[0], tuned.scenarios[0])
-    before, after = (
-        one.scores["detection_probability"].value for one in (tuned.default, tuned.best)
+    return (
+        abs(gain - reference_result.gain.value)
+        < 2.5 * (reference_result.gain.high - reference_result.gain.low) / 2 + 0.02
     )
-    assert tuned.gain.value == pytest.approx(after - before)
 
 
-def test_settings_beyond_the_limit_are_not_taken_however_much_they_detect(tuned):
-    beyond = [one for one in tuned.candidates if not one.is_admitted]
+def test_gain_in_confirmation_trials_matches_theory(reference_result):
+    assert is_near_theory(
+        reference_result, reference_result.tune.scenarios[0], reference_result.scenarios[0]
+    )
+    default_score, best_score = (
+        candidate.scores["detection_probability"].value
+        for candidate in (reference_result.default, reference_result.best)
+    )
+    assert reference_result.gain.value == pytest.approx(best_score - default_score)
 
-    assert beyond
-    for one in beyond:
-        assert one.scores["false_alarm_probability"].low > 1e-3
-    assert tuned.best.decisions != ("not met",)
-    assert tuned.best.scores["false_alarm_probability"].low <= 1e-3
+
+def test_settings_beyond_limit_are_not_chosen(reference_result):
+    rejected_candidates = [
+        candidate for candidate in reference_result.candidates if not candidate.is_admitted
+    ]
+
+    assert rejected_candidates
+    for candidate in rejected_candidates:
+        assert candidate.scores["false_alarm_probability"].low > 1e-3
+    assert reference_result.best.decisions != ("not met",)
+    assert reference_result.best.scores["false_alarm_probability"].low <= 1e-3
 
 
-def test_a_search_that_was_stopped_goes_on_to_the_same_result(folder, tuned, tmp_path):
-    fewer = load_tune(written(tmp_path, TUNE.replace("candidates: 12", "candidates: 5")))
+def test_stopped_search_continues_to_same_result(folder, reference_result, tmp_path):
+    short_tune = load_tune(
+        write_tune_file(tmp_path, TUNE.replace("candidates: 12", "candidates: 5"))
+    )
     for blocks in (1, 3):
         with pytest.raises(KeyboardInterrupt):
-            run_search(fewer, tmp_path / "out", workers=here(at_most=blocks))
-    run_search(fewer, tmp_path / "out", workers=here())
-    asked = load_tune(folder / "tune.yaml")
+            run_search(short_tune, tmp_path / "out", workers=immediate_workers(at_most=blocks))
+    run_search(short_tune, tmp_path / "out", workers=immediate_workers())
+    tune = load_tune(folder / "tune.yaml")
     with pytest.raises(KeyboardInterrupt):
         run_search(
-            asked, tmp_path / "out", workers=here(at_most=6)
-        )  # 11 of 12, learnt from the past
-    again = run_search(asked, tmp_path / "out", workers=here())
+            tune, tmp_path / "out", workers=immediate_workers(at_most=6)
+        )  # 11 of 12, the earlier candidates restored
+    continued_result = run_search(tune, tmp_path / "out", workers=immediate_workers())
 
-    assert tune_document(again) == tune_document(tuned)
-    nothing_left = run_search(asked, tmp_path / "out", workers=here(at_most=0))
-    assert tune_document(nothing_left) == tune_document(tuned)
+    assert tune_document(continued_result) == tune_document(reference_result)
+    repeated_result = run_search(tune, tmp_path / "out", workers=immediate_workers(at_most=0))
+    assert tune_document(repeated_result) == tune_document(reference_result)
 
 
-def test_settings_whose_workers_died_leave_the_trials_of_others_theirs(folder, tuned, tmp_path):
-    asked = load_tune(folder / "tune.yaml")
+def test_candidate_whose_workers_died_does_not_change_other_trials(
+    folder, reference_result, tmp_path
+):
+    tune = load_tune(folder / "tune.yaml")
 
-    class Dies(Here):
+    class DyingExecutor(ImmediateExecutor):
         def submit(self, fn, /, *args, **kwargs):
-            if args[0].chain == tuned.scenarios[0].chain:
+            if args[0].chain == reference_result.scenarios[0].chain:
                 raise BrokenExecutor
             return super().submit(fn, *args, **kwargs)
 
-    without = run_search(asked, tmp_path / "out", workers=Workers(Dies(), lambda: 1))
-    (failed,) = [one for one in without.candidates if one.failure]
-    assert failed.number == tuned.best.number and "dead, 1 time" in failed.failure
-    # The last is chosen by what the others came to: another one, in a record that has both.
-    assert without.candidates[-1].scores != tuned.candidates[-1].scores
-    assert tune_document(run_search(asked, tmp_path / "out", workers=here())) == tune_document(
-        tuned
+    partial_result = run_search(tune, tmp_path / "out", workers=Workers(DyingExecutor(), lambda: 1))
+    (failed_candidate,) = [
+        candidate for candidate in partial_result.candidates if candidate.failure
+    ]
+    assert (
+        failed_candidate.number == reference_result.best.number
+        and "dead, 1 time" in failed_candidate.failure
     )
+    # The last candidate depends on the scores of the others, so it differs; the record has both.
+    assert partial_result.candidates[-1].scores != reference_result.candidates[-1].scores
+    assert tune_document(
+        run_search(tune, tmp_path / "out", workers=immediate_workers())
+    ) == tune_document(reference_result)
 
 
-def test_settings_that_fail_in_fresh_trials_are_not_taken(tmp_path):
+def test_settings_that_fail_in_confirmation_trials_are_not_chosen(tmp_path):
     text = TUNE.replace("candidates: 12", "candidates: 4").replace("confirmation_trials: 80", "")
-    asked = load_tune(written(tmp_path, text + "confirmation_trials: 4\n"))
+    tune = load_tune(write_tune_file(tmp_path, text + "confirmation_trials: 4\n"))
 
-    class FailsLater(Here):
+    class LateFailingExecutor(ImmediateExecutor):
         def submit(self, fn, /, *args, **kwargs):
             future = super().submit(fn, *args, **kwargs)
-            if kwargs["trials"].start < asked.trials or args[0] == asked.scenarios[0]:
+            if kwargs["trials"].start < tune.trials or args[0] == tune.scenarios[0]:
                 return future
             failure = Failure(kwargs["trials"].start, "ValueError: singular")
             failing: Future = Future()
             failing.set_result(replace(future.result(), failures=(failure,)))
             return failing
 
-    found = run_search(asked, tmp_path / "out", workers=Workers(FailsLater(), lambda: 1))
+    tune_result = run_search(
+        tune, tmp_path / "out", workers=Workers(LateFailingExecutor(), lambda: 1)
+    )
 
-    assert found.best.number == 0  # as they are: all that is left within the limit
-    assert not any(one.failure for one in found.candidates)
-    (told,) = [one for one in found.findings if one.setting.startswith("candidate")]
-    assert "ValueError: singular" in told.value
+    assert tune_result.best.number == 0  # the unchanged settings alone are within the limit
+    assert not any(entry.failure for entry in tune_result.candidates)
+    (finding,) = [entry for entry in tune_result.findings if entry.setting.startswith("candidate")]
+    assert "ValueError: singular" in finding.value
     assert tune_document(
-        run_search(asked, tmp_path / "out", workers=here(at_most=0))
-    ) == tune_document(found)
+        run_search(tune, tmp_path / "out", workers=immediate_workers(at_most=0))
+    ) == tune_document(tune_result)
 
 
-def test_another_search_in_the_same_folder_is_refused(folder, tuned, tmp_path):
+def test_different_search_in_same_folder_is_refused(folder, reference_result, tmp_path):
     for old, new in (("trials: 40", "trials: 41"), ("to: 9", "to: 8"), ("1e-3}}", "2e-3}}")):
-        asked = load_tune(written(tmp_path, TUNE.replace(old, new)))
+        tune = load_tune(write_tune_file(tmp_path, TUNE.replace(old, new)))
         with pytest.raises(dc.DechirpError, match=r"as in the existing results.*--out"):
-            run_search(asked, folder / "out", workers=here())
-    changed = load_tune(written(tmp_path), ["scene.targets.car.rcs=2 dBsm"])
+            run_search(tune, folder / "out", workers=immediate_workers())
+    changed = load_tune(write_tune_file(tmp_path), ["scene.targets.car.rcs=2 dBsm"])
     with pytest.raises(dc.DechirpError, match="source weak"):
-        run_search(changed, folder / "out", workers=here())
+        run_search(changed, folder / "out", workers=immediate_workers())
 
 
-def test_the_page_shows_the_gain_and_asks_for_nothing_else(tuned):
-    found = {"version": "1", **tune_document(tuned)}
-    page = render_tune_page(found, yaml="name: weak")
+def test_page_shows_gain_and_is_self_contained(reference_result):
+    document = {"version": "1", **tune_document(reference_result)}
+    page = render_tune_page(document, yaml="name: weak")
 
-    assert format_headline(found).startswith("Detection probability: 0.")
-    assert "certainty" in format_verdict(found) and format_verdict(found) in page
+    assert format_headline(document).startswith("Detection probability: 0.")
+    assert "certainty" in format_verdict(document) and format_verdict(document) in page
     assert page.count("<svg") == 1 and "chain.cfar.n_training.range=" in page
     assert not any(word in page for word in ("http://", "https://", "src=", "@import"))
     check_captions(page)
-    check_pdf(page)
+    check_pdf_contains_page_text(page)
 
 
 @contextmanager
-def _here(n_workers: int | None = None):
-    yield here()
+def _immediate_local_workers(n_workers: int | None = None):
+    yield immediate_workers()
 
 
-def test_the_command_writes_what_can_be_taken_over(folder, tuned, monkeypatch, capsys):
-    monkeypatch.setattr(executors, "local_workers", _here)
+def test_command_writes_best_settings_and_scenario(folder, reference_result, monkeypatch, capsys):
+    monkeypatch.setattr(executors, "local_workers", _immediate_local_workers)
     status = command.tune(folder / "tune.yaml", out=folder / "out", as_json=True, quiet=True)
-    told = json.loads(capsys.readouterr().out)
+    document = json.loads(capsys.readouterr().out)
 
     assert status == 0
-    assert told["best"]["settings"] == dict(tuned.candidates[tuned.best.number].settings)
-    assert len(told["candidates"]) == 13 and told["candidates"][0]["settings"] == {}
-    assert told["gain"]["low"] > 0
-    assert all((folder / "out" / name).is_file() for name in told["files"])
+    assert document["best"]["settings"] == dict(
+        reference_result.candidates[reference_result.best.number].settings
+    )
+    assert len(document["candidates"]) == 13 and document["candidates"][0]["settings"] == {}
+    assert document["gain"]["low"] > 0
+    assert all((folder / "out" / name).is_file() for name in document["files"])
     best = dc.load(folder / "out" / "best.yaml")
-    assert best == tuned.scenarios[0]
-    overrides = [f"{path}={text}" for path, text in told["best"]["settings"].items()]
+    assert best == reference_result.scenarios[0]
+    overrides = [f"{path}={text}" for path, text in document["best"]["settings"].items()]
     assert dc.load(folder / "weak.yaml", overrides).chain == best.chain
 
 
-def test_the_answer_is_no_where_nothing_keeps_the_limits(tmp_path, monkeypatch, capsys):
+def test_search_without_admitted_candidate_exits_with_status_1(tmp_path, monkeypatch, capsys):
     text = TUNE.replace(
         "at_most: {false", "at_least: {detection_probability: 0.9999}, at_most: {false"
     )
     text = text.replace("candidates: 12", "candidates: 3")
-    monkeypatch.setattr(executors, "local_workers", _here)
-    status = command.tune(written(tmp_path, text), out=tmp_path / "out")
-    said = capsys.readouterr().out
+    monkeypatch.setattr(executors, "local_workers", _immediate_local_workers)
+    status = command.tune(write_tune_file(tmp_path, text), out=tmp_path / "out")
+    output = capsys.readouterr().out
 
     assert status == 1
-    assert "violate a limit" in said and "--set" not in said
-    told = json.loads((tmp_path / "out" / "tune.json").read_text())
-    assert told["best"] is None and told["gain"] is None
+    assert "violate a limit" in output and "--set" not in output
+    document = json.loads((tmp_path / "out" / "tune.json").read_text())
+    assert document["best"] is None and document["gain"] is None
     assert not (tmp_path / "out" / "best.yaml").exists()
     assert "No settings meet the limits" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_settings_that_cannot_be_together_are_told_and_left(tmp_path):
+def test_incompatible_settings_are_reported_and_skipped(tmp_path):
     text = """\
 scenarios: [weak.yaml]
 search:
@@ -270,31 +299,39 @@ objective: {maximise: detection_probability}
 trials: 4
 confirmation_trials: 4
 """
-    found = run_search(load_tune(written(tmp_path, text)), tmp_path / "out", workers=here())
-    wrong = [one for one in found.candidates if one.failure]
+    tune_result = run_search(
+        load_tune(write_tune_file(tmp_path, text)), tmp_path / "out", workers=immediate_workers()
+    )
+    failed_candidates = [candidate for candidate in tune_result.candidates if candidate.failure]
 
-    assert len(found.candidates) == 5  # all four, and the settings as they are
-    assert [dict(one.settings)["chain.cfar.n_guard.range"] for one in wrong] == ["25"]
-    assert "chain.cfar" in wrong[0].failure
-    assert "Traceback" not in render_tune_page({"version": "1", **tune_document(found)}, yaml="")
-
-
-def test_a_limit_finer_than_the_trials_can_tell_is_warned_of(tmp_path):
-    text = TUNE.replace("probability: 1e-3}", "probability: 1e-6}").replace("es: 12", "es: 1")
-    scenario = SCENARIO.replace("false_alarm_probability: 1e-3", "false_alarm_probability: 1e-6")
-    found = run_search(
-        load_tune(written(tmp_path, text, scenario)), tmp_path / "out", workers=here()
+    assert len(tune_result.candidates) == 5  # all four combinations and the unchanged settings
+    assert [
+        dict(candidate.settings)["chain.cfar.n_guard.range"] for candidate in failed_candidates
+    ] == ["25"]
+    assert "chain.cfar" in failed_candidates[0].failure
+    assert "Traceback" not in render_tune_page(
+        {"version": "1", **tune_document(tune_result)}, yaml=""
     )
 
-    [finding] = found.findings
+
+def test_limit_below_trial_resolution_gives_warning(tmp_path):
+    text = TUNE.replace("probability: 1e-3}", "probability: 1e-6}").replace("es: 12", "es: 1")
+    scenario = SCENARIO.replace("false_alarm_probability: 1e-3", "false_alarm_probability: 1e-6")
+    tune_result = run_search(
+        load_tune(write_tune_file(tmp_path, text, scenario)),
+        tmp_path / "out",
+        workers=immediate_workers(),
+    )
+
+    [finding] = tune_result.findings
     assert finding.level == "warning" and finding.setting == "trials"
-    # 40 maps of 2,048 cells: 0.08 false alarms are expected at 1e-6.
+    # 40 maps of 2,048 cells give 0.08 expected false alarms at 1e-6.
     assert "give trials" in str(finding) and "1e-06" in finding.expected
 
 
-def recorded(folder: Path) -> Path:
-    """A recording of the scene, and what was there."""
-    scenario = dc.load(written(folder).parent / "weak.yaml")
+def write_recorded_tune_file(folder: Path) -> Path:
+    """Write a recording of the scene and a tune file with its true targets."""
+    scenario = dc.load(write_tune_file(folder).parent / "weak.yaml")
     cube = dc.simulate(
         scenario.scene, scenario.radar, impairments=scenario.impairments, n_frames=60, seed=4
     )
@@ -317,38 +354,44 @@ def recorded(folder: Path) -> Path:
     return folder / "tune.yaml"
 
 
-def test_a_recording_is_searched_on_one_half_and_confirmed_on_the_other(tmp_path):
-    found = run_search(load_tune(recorded(tmp_path)), tmp_path / "out", workers=here())
+def test_recording_is_searched_on_one_half_and_confirmed_on_other(tmp_path):
+    tune_result = run_search(
+        load_tune(write_recorded_tune_file(tmp_path)), tmp_path / "out", workers=immediate_workers()
+    )
 
-    assert found.n_trials == (30, 30)
-    before = dc.load(tmp_path / "weak.yaml")
-    assert is_near_theory(found, before, replace(before, chain=found.scenarios[0].chain))
-    assert found.gain.certainty > 0.9
-    # Beside the car, of 30 frames of 32 velocities: as many alarms as the design says.
-    rate = found.default.scores["false_alarm_probability"]
+    assert tune_result.n_trials == (30, 30)
+    default_scenario = dc.load(tmp_path / "weak.yaml")
+    assert is_near_theory(
+        tune_result,
+        default_scenario,
+        replace(default_scenario, chain=tune_result.scenarios[0].chain),
+    )
+    assert tune_result.gain.certainty > 0.9
+    # Cells away from the car, 30 frames of 32 velocities: the false-alarm rate matches the design.
+    rate = tune_result.default.scores["false_alarm_probability"]
     assert 0 < rate.value < 3e-3
 
 
-def test_a_recording_without_an_empty_part_tells_no_false_alarms(tmp_path):
-    path = recorded(tmp_path)
+def test_recording_without_empty_range_is_refused_for_false_alarms(tmp_path):
+    path = write_recorded_tune_file(tmp_path)
     path.write_text(path.read_text().replace("    empty_range: [40 m, 70 m]", ""))
     with pytest.raises(dc.DechirpError, match=r"empty_range.*give empty_range"):
-        run_search(load_tune(path), tmp_path / "out", workers=here())
+        run_search(load_tune(path), tmp_path / "out", workers=immediate_workers())
 
 
 @pytest.mark.parametrize(
-    ("score", "said"), [("roc", "a map of noise"), ("track_completeness", "tracks")]
+    ("score", "message"), [("roc", "a map of noise"), ("track_completeness", "tracks")]
 )
-def test_scores_that_a_recording_cannot_tell_are_refused(tmp_path, score, said):
-    path = recorded(tmp_path)
+def test_rejects_scores_that_need_a_simulation(tmp_path, score, message):
+    path = write_recorded_tune_file(tmp_path)
     path.write_text(
         path.read_text().replace("maximise: detection_probability", f"maximise: {score}")
     )
-    with pytest.raises(dc.DechirpError, match=rf"objective: {score}, .*{said}.*or scenarios"):
-        run_search(load_tune(path), tmp_path / "out", workers=here())
+    with pytest.raises(dc.DechirpError, match=rf"objective: {score}, .*{message}.*or scenarios"):
+        run_search(load_tune(path), tmp_path / "out", workers=immediate_workers())
 
 
-WRONG = {
+INVALID_CHANGES = {
     ("n_training.range:", "n_trainig.range:"): ("search.chain.cfar.n_trainig", "n_training?"),
     ("from: 0, to: 9", "from: 9, to: 0"): ("search.chain.cfar.n_training.range", "below to"),
     (
@@ -397,26 +440,28 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize(("old", "new"), WRONG)
-def test_a_wrong_file_is_refused_with_the_place_and_the_cure(tmp_path, old, new):
-    path = written(tmp_path, TUNE.replace(old, new, 1))
-    where, cure = WRONG[old, new]
+@pytest.mark.parametrize(("old", "new"), INVALID_CHANGES)
+def test_invalid_file_is_refused_with_setting_and_fix(tmp_path, old, new):
+    path = write_tune_file(tmp_path, TUNE.replace(old, new, 1))
+    setting, expected = INVALID_CHANGES[old, new]
     with pytest.raises(dc.InvalidFile) as error:
         load_tune(path)
     text = str(error.value)
 
-    assert where in text and cure in text and ".yaml" in text
+    assert setting in text and expected in text and ".yaml" in text
 
 
-def test_without_optuna_the_extra_is_named(tmp_path, monkeypatch):
+def test_missing_optuna_names_tune_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "optuna", None)
     with pytest.raises(dc.DechirpError, match=r"pip install 'dechirp\[tune\]'"):
-        run_search(load_tune(written(tmp_path)), tmp_path / "out", workers=here())
+        run_search(
+            load_tune(write_tune_file(tmp_path)), tmp_path / "out", workers=immediate_workers()
+        )
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path):
+def test_folder_with_foreign_files_is_refused_and_left_unchanged(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("do not lose")
     with pytest.raises(dc.DechirpError, match=r"--out: .*mine, a folder with thesis.txt; expected"):
-        command.tune(written(tmp_path), out=tmp_path / "mine")
+        command.tune(write_tune_file(tmp_path), out=tmp_path / "mine")

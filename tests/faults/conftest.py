@@ -1,4 +1,4 @@
-"""A folder with all that commands need, and two ways to call them."""
+"""Input folder for commands, and helpers to run commands in this process or in a shell."""
 
 import os
 import shutil
@@ -12,7 +12,7 @@ import pytest
 from dechirp.cli.main import main
 from nightly import nightly
 
-# 75 m and 27 m/s unambiguous, 1.2 m and 1.7 m/s a bin: a run of it takes 0.1 s.
+# Unambiguous 75 m and 27 m/s, 1.2 m and 1.7 m/s per bin: a run takes 0.1 s.
 SCENARIO = """\
 name: small
 seed: 5
@@ -38,7 +38,7 @@ scores: [detection_probability]
 keep: [cubes, detections]
 """
 
-WRITES = {
+WRITE_COMMANDS = {
     "run": ("run", "small.yaml", "--out", "{out}"),
     "convert": ("convert", "in.npz", "{out}.npz", "--replace"),
     "inspect": ("inspect", "in.npz", "--out", "{out}"),
@@ -55,27 +55,31 @@ WRITES = {
     "fixed-point": ("fixed-point", "small.yaml", "--out", "{out}"),
     "twin": ("twin", "in.npz", "--out", "{out}"),
 }
-"""Commands that write results, the words of a call of each."""
-writing = pytest.mark.parametrize(
+"""Commands that write results, with their arguments."""
+each_write_command = pytest.mark.parametrize(
     "command",
     [
         "run",
         "convert",
-        *(pytest.param(name, marks=nightly) for name in WRITES if name not in ("run", "convert")),
+        *(
+            pytest.param(name, marks=nightly)
+            for name in WRITE_COMMANDS
+            if name not in ("run", "convert")
+        ),
     ],
 )
-"""For each of them, four by night: what writes is shared, and it is by the first two."""
+"""Parametrisation over these commands; four run nightly, since the first two cover the writer."""
 
-Called = tuple[int, str, str]
-
-
-def words(command: str, out: str | Path) -> list[str]:
-    """Words of a call of a command that writes there."""
-    return [word.format(out=out) for word in WRITES[command]]
+CallResult = tuple[int, str, str]
 
 
-def there(folder: Path) -> dict[str, bytes | None]:
-    """Every file under a folder with its content, hidden ones too."""
+def command_arguments(command: str, out: str | Path) -> list[str]:
+    """Return the arguments of a command that writes to `out`."""
+    return [word.format(out=out) for word in WRITE_COMMANDS[command]]
+
+
+def read_folder(folder: Path) -> dict[str, bytes | None]:
+    """Read every file under a folder, hidden files included."""
     return {
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
         for path in sorted(folder.rglob("*"))
@@ -83,48 +87,50 @@ def there(folder: Path) -> dict[str, bytes | None]:
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory) -> Path:
-    """Make a scenario, a study of it, a recording of it, and one of a target that stands still."""
+def input_folder(tmp_path_factory) -> Path:
+    """Make a scenario, a study and a recording of it, and a recording of a static target."""
     folder = tmp_path_factory.mktemp("made")
     (folder / "small.yaml").write_text(SCENARIO)
     (folder / "study.yaml").write_text(STUDY)
     (folder / "still.yaml").write_text(SCENARIO.replace("-8 m/s", "0 m/s"))
     for scene, recording in (("small", "in"), ("still", "still")):
-        with pytest.raises(SystemExit) as ended:
+        with pytest.raises(SystemExit) as exit_info:
             main(("convert", f"{folder}/{scene}.yaml", f"{folder}/{recording}.npz", "--quiet"))
-        assert not ended.value.code
+        assert not exit_info.value.code
     return folder
 
 
 @pytest.fixture
-def folder(made, tmp_path, monkeypatch) -> Path:
-    """Give a folder to be in, with copies of those."""
-    here = tmp_path / "here"
-    shutil.copytree(made, here)
-    monkeypatch.chdir(here)
-    return here
+def folder(input_folder, tmp_path, monkeypatch) -> Path:
+    """Change to a folder with copies of the input files."""
+    working_folder = tmp_path / "here"
+    shutil.copytree(input_folder, working_folder)
+    monkeypatch.chdir(working_folder)
+    return working_folder
 
 
 @pytest.fixture
-def call(capsys) -> Callable[..., Called]:
-    """Call the command line in this process: its status, standard output and standard error."""
+def call(capsys) -> Callable[..., CallResult]:
+    """Return a function that runs a command here and returns status, output and errors."""
 
-    def called(*given: str) -> Called:
+    def run_main(*arguments: str) -> CallResult:
         capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main(given)
-        return int(ended.value.code or 0), *capsys.readouterr()
+        with pytest.raises(SystemExit) as exit_info:
+            main(arguments)
+        return int(exit_info.value.code or 0), *capsys.readouterr()
 
-    return called
+    return run_main
 
 
-def shell(line: str, *given: str, **environment: str | None) -> subprocess.CompletedProcess[str]:
-    """Run a line of a shell; in it "$@" is dechirp with the given words. None unsets a variable."""
+def run_shell(
+    line: str, *arguments: str, **environment: str | None
+) -> subprocess.CompletedProcess[str]:
+    """Run a shell line; "$@" is dechirp with the given arguments. None unsets a variable."""
     paths = os.pathsep.join(path for path in sys.path if path)
-    asked = {**os.environ, "PYTHONPATH": paths, **environment}
+    variables = {**os.environ, "PYTHONPATH": paths, **environment}
     return subprocess.run(
-        ["/bin/bash", "-c", line, "bash", sys.executable, "-m", "dechirp", *given],
-        env={name: text for name, text in asked.items() if text is not None},
+        ["/bin/bash", "-c", line, "bash", sys.executable, "-m", "dechirp", *arguments],
+        env={name: text for name, text in variables.items() if text is not None},
         stdin=subprocess.DEVNULL,
         text=True,
         capture_output=True,

@@ -1,4 +1,4 @@
-"""Clocks that are wrong, or are set while something runs: only dates that are shown know of it."""
+"""Wrong or changing clocks: results and durations do not depend on the wall clock."""
 
 import ast
 import itertools
@@ -13,20 +13,22 @@ import pytest
 import dechirp
 import tiny_study
 from dechirp.experiments.study.executors import workers_from_executor
-from faults.conftest import there
+from faults.conftest import read_folder
 
 SOURCES = sorted(Path(dechirp.__file__).parent.rglob("*.py"))
 
 
 @pytest.fixture
-def jumping(monkeypatch):
-    """Set the clock by ten years, back and forth, each time that somebody looks."""
+def jumping_clock(monkeypatch):
+    """Move the wall clock by ten years, back and forth, at each reading."""
     now_s = time.time()
     jumps = itertools.cycle((0.0, 3e8, -3e8, -now_s))
     monkeypatch.setattr(time, "time", lambda: now_s + next(jumps))
 
 
-def test_results_and_durations_of_a_run_do_not_depend_on_it(folder, call, jumping, monkeypatch):
+def test_results_and_durations_of_run_do_not_depend_on_clock(
+    folder, call, jumping_clock, monkeypatch
+):
     assert call("run", "small.yaml", "--out", "jumping", "--quiet")[0] == 0
     assert call("convert", "jumping/cube.zarr", "out.npz", "--quiet")[0] == 0
     monkeypatch.undo()
@@ -39,27 +41,27 @@ def test_results_and_durations_of_a_run_do_not_depend_on_it(folder, call, jumpin
     assert all(0 <= seconds < 300 for seconds in timing_s.values())
 
 
-def test_a_study_keeps_its_blocks_by_number_and_its_pace_by_a_steady_clock(tmp_path, jumping):
+def test_study_result_and_time_left_do_not_depend_on_clock(tmp_path, jumping_clock):
     with ThreadPoolExecutor(1) as pool, workers_from_executor(pool) as workers:
-        said = tiny_study.run(tmp_path / "jumping", workers)
-        tiny_study.run(tmp_path / "again", workers)
+        progress = tiny_study.run_tiny_study(tmp_path / "jumping", workers)
+        tiny_study.run_tiny_study(tmp_path / "again", workers)
 
-    assert tiny_study.fingerprint(tmp_path / "jumping") == tiny_study.fingerprint(
+    assert tiny_study.ledger_digest(tmp_path / "jumping") == tiny_study.ledger_digest(
         tmp_path / "again"
     )
-    assert all(0 <= one.seconds_left < 300 for one in said)
+    assert all(0 <= step.seconds_left < 300 for step in progress)
 
 
-def test_files_from_before_any_calendar_are_read_and_written(folder, call):
+def test_files_dated_1970_are_read_and_converted(folder, call):
     for name in ("small.yaml", "in.npz"):
         os.utime(name, (0, 0))
 
     assert call("run", "in.npz", "--out", "out", "--quiet")[0] == 0
     assert call("convert", "in.npz", "out.zarr", "--quiet")[0] == 0
-    assert "out.zarr" in there(folder)
+    assert "out.zarr" in read_folder(folder)
 
 
-def _calls(path: Path) -> list[str]:
+def _find_calls(path: Path) -> list[str]:
     return [
         ast.unparse(node)
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
@@ -67,13 +69,13 @@ def _calls(path: Path) -> list[str]:
     ]
 
 
-def test_nothing_takes_a_duration_or_a_local_date_from_the_wall_clock():
-    looks = [
+def test_source_takes_no_duration_or_local_date_from_wall_clock():
+    clock_calls = [
         (path.name, call)
         for path in SOURCES
-        for call in _calls(path)
+        for call in _find_calls(path)
         if call.startswith(("time.time(", "time.localtime(", "time.strftime("))
         or (".now(" in call and call.startswith("datetime") and "UTC" not in call)
         or call.startswith(("datetime.today(", "datetime.utcnow(", "date.today("))
     ]
-    assert looks == []
+    assert clock_calls == []

@@ -1,15 +1,15 @@
-"""A reader that leaves, as `head` does: no error, status 141, and results are whole."""
+"""Closed output pipe, as with `head`: status 141, no error and complete results."""
 
 import json
 
-from faults.conftest import shell
+from faults.conftest import run_shell
 from nightly import nightly
 
 
 @nightly
-def test_nobody_reads_and_results_are_kept(folder):
+def test_closed_pipe_ends_with_141_and_complete_results(folder):
     line = 'set -o pipefail; "$@" | :'
-    ended = shell(line, "run", "small.yaml", "--json", "--out", "out")
+    process = run_shell(line, "run", "small.yaml", "--json", "--out", "out")
 
-    assert (ended.returncode, ended.stdout, ended.stderr) == (141, "", "")
+    assert (process.returncode, process.stdout, process.stderr) == (141, "", "")
     assert json.loads((folder / "out" / "run.json").read_text())["detections"]

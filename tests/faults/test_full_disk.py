@@ -1,56 +1,58 @@
-"""A disk that fills: what was there stays, nothing half is left, and it is said."""
+"""Full disk: old results stay, no partial files remain, and the error is reported."""
 
 import os
 import subprocess
 
 import pytest
 
-from faults.conftest import WRITES, there, words, writing
+from faults.conftest import WRITE_COMMANDS, command_arguments, each_write_command, read_folder
 from nightly import nightly
 
 resource = pytest.importorskip("resource")
 
 
 @pytest.fixture
-def no_room():
-    """Let no file grow past 64 bytes, as on a disk that has no block left."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+def limit_file_size():
+    """Return a function that limits files to 64 bytes, as on a disk without free blocks."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
 
-    def begin() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (64, before[1]))
+    def set_limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (64, limits[1]))
 
-    yield begin
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    yield set_limit
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
-@writing
-def test_what_was_there_stays_and_nothing_half_is_left(command, folder, call, no_room):
-    assert call(*words(command, "out"))[0] == 0
-    before = there(folder)
+@each_write_command
+def test_full_disk_keeps_old_results_and_leaves_no_partial_files(
+    command, folder, call, limit_file_size
+):
+    assert call(*command_arguments(command, "out"))[0] == 0
+    content = read_folder(folder)
 
-    no_room()
-    status, _, said = call(*words(command, "out"))
+    limit_file_size()
+    status, _, errors = call(*command_arguments(command, "out"))
 
     assert status == 2
-    assert "not writable (File too large)" in said
-    assert len(said.splitlines()) == 1
-    assert there(folder) == before
+    assert "not writable (File too large)" in errors
+    assert len(errors.splitlines()) == 1
+    assert read_folder(folder) == content
 
 
 @nightly
-@pytest.mark.parametrize("command", WRITES)
-def test_a_real_disk_that_is_full_is_told_as_such(command, folder, call):
+@pytest.mark.parametrize("command", WRITE_COMMANDS)
+def test_full_tmpfs_is_reported_in_message(command, folder, call):
     (folder / "disk").mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=16k", "none", "disk"]
     if os.name != "posix" or subprocess.run(mount, check=False, capture_output=True).returncode:
         pytest.skip("this user cannot mount a small disk")
     try:
-        status, _, said = call(*words(command, folder / "disk" / "out"))
-        left = there(folder / "disk")
+        status, _, errors = call(*command_arguments(command, folder / "disk" / "out"))
+        content = read_folder(folder / "disk")
     finally:
         subprocess.run(["umount", "disk"], check=True)
-    if status == 0:  # a calibration has room in 16 kB
+    if status == 0:  # a calibration fits into 16 kB
         assert command == "calibrate"
     else:
-        assert (status, left) == (2, {})
-        assert "No space left on device" in said
+        assert (status, content) == (2, {})
+        assert "No space left on device" in errors

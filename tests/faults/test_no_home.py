@@ -1,8 +1,8 @@
-"""No home, and no folder for what is kept from run to run: slower, and the same results."""
+"""Missing home or cache folder: slower runs with unchanged results."""
 
 import pytest
 
-from faults.conftest import shell
+from faults.conftest import run_shell
 from nightly import nightly
 
 
@@ -16,18 +16,20 @@ from nightly import nightly
     ],
     ids=["no HOME", "HOME not there", "no cache of compiled loops"],
 )
-def test_results_are_the_same(environment, folder, call):
+def test_results_do_not_depend_on_home_or_cache(environment, folder, call):
     assert call("run", "small.yaml", "--out", "usual", "--quiet")[0] == 0
-    ended = shell('"$@"', "run", "small.yaml", "--out", "out", "--quiet", **environment)
+    process = run_shell('"$@"', "run", "small.yaml", "--out", "out", "--quiet", **environment)
 
-    assert ended.returncode == 0
-    assert "Traceback" not in ended.stderr
+    assert process.returncode == 0
+    assert "Traceback" not in process.stderr
     for name in ("detections.csv", "scenario.yaml"):
         assert (folder / "out" / name).read_bytes() == (folder / "usual" / name).read_bytes()
 
 
-def test_a_design_needs_none(folder):
-    asked = ("design", "--max-range", "200m", "--range-resolution", "1m", "--max-velocity")
-    ended = shell('"$@"', *asked, "60 m/s", "--json", HOME=None, NUMBA_CACHE_DIR="/proc/none")
+def test_design_needs_no_home_or_cache(folder):
+    arguments = ("design", "--max-range", "200m", "--range-resolution", "1m", "--max-velocity")
+    process = run_shell(
+        '"$@"', *arguments, "60 m/s", "--json", HOME=None, NUMBA_CACHE_DIR="/proc/none"
+    )
 
-    assert (ended.returncode, ended.stderr) == (0, "")
+    assert (process.returncode, process.stderr) == (0, "")

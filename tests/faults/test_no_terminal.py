@@ -1,25 +1,27 @@
-"""No terminal, as of a cron job: plain text, and nothing is asked."""
+"""Commands without a terminal, as in a cron job: plain text and no prompts."""
 
-from faults.conftest import shell
+from faults.conftest import run_shell
 from nightly import nightly
 
-BARE = 'setsid --wait "$@" <&-'
-WANTED = ("--max-range", "200m", "--range-resolution", "1m", "--max-velocity", "60 m/s")
+NO_TERMINAL_COMMAND = 'setsid --wait "$@" <&-'
+DESIGN_OPTIONS = ("--max-range", "200m", "--range-resolution", "1m", "--max-velocity", "60 m/s")
 
 
-def test_output_is_plain_text():
-    ended = shell(BARE, "design", *WANTED, TERM=None, COLUMNS=None)
+def test_output_without_terminal_is_plain_text():
+    process = run_shell(NO_TERMINAL_COMMAND, "design", *DESIGN_OPTIONS, TERM=None, COLUMNS=None)
 
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert "\x1b" not in ended.stdout
-    assert "bandwidth" in ended.stdout
-    assert max(map(len, ended.stdout.splitlines())) <= 80
+    assert (process.returncode, process.stderr) == (0, "")
+    assert "\x1b" not in process.stdout
+    assert "bandwidth" in process.stdout
+    assert max(map(len, process.stdout.splitlines())) <= 80
 
 
 @nightly
-def test_a_run_shows_no_bar_and_writes_the_same(folder):
-    ended = shell(BARE, "run", "small.yaml", "--frames", "3", TERM=None, COLUMNS=None)
+def test_run_without_terminal_shows_no_progress_bar(folder):
+    process = run_shell(
+        NO_TERMINAL_COMMAND, "run", "small.yaml", "--frames", "3", TERM=None, COLUMNS=None
+    )
 
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert "\x1b" not in ended.stdout
+    assert (process.returncode, process.stderr) == (0, "")
+    assert "\x1b" not in process.stdout
     assert (folder / "dechirp-run" / "run.json").exists()

@@ -1,4 +1,4 @@
-"""Names of files that nobody expects: they are names, and nothing else."""
+"""Unusual file names: spaces, Unicode, line breaks, invalid UTF-8, signs and 255 bytes."""
 
 import json
 import os
@@ -11,7 +11,7 @@ import pytest
 import dechirp as dc
 from dechirp.results.data_set import read_data_set
 from dechirp.results.parquet import read_parquet
-from faults.conftest import words
+from faults.conftest import command_arguments
 from nightly import nightly
 
 NAMES = {
@@ -22,33 +22,33 @@ NAMES = {
     "signs": b"a#b%20c?d&e=f;'\"$(g)",
     "255 bytes": b"L" * 255,
 }
-odd = pytest.mark.parametrize("kind", NAMES)
+each_odd_name = pytest.mark.parametrize("kind", NAMES)
 
 
 @pytest.fixture
-def place(kind, folder, monkeypatch) -> Path:
-    """Be in a folder of an odd name, with the same files."""
-    made = folder / os.fsdecode(NAMES[kind])
+def odd_folder(kind, folder, monkeypatch) -> Path:
+    """Change to a folder with an odd name and copies of the input files."""
+    odd_path = folder / os.fsdecode(NAMES[kind])
     try:
-        made.mkdir()
+        odd_path.mkdir()
     except OSError:
-        pytest.skip("this file system has no such name")
+        pytest.skip("the file system does not allow this name")
     for name in ("small.yaml", "study.yaml", "in.npz", "still.npz"):
-        shutil.copy(folder / name, made)
-    monkeypatch.chdir(made)
-    return made
+        shutil.copy(folder / name, odd_path)
+    monkeypatch.chdir(odd_path)
+    return odd_path
 
 
-@odd
-def test_a_scene_is_run_and_converted_and_found_again_by_its_document(place, call):
-    asked = ("run", str(place / "small.yaml"), "--out", str(place / "out"), "--json")
-    status, out, said = call(*asked)
+@each_odd_name
+def test_run_document_names_files_that_exist(odd_folder, call):
+    arguments = ("run", str(odd_folder / "small.yaml"), "--out", str(odd_folder / "out"), "--json")
+    status, out, errors = call(*arguments)
     document = json.loads(out)
 
-    assert (status, said) == (0, "")
-    assert Path(document["source"]) == place / "small.yaml"
+    assert (status, errors) == (0, "")
+    assert Path(document["source"]) == odd_folder / "small.yaml"
     assert all(Path(file).exists() for file in document["files"].values())
-    status, out, _ = call("convert", str(place / "out"), str(place / "out.h5"), "--json")
+    status, out, _ = call("convert", str(odd_folder / "out"), str(odd_folder / "out.h5"), "--json")
     assert status == 0
     assert dc.open(json.loads(out)["written"][0]).n_frames == 1
 
@@ -56,37 +56,44 @@ def test_a_scene_is_run_and_converted_and_found_again_by_its_document(place, cal
 @pytest.mark.parametrize(
     "kind", [name if name == "not UTF-8" else pytest.param(name, marks=nightly) for name in NAMES]
 )
-def test_a_recording_is_run_again_from_the_scenario_that_was_written(place, call):
-    asked = ("run", str(place / "in.npz"), "--out", "out", "--quiet")
-    assert call(*asked)[0] == 0
+def test_written_scenario_of_recording_reproduces_run(odd_folder, call):
+    arguments = ("run", str(odd_folder / "in.npz"), "--out", "out", "--quiet")
+    assert call(*arguments)[0] == 0
     assert call("run", "out/scenario.yaml", "--out", "again", "--quiet")[0] == 0
 
     assert Path("out/detections.csv").read_bytes() == Path("again/detections.csv").read_bytes()
 
 
 @nightly
-@odd
+@each_odd_name
 @pytest.mark.parametrize("command", ["inspect", "calibrate", "fixed-point", "twin"])
-def test_every_command_writes_there(command, place, call):
-    assert call(*words(command, place / "out"))[0] == 0
+def test_every_command_writes_to_odd_path(command, odd_folder, call):
+    assert call(*command_arguments(command, odd_folder / "out"))[0] == 0
 
 
 @nightly
-@odd
-def test_a_study_with_a_data_set_is_made_there(place, call):
-    asked = ("study", str(place / "study.yaml"), "--workers", "1", "--out", str(place / "out"))
-    status, out, said = call(*asked, "--json")
+@each_odd_name
+def test_study_writes_data_set_to_odd_path(odd_folder, call):
+    arguments = (
+        "study",
+        str(odd_folder / "study.yaml"),
+        "--workers",
+        "1",
+        "--out",
+        str(odd_folder / "out"),
+    )
+    status, out, errors = call(*arguments, "--json")
 
-    assert (status, said) == (0, "")
+    assert (status, errors) == (0, "")
     assert json.loads(out)["done"] == 16
-    assert read_data_set(place / "out" / "data.zarr")[""].sizes["trial"] == 8
-    assert read_parquet(place / "out" / "points.parquet")["trials"].tolist() == [8, 8]
+    assert read_data_set(odd_folder / "out" / "data.zarr")[""].sizes["trial"] == 8
+    assert read_parquet(odd_folder / "out" / "points.parquet")["trials"].tolist() == [8, 8]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX paths")
-def test_a_name_that_is_too_long_is_a_message(folder, call):
-    for asked in (("run", "x" * 300), ("run", "small.yaml", "--out", "x" * 300)):
-        status, _, said = call(*asked)
+def test_name_that_is_too_long_is_reported(folder, call):
+    for arguments in (("run", "x" * 300), ("run", "small.yaml", "--out", "x" * 300)):
+        status, _, errors = call(*arguments)
         assert status == 2
-        assert "too long" in said
-        assert len(said.splitlines()) == 1
+        assert "too long" in errors
+        assert len(errors.splitlines()) == 1

@@ -1,4 +1,4 @@
-"""A place that cannot be written: told before the work begins, where it can be known."""
+"""Read-only folders: commands are refused in one line, and recordings can be read."""
 
 import os
 import subprocess
@@ -6,44 +6,48 @@ from pathlib import Path
 
 import pytest
 
-from faults.conftest import WRITES, there, words
+from faults.conftest import WRITE_COMMANDS, command_arguments, read_folder
 
 
 @pytest.fixture
 def read_only(folder):
-    """Give a folder with a recording that nobody can write to, root neither."""
-    place = folder / "read-only"
-    place.mkdir()
-    (place / "in.npz").write_bytes((folder / "in.npz").read_bytes())
-    place.chmod(0o555)
+    """Return a folder with a recording that is read-only even for root."""
+    read_only_folder = folder / "read-only"
+    read_only_folder.mkdir()
+    (read_only_folder / "in.npz").write_bytes((folder / "in.npz").read_bytes())
+    read_only_folder.chmod(0o555)
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
-    bind = ["mount", "--bind", "-o", "ro", str(place), str(place)]
+    bind = ["mount", "--bind", "-o", "ro", str(read_only_folder), str(read_only_folder)]
     if is_root and subprocess.run(bind, check=False, capture_output=True).returncode:
-        pytest.skip("root writes everywhere, and cannot mount here")
-    yield place
+        pytest.skip("root can write to any folder and cannot mount here")
+    yield read_only_folder
     if is_root:
-        subprocess.run(["umount", place], check=True)
-    place.chmod(0o755)
+        subprocess.run(["umount", read_only_folder], check=True)
+    read_only_folder.chmod(0o755)
 
 
-@pytest.mark.parametrize("command", [*WRITES, "study"])
-def test_it_is_refused_in_one_line(command, folder, call, read_only):
+@pytest.mark.parametrize("command", [*WRITE_COMMANDS, "study"])
+def test_command_writing_to_read_only_folder_is_refused_in_one_line(
+    command, folder, call, read_only
+):
     out = read_only / "out"
-    before = there(folder)
+    content = read_folder(folder)
 
-    asked = (
-        ["study", "study.yaml", "--out", str(out)] if command == "study" else words(command, out)
+    arguments = (
+        ["study", "study.yaml", "--out", str(out)]
+        if command == "study"
+        else command_arguments(command, out)
     )
-    status, _, said = call(*asked)
+    status, _, errors = call(*arguments)
 
     assert status == 2
-    assert "not writable" in said
-    assert len(said.splitlines()) == 1
-    assert there(folder) == before
+    assert "not writable" in errors
+    assert len(errors.splitlines()) == 1
+    assert read_folder(folder) == content
 
 
-def test_a_recording_in_it_is_read(folder, call, read_only):
-    status, _, said = call("run", str(read_only / "in.npz"), "--out", "out", "--quiet")
+def test_recording_in_read_only_folder_is_read(folder, call, read_only):
+    status, _, errors = call("run", str(read_only / "in.npz"), "--out", "out", "--quiet")
 
-    assert (status, said) == (0, "")
+    assert (status, errors) == (0, "")
     assert Path("out/detections.csv").read_text().count("\n") >= 2

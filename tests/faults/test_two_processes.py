@@ -1,13 +1,13 @@
-"""Two processes that write to one place: each is told, or the last one wins; never a mixture."""
+"""Two processes that write to one path: one is refused or the last one wins, never a mixture."""
 
 import json
 
 from dechirp.core.atomic_files import atomic_file, atomic_folder
-from faults.conftest import shell
+from faults.conftest import run_shell
 from nightly import nightly
 
 
-def test_of_two_folders_the_last_is_whole(tmp_path):
+def test_last_of_two_folders_is_complete(tmp_path):
     out = tmp_path / "out"
     with atomic_folder(out) as first:
         (first / "mine").write_text("first")
@@ -22,7 +22,7 @@ def test_of_two_folders_the_last_is_whole(tmp_path):
     assert list(tmp_path.iterdir()) == [out]
 
 
-def test_of_two_files_the_last_is_whole(tmp_path):
+def test_last_of_two_files_is_complete(tmp_path):
     out = tmp_path / "out.json"
     with atomic_file(out) as first:
         first.write_text("first, and longer")
@@ -34,25 +34,25 @@ def test_of_two_files_the_last_is_whole(tmp_path):
 
 
 @nightly
-def test_runs_at_once_leave_the_results_of_one(folder):
+def test_concurrent_runs_leave_results_of_one_run(folder):
     line = " ".join(f'"$@" --seed {seed} & p{seed}=$!;' for seed in range(4))
     line += " ".join(f"wait $p{seed}; echo $?;" for seed in range(4))
-    ended = shell(line, "run", "small.yaml", "--out", "out", "--quiet")
+    process = run_shell(line, "run", "small.yaml", "--out", "out", "--quiet")
 
-    statuses = [int(word) for word in ended.stdout.split()]
+    statuses = [int(word) for word in process.stdout.split()]
     assert set(statuses) <= {0, 2}
     assert 0 in statuses
-    assert len(ended.stderr.splitlines()) == statuses.count(2)
+    assert len(process.stderr.splitlines()) == statuses.count(2)
     seed = json.loads((folder / "out" / "run.json").read_text())["seed"]
     assert f"seed: {seed}\n" in (folder / "out" / "scenario.yaml").read_text()
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
 
 
 @nightly
-def test_a_second_study_is_refused_and_the_first_goes_on(folder):
+def test_second_study_is_refused_and_first_continues(folder):
     line = '("$@" & first=$!; "$@"; echo $?; wait $first; echo $?) | sort'
-    asked = ("study", "study.yaml", "--workers", "1", "--out", "out", "--quiet")
-    ended = shell(line, *asked, "--set", "trials.at_most=400")
+    arguments = ("study", "study.yaml", "--workers", "1", "--out", "out", "--quiet")
+    process = run_shell(line, *arguments, "--set", "trials.at_most=400")
 
-    assert ended.stdout.split() == ["0", "2"]
-    assert "in use by another study that runs now" in ended.stderr
+    assert process.stdout.split() == ["0", "2"]
+    assert "in use by another study that runs now" in process.stderr

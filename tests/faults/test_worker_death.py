@@ -1,4 +1,4 @@
-"""A worker that dies, as of short memory: others take its work, and the result is the same."""
+"""Killed worker processes: other workers repeat their blocks with the same result."""
 
 import os
 import signal
@@ -13,16 +13,18 @@ from dechirp.core.errors import DechirpError
 from dechirp.experiments.study.executors import local_workers
 
 
-def drawn(rng: np.random.Generator, n_trials: int, *, dies: str | None = None) -> np.ndarray:
-    """Normal numbers; the first worker that is told of a file that is not there dies."""
-    if dies is not None and not Path(dies).exists():
-        Path(dies).touch()
+def draw_normal(
+    rng: np.random.Generator, n_trials: int, *, death_file: str | None = None
+) -> np.ndarray:
+    """Draw normal numbers; a worker dies if `death_file` does not exist yet."""
+    if death_file is not None and not Path(death_file).exists():
+        Path(death_file).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return rng.normal(size=n_trials)
 
 
-class Dead(Executor):
-    """Its workers die of whatever they are given."""
+class DeadExecutor(Executor):
+    """Executor whose workers die from every task."""
 
     def submit(self, fn, /, *args, **kwargs):
         future: Future = Future()
@@ -30,11 +32,16 @@ class Dead(Executor):
         return future
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
-def test_a_certificate_goes_on_with_other_workers(tmp_path):
-    job = Job(work=drawn, n_trials=60, block_size=10, arguments={"dies": str(tmp_path / "died")})
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+def test_certificate_continues_with_new_workers(tmp_path):
+    job = Job(
+        work=draw_normal,
+        n_trials=60,
+        block_size=10,
+        arguments={"death_file": str(tmp_path / "died")},
+    )
     with local_workers(1) as workers:
-        found = run_jobs(
+        results = run_jobs(
             {"one": job},
             seed=5,
             executor=workers.executor,
@@ -44,12 +51,12 @@ def test_a_certificate_goes_on_with_other_workers(tmp_path):
 
     assert (tmp_path / "died").exists()
     with local_workers(1) as workers:
-        again = run_jobs({"one": job}, seed=5, executor=workers.executor)
-    np.testing.assert_array_equal(found["one"], again["one"])
+        repeated_results = run_jobs({"one": job}, seed=5, executor=workers.executor)
+    np.testing.assert_array_equal(results["one"], repeated_results["one"])
 
 
 @pytest.mark.parametrize("renew", [None, lambda: None])
-def test_a_certificate_whose_workers_all_die_says_so(renew):
-    job = Job(work=drawn, n_trials=60, block_size=10, arguments={})
+def test_certificate_whose_workers_all_die_reports_it(renew):
+    job = Job(work=draw_normal, n_trials=60, block_size=10, arguments={})
     with pytest.raises(DechirpError, match="a worker process died during a block"):
-        run_jobs({"one": job}, seed=5, executor=Dead(), restart_workers=renew)
+        run_jobs({"one": job}, seed=5, executor=DeadExecutor(), restart_workers=renew)

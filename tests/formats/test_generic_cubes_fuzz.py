@@ -1,4 +1,4 @@
-"""Any bytes in a generic container are a cube of the radar's shape, or one clear refusal."""
+"""Corrupted generic containers: a cube of the radar's shape or one clear error."""
 
 from functools import cache
 from pathlib import Path
@@ -11,67 +11,67 @@ from hypothesis import strategies as st
 from test_generic_cubes import (
     AXES,
     FORMATS,
-    as_compressed_hdf5,
-    as_compressed_matlab_5,
-    as_compressed_npz,
-    as_hdf5,
-    as_matlab_5,
-    as_matlab_7_3,
-    as_npy,
-    as_npz,
-    as_zarr,
-    as_zarr_2,
-    integers,
-    lines,
-    radar,
-    results,
+    draw_samples,
+    format_lines,
+    make_radar,
+    write_compressed_hdf5,
+    write_compressed_matlab_5,
+    write_compressed_npz,
+    write_hdf5,
+    write_matlab_5,
+    write_matlab_7_3,
+    write_npy,
+    write_npz,
+    write_run_folder,
+    write_zarr,
+    write_zarr_2,
 )
 
 from dechirp.core.errors import RecordingError
 from dechirp.recordings.readers.base import RecordingHints
 from dechirp.recordings.settings.base import RecordingSettings
 
-RADAR = radar(n_chirps=2, n_rx=2, n_samples=4)
+RADAR = make_radar(n_chirps=2, n_rx=2, n_samples=4)
 SHAPE = (2, 2, 2, 4)
 
 
-def as_text(path, cube):
+def write_text(path, cube):
     numbers = np.stack([cube.real, cube.imag], axis=-1).reshape(-1, 16)
-    (path / "cube.txt").write_text("one;two\n" + lines(numbers, ";", comma=True))
+    (path / "cube.txt").write_text("one;two\n" + format_lines(numbers, ";", comma=True))
     return path / "cube.txt"
 
 
-def as_bare(path, cube):
+def write_bare(path, cube):
     np.stack([cube.real, cube.imag], axis=-1).astype("<i2").tofile(path / "cube.raw")
     return path / "cube.raw"
 
 
-def as_results(path, _):
-    return results(path)[0] / "cube.zarr"
+def write_run(path, _):
+    return write_run_folder(path)[0] / "cube.zarr"
 
 
-MADE = {
-    as_npy: "npy",
-    as_npz: "npz",
-    as_compressed_npz: "npz",
-    as_matlab_5: "matlab",
-    as_compressed_matlab_5: "matlab",
-    as_matlab_7_3: "matlab",
-    as_hdf5: "hdf5",
-    as_compressed_hdf5: "hdf5",
-    as_zarr: "zarr-array",
-    as_zarr_2: "zarr-array",
-    as_results: "zarr",
-    as_text: "text-columns",
-    as_bare: "bare-cube",
+FORMAT_BY_WRITER = {
+    write_npy: "npy",
+    write_npz: "npz",
+    write_compressed_npz: "npz",
+    write_matlab_5: "matlab",
+    write_compressed_matlab_5: "matlab",
+    write_matlab_7_3: "matlab",
+    write_hdf5: "hdf5",
+    write_compressed_hdf5: "hdf5",
+    write_zarr: "zarr-array",
+    write_zarr_2: "zarr-array",
+    write_run: "zarr",
+    write_text: "text-columns",
+    write_bare: "bare-cube",
 }
 
 
 @cache
-def good(made) -> dict[str, bytes]:
-    """Files of a good recording, by their path below its own; the name alone for one file."""
+def read_valid_files(writer) -> dict[str, bytes]:
+    """Return the files of a valid recording by relative path."""
     with TemporaryDirectory() as folder:
-        path = made(Path(folder), integers(*SHAPE) / 32768)
+        path = writer(Path(folder), draw_samples(*SHAPE) / 32768)
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
         return {
             str(file.relative_to(path.parent)): file.read_bytes()
@@ -80,79 +80,83 @@ def good(made) -> dict[str, bytes]:
         }
 
 
-def outcome(made, files: dict[str, bytes]) -> str:
-    """Read what the files hold: "cube" or "refused", anything else fails."""
+def classify_files(writer, files: dict[str, bytes]) -> str:
+    """Read files and return "cube" or "refused"; any other outcome fails."""
     with TemporaryDirectory() as folder:
         for name, content in files.items():
             file = Path(folder) / name
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
         path = Path(folder) / Path(next(iter(files))).parts[0]
-        kind = MADE[made]
+        kind = FORMAT_BY_WRITER[writer]
         pairs = ("iq",) if kind in ("text-columns", "bare-cube") else ()
-        told = RecordingHints(
+        hints = RecordingHints(
             settings=RecordingSettings(radar=RADAR),
             axes=(*AXES, *pairs),
             encoding="int16" if pairs else "full-scale",
         )
         try:
             FORMATS[kind].recognise(path)
-            contents = FORMATS[kind].read(path, RecordingHints() if kind == "zarr" else told)
+            contents = FORMATS[kind].read(path, RecordingHints() if kind == "zarr" else hints)
             frame, n_rx = contents.radar.frame, contents.radar.array.n_rx
             assert kind == "zarr" or contents.radar == RADAR
             out = np.empty((frame.n_chirps_total, n_rx, frame.chirp.n_samples), np.complex64)
             for index in {0, contents.n_frames - 1}:
                 contents.decode(index, out)
         except RecordingError as error:
-            (only,) = error.mistakes
-            assert only.value and only.expected and only.fix
+            (mistake,) = error.mistakes
+            assert mistake.value and mistake.expected and mistake.fix
             return "refused"
         return "cube"
 
 
-ANY = pytest.mark.parametrize("made", MADE, ids=lambda made: made.__name__[3:])
-FUZZED = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+EVERY_WRITER = pytest.mark.parametrize(
+    "writer", FORMAT_BY_WRITER, ids=lambda writer: writer.__name__.removeprefix("write_")
+)
+FUZZ_SETTINGS = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 
 
-@ANY
-def test_what_is_damaged_below_was_good(made):
-    assert outcome(made, good(made)) == "cube"
+@EVERY_WRITER
+def test_valid_files_give_cube(writer):
+    assert classify_files(writer, read_valid_files(writer)) == "cube"
 
 
-@ANY
-@FUZZED
+@EVERY_WRITER
+@FUZZ_SETTINGS
 @given(st.data())
-def test_flipped_bits_give_a_cube_or_a_refusal(made, data):
-    files = dict(good(made))
+def test_flipped_bits_give_cube_or_error(writer, data):
+    files = dict(read_valid_files(writer))
     name = data.draw(st.sampled_from(sorted(files)))
     content = bytearray(files[name])
     for _ in range(data.draw(st.integers(1, 4))):
-        # Most of what can go wrong is said at the beginning.
+        # Headers hold most of the fields that a reader must check.
         end = data.draw(st.sampled_from([min(256, len(content)), len(content)]))
         content[data.draw(st.integers(0, end - 1))] ^= 1 << data.draw(st.integers(0, 7))
     files[name] = bytes(content)
 
-    outcome(made, files)
+    classify_files(writer, files)
 
 
-@ANY
-@FUZZED
+@EVERY_WRITER
+@FUZZ_SETTINGS
 @given(st.data())
-def test_files_cut_short_give_a_cube_or_a_refusal(made, data):
-    files = dict(good(made))
+def test_truncated_files_give_cube_or_error(writer, data):
+    files = dict(read_valid_files(writer))
     name = data.draw(st.sampled_from(sorted(files)))
     files[name] = files[name][: data.draw(st.integers(0, len(files[name]) - 1))]
 
-    outcome(made, files)
+    classify_files(writer, files)
 
 
-@ANY
-@FUZZED
+@EVERY_WRITER
+@FUZZ_SETTINGS
 @given(st.data())
-def test_any_bytes_after_the_mark_of_a_format_give_a_cube_or_a_refusal(made, data):
-    files = dict(good(made))
+def test_random_bytes_after_signature_give_cube_or_error(writer, data):
+    files = dict(read_valid_files(writer))
     name = data.draw(st.sampled_from(sorted(files)))
-    kept = data.draw(st.sampled_from([0, 8, 20, 128, 512]))
-    files[name] = files[name][:kept] + data.draw(st.binary(max_size=600))
+    n_header_bytes = data.draw(st.sampled_from([0, 8, 20, 128, 512]))
+    files[name] = files[name][:n_header_bytes] + data.draw(st.binary(max_size=600))
 
-    outcome(made, files)
+    classify_files(writer, files)

@@ -1,4 +1,4 @@
-"""SiRad recordings (JSON): ranges, order of I and Q, and files that cannot be right."""
+"""SiRad recordings (JSON): ranges, order of I and Q, and invalid files."""
 
 import json
 import os
@@ -20,10 +20,10 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import MatchQuality, RecordingHints
 from dechirp.recordings.readers.sirad import Sirad
 from dechirp.recordings.settings.base import RecordingSettings
-from formats.any_bytes import decoded
+from formats.corruption import decode_frames
 
-LIGHT = 299_792_458.0
-HEAD = {
+SPEED_OF_LIGHT = 299_792_458.0
+HEADER = {
     "Bandwidth": 6000,
     "SamplingFrequency": 2.571,
     "Ramps": 1,
@@ -35,83 +35,87 @@ HEAD = {
 SLOPE = 6e9 * 2.571e6 / (32 + 37.5)
 
 
-def echo(*, range_m=0.5, velocity_m_per_s=0.0, n_chirps=64, amplitude=500.0):
-    """Complex samples (chirp, sample) of a target at mid-band 122 GHz, near it."""
+def simulate_echo(*, range_m=0.5, velocity_m_per_s=0.0, n_chirps=64, amplitude=500.0):
+    """Simulate complex samples (chirp, sample) of one target, with the band centred at 122 GHz."""
     t = np.arange(32) / 2.571e6
     ranges_m = range_m + velocity_m_per_s * 0.01577 * np.arange(n_chirps)[:, None]
-    delay_s = 2 * ranges_m / LIGHT
+    delay_s = 2 * ranges_m / SPEED_OF_LIGHT
     return amplitude * np.exp(2j * np.pi * ((122e9 - SLOPE * t.mean() + SLOPE * t) * delay_s))
 
 
-def document(samples, *, order="iq", **changes):
-    """The recording as its software writes it."""
+def format_document(samples, *, order="iq", **changes):
+    """Format a recording as the vendor's software writes it."""
     parts = (samples.real, samples.imag) if order == "iq" else (samples.imag, samples.real)
     rows = np.stack([np.round(part) for part in parts], axis=-1).reshape(len(samples), -1)
-    return json.dumps({**HEAD, **changes, "data": rows.astype(int).tolist()})
+    return json.dumps({**HEADER, **changes, "data": rows.astype(int).tolist()})
 
 
-def read(tmp_path, text, told=None):
+def read_contents(tmp_path, text, hints=None):
     file = tmp_path / "walk.json"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
-    contents = Sirad().read(file, told or RecordingHints())
-    return contents, decoded(contents)
+    contents = Sirad().read(file, hints or RecordingHints())
+    return contents, decode_frames(contents)
 
 
-def peak_m(contents, chirps):
+def find_peak_m(contents, chirps):
     chirp = contents.radar.frame.chirp
     power = np.sum(abs(np.fft.fft(chirps * np.hanning(32), 1024)) ** 2, axis=(0, 1))
     return chirp.range_bins_m(1024)[np.argmax(power)]
 
 
 @pytest.mark.parametrize("order", ["iq", "qi"])
-def test_a_target_is_at_its_range_whichever_part_of_a_sample_comes_first(tmp_path, order):
-    contents, frames = read(tmp_path, document(echo(range_m=0.7), order=order))
+def test_target_range_is_independent_of_iq_order(tmp_path, order):
+    contents, frames = read_contents(
+        tmp_path, format_document(simulate_echo(range_m=0.7), order=order)
+    )
 
     # A bin is 5.4 cm wide, a step of the padded spectrum 1.7 mm.
-    assert peak_m(contents, frames[0]) == pytest.approx(0.7, abs=2e-3)
+    assert find_peak_m(contents, frames[0]) == pytest.approx(0.7, abs=2e-3)
     assert contents.iq == order
-    (guessed,) = [finding for finding in contents.findings if finding.setting == "iq"]
-    assert f"taken as {order}" in guessed.value
+    (finding_iq,) = [finding for finding in contents.findings if finding.setting == "iq"]
+    assert f"taken as {order}" in finding_iq.value
 
 
 @pytest.mark.parametrize("order", ["iq", "qi"])
-def test_a_receding_target_has_positive_velocity(tmp_path, order):
-    sent = echo(velocity_m_per_s=0.01)
+def test_receding_target_has_positive_velocity(tmp_path, order):
+    samples = simulate_echo(velocity_m_per_s=0.01)
 
-    contents, frames = read(tmp_path, document(sent, order=order))
+    contents, frames = read_contents(tmp_path, format_document(samples, order=order))
 
-    along = np.fft.fft(frames[0, :, 0, 0], 4096)
-    doppler_hz = np.fft.fftfreq(4096, 0.01577)[np.argmax(abs(along))]
+    slow_time_spectrum = np.fft.fft(frames[0, :, 0, 0], 4096)
+    doppler_hz = np.fft.fftfreq(4096, 0.01577)[np.argmax(abs(slow_time_spectrum))]
     velocity = doppler_hz * contents.radar.frame.chirp.wavelength_m / 2
     # A velocity bin of 64 chirps is 1.2 mm/s wide.
     assert velocity == pytest.approx(0.01, abs=0.3e-3)
 
 
-def test_the_order_that_is_told_is_kept_even_if_echoes_lie_on_the_wrong_side(tmp_path):
-    contents, frames = read(tmp_path, document(echo()), RecordingHints(iq="qi"))
+def test_requested_iq_order_is_kept_with_warning(tmp_path):
+    contents, frames = read_contents(
+        tmp_path, format_document(simulate_echo()), RecordingHints(iq="qi")
+    )
 
-    sent = np.round(echo().real) + 1j * np.round(echo().imag)
-    assert np.allclose(frames[0, :, 0] * 2048, sent.imag + 1j * sent.real)
-    warned = [finding for finding in contents.findings if finding.level == "warning"]
-    assert [finding.setting for finding in warned] == ["iq"]
+    samples = np.round(simulate_echo().real) + 1j * np.round(simulate_echo().imag)
+    assert np.allclose(frames[0, :, 0] * 2048, samples.imag + 1j * samples.real)
+    warnings = [finding for finding in contents.findings if finding.level == "warning"]
+    assert [finding.setting for finding in warnings] == ["iq"]
 
 
-def test_frames_of_one_ramp_are_the_chirps_of_one_frame(tmp_path):
-    contents, frames = read(tmp_path, document(echo(n_chirps=40)))
+def test_single_ramp_frames_become_one_frame(tmp_path):
+    contents, frames = read_contents(tmp_path, format_document(simulate_echo(n_chirps=40)))
 
     frame = contents.radar.frame
     assert frames.shape == (1, 40, 1, 32)
     assert frame.interval_s == pytest.approx(0.01577)
     assert frame.chirp.sampled_bandwidth_hz == pytest.approx(6e9 * 32 / 69.5)
     assert frame.chirp.mid_window_frequency_hz == pytest.approx(122e9)
-    said = {finding.setting: finding.value for finding in contents.findings}
-    assert "119 GHz" in said["radar.frame.chirp.start_frequency"]
-    assert "40 frames of one chirp" in said["radar.frame.n_chirps"]
-    assert "12 bits" in said["encoding"]
+    values = {finding.setting: finding.value for finding in contents.findings}
+    assert "119 GHz" in values["radar.frame.chirp.start_frequency"]
+    assert "40 frames of one chirp" in values["radar.frame.n_chirps"]
+    assert "12 bits" in values["encoding"]
     assert contents.scale == 1 / 2048
 
 
-def told_radar(n_chirps, n_samples=32, sampling="complex"):
+def make_hints(n_chirps, n_samples=32, sampling="complex"):
     chirp = Chirp(
         start_frequency_hz=119e9,
         slope_hz_per_s=SLOPE,
@@ -124,178 +128,184 @@ def told_radar(n_chirps, n_samples=32, sampling="complex"):
     return RecordingHints(settings=RecordingSettings(radar=Radar(frame=frame)))
 
 
-def test_a_radar_that_is_told_divides_the_chirps_into_frames(tmp_path):
-    whole = read(tmp_path, document(echo(n_chirps=40)))[1]
+def test_given_radar_divides_chirps_into_frames(tmp_path):
+    expected = read_contents(tmp_path, format_document(simulate_echo(n_chirps=40)))[1]
 
-    contents, frames = read(tmp_path, document(echo(n_chirps=40)), told_radar(16))
+    contents, frames = read_contents(
+        tmp_path, format_document(simulate_echo(n_chirps=40)), make_hints(16)
+    )
 
-    assert np.array_equal(frames.reshape(32, 32), whole[0, :32, 0])
+    assert np.array_equal(frames.reshape(32, 32), expected[0, :32, 0])
     assert "8 chirps that are left out" in " ".join(f.value for f in contents.findings)
 
 
 @pytest.mark.parametrize(
-    ("told", "named"),
+    ("hints", "message"),
     [
-        (told_radar(41), "40 chirps"),
-        (told_radar(8, n_samples=16), "32 samples a chirp"),
-        (told_radar(8, sampling="real"), "real samples"),
+        (make_hints(41), "40 chirps"),
+        (make_hints(8, n_samples=16), "32 samples a chirp"),
+        (make_hints(8, sampling="real"), "real samples"),
     ],
 )
-def test_a_radar_that_cannot_be_that_of_the_recording_is_refused(tmp_path, told, named):
-    with pytest.raises(RecordingError, match=named):
-        read(tmp_path, document(echo(n_chirps=40)), told)
+def test_rejects_radar_that_contradicts_recording(tmp_path, hints, message):
+    with pytest.raises(RecordingError, match=message):
+        read_contents(tmp_path, format_document(simulate_echo(n_chirps=40)), hints)
 
 
-def test_a_long_recording_is_read_in_blocks_of_text(tmp_path):
+def test_long_recording_is_read_in_blocks(tmp_path):
     codes = np.random.default_rng(1).integers(-2048, 2048, (3500, 64))
-    text = json.dumps({**HEAD, "data": codes.tolist()}, indent=2)
-    assert len(text) > 2 * 2**20  # more than two blocks, cut at any place
+    text = json.dumps({**HEADER, "data": codes.tolist()}, indent=2)
+    assert len(text) > 2 * 2**20  # more than two blocks of 1 MiB, split within rows
 
-    _, frames = read(tmp_path, text, RecordingHints(iq="iq"))
+    _, frames = read_contents(tmp_path, text, RecordingHints(iq="iq"))
 
     assert np.array_equal(frames.view(np.float32).reshape(3500, 64) * 2048, codes)
 
 
 @pytest.mark.parametrize("indent", [None, 2])
 @pytest.mark.parametrize("n_chirps", [1, 15, 16, 50, 3500])
-def test_frames_are_read_from_anywhere_in_a_recording(tmp_path, n_chirps, indent):
-    # Rows of different lengths, beyond the places that are remembered, every 16 of them.
+def test_frames_decode_in_any_order(tmp_path, n_chirps, indent):
+    # Rows differ in length; the reader indexes every 16th row.
     codes = np.random.default_rng(2).integers(-2048, 2048, (3500, 64))
     codes[::3] //= 100
-    text = json.dumps({**HEAD, "data": codes.tolist()}, indent=indent)
+    text = json.dumps({**HEADER, "data": codes.tolist()}, indent=indent)
 
-    contents, frames = read(tmp_path, text, replace(told_radar(n_chirps), iq="iq"))
-    again = np.empty_like(frames[0])
-    contents.decode(0, again)
+    contents, frames = read_contents(tmp_path, text, replace(make_hints(n_chirps), iq="iq"))
+    repeated_frame = np.empty_like(frames[0])
+    contents.decode(0, repeated_frame)
 
-    sent = codes[: len(frames) * n_chirps].reshape(len(frames), n_chirps, 64)
-    assert np.array_equal(frames[:, :, 0].view(np.float32) * 2048, sent)
-    assert np.array_equal(again, frames[0])
+    expected = codes[: len(frames) * n_chirps].reshape(len(frames), n_chirps, 64)
+    assert np.array_equal(frames[:, :, 0].view(np.float32) * 2048, expected)
+    assert np.array_equal(repeated_frame, frames[0])
 
 
-def test_a_recording_that_changed_since_it_was_opened_is_refused(tmp_path):
-    contents, frames = read(tmp_path, document(echo(n_chirps=40)), told_radar(8))
-    for text in (GOOD, document(echo(n_chirps=40)).replace("], [", ", ")):
+def test_rejects_recording_changed_after_opening(tmp_path):
+    contents, frames = read_contents(
+        tmp_path, format_document(simulate_echo(n_chirps=40)), make_hints(8)
+    )
+    for text in (VALID_TEXT, format_document(simulate_echo(n_chirps=40)).replace("], [", ", ")):
         (tmp_path / "walk.json").write_text(text)
         with pytest.raises(RecordingError):
             for index in range(len(frames)):
                 contents.decode(index, frames[index])
 
 
-RESIDENT = """
+MEMORY_SCRIPT = """
 import re, sys
 from pathlib import Path
 import numpy as np
-from test_sirad import Sirad, told_radar
-def most():  # MiB; what `resource` says begins with the most of who started this
+from test_sirad import Sirad, make_hints
+def peak_mib():  # `resource` would include the peak of the parent process
     return int(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 2**10
-before = most()
-contents = Sirad().read(Path(sys.argv[1]), told_radar(64))
+base_mib = peak_mib()
+contents = Sirad().read(Path(sys.argv[1]), make_hints(64))
 out = np.empty((64, 1, 32), np.complex64)
 for index in (0, contents.n_frames - 1):
     contents.decode(index, out)
-print(most() - before)
+print(peak_mib() - base_mib)
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="measured as Linux counts")
-def test_a_long_recording_is_not_kept_in_memory(tmp_path):
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="memory is measured with /proc, which only Linux has"
+)
+def test_long_recording_is_read_in_bounded_memory(tmp_path):
     file = tmp_path / "walk.json"
-    row = b"[" + b",".join([b"1"] * 64) + b"]"  # 129 bytes of text for 128 of codes
-    head = json.dumps(HEAD)[:-1].encode()
-    file.write_bytes(head + b', "data": [' + b",\n".join([row] * 500_000) + b"]}")
+    row = b"[" + b",".join([b"1"] * 64) + b"]"  # 129 bytes of text for 128 bytes of codes
+    header = json.dumps(HEADER)[:-1].encode()
+    file.write_bytes(header + b', "data": [' + b",\n".join([row] * 500_000) + b"]}")
 
-    here = Path(__file__).parent
-    paths = [str(Path(dechirp.__file__).parents[1]), str(here), str(here.parent)]
-    found = subprocess.run(
-        [sys.executable, "-c", RESIDENT, str(file)],
+    folder = Path(__file__).parent
+    paths = [str(Path(dechirp.__file__).parents[1]), str(folder), str(folder.parent)]
+    process = subprocess.run(
+        [sys.executable, "-c", MEMORY_SCRIPT, str(file)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         capture_output=True,
         text=True,
         check=True,
     )
 
-    # Of 65 MB: a block of text as numbers of Python, some chirps and places. All codes are 61.
-    assert float(found.stdout) < 50
+    # Limit of 50 MiB: the text has 65 MB, all codes together 61 MiB.
+    assert float(process.stdout) < 50
 
 
-def test_a_file_is_known_by_its_first_kilobyte(tmp_path):
+def test_recognises_file_by_first_kilobyte(tmp_path):
     file = tmp_path / "anything.bin"
-    for text, fit in (
-        (document(echo()), MatchQuality.SELF_DESCRIBING),
-        (json.dumps({"data": [[1, 2]], **HEAD}), MatchQuality.NO),
+    for text, quality in (
+        (format_document(simulate_echo()), MatchQuality.SELF_DESCRIBING),
+        (json.dumps({"data": [[1, 2]], **HEADER}), MatchQuality.NO),
         (json.dumps({"data": [[1, 2]]}), MatchQuality.NO),
-        ("[" + document(echo()) + "]", MatchQuality.NO),
+        ("[" + format_document(simulate_echo()) + "]", MatchQuality.NO),
         ("", MatchQuality.NO),
     ):
         file.write_text(text)
-        assert Sirad().recognise(file) == fit
+        assert Sirad().recognise(file) == quality
     assert Sirad().recognise(tmp_path) == MatchQuality.NO
 
 
-GOOD = document(echo(n_chirps=3))
+VALID_TEXT = format_document(simulate_echo(n_chirps=3))
 
 
 @pytest.mark.parametrize(
-    ("text", "named"),
+    ("text", "message"),
     [
-        (GOOD[:-1], "do not end in"),
-        (GOOD[:-40], "do not end in"),
-        (GOOD + "x", "do not end in"),
-        (GOOD.replace('"data": [[', '"data": [[NaN, '), "'N' among numbers"),
-        (GOOD.replace('"data": [[', '"data": [[1.5, '), "'.' among numbers"),
-        (GOOD.replace('"data": [[', '"data": [[7, '), "a row of 65 numbers"),
-        (GOOD.replace('"data": [[', '"data": [7, ['), "a number outside of a row"),
-        (GOOD.replace('"data": [[', '"data": [[[], '), "a row of 65 numbers"),
+        (VALID_TEXT[:-1], "do not end in"),
+        (VALID_TEXT[:-40], "do not end in"),
+        (VALID_TEXT + "x", "do not end in"),
+        (VALID_TEXT.replace('"data": [[', '"data": [[NaN, '), "'N' among numbers"),
+        (VALID_TEXT.replace('"data": [[', '"data": [[1.5, '), "'.' among numbers"),
+        (VALID_TEXT.replace('"data": [[', '"data": [[7, '), "a row of 65 numbers"),
+        (VALID_TEXT.replace('"data": [[', '"data": [7, ['), "a number outside of a row"),
+        (VALID_TEXT.replace('"data": [[', '"data": [[[], '), "a row of 65 numbers"),
         (
-            json.dumps({**HEAD, "Samps": 1, "data": [[[1], [2]]] * 3}),
+            json.dumps({**HEADER, "Samps": 1, "data": [[[1], [2]]] * 3}),
             "text other than a list of numbers",
         ),
-        (json.dumps({**HEAD, "Samps": 1, "data": [[[1], [2]]] * 2 + [[1, 2]]}), "16-bit"),
-        (GOOD.replace("], [", "], , [", 1), "text other than a list of numbers"),
-        (GOOD.replace("], [", "9" * 30 + "], [", 1), "a value other than a 16-bit integer"),
+        (json.dumps({**HEADER, "Samps": 1, "data": [[[1], [2]]] * 2 + [[1, 2]]}), "16-bit"),
+        (VALID_TEXT.replace("], [", "], , [", 1), "text other than a list of numbers"),
+        (VALID_TEXT.replace("], [", "9" * 30 + "], [", 1), "a value other than a 16-bit integer"),
         (
-            GOOD.replace('"data": [[', '"data": [[' + "9" * 5000),
+            VALID_TEXT.replace('"data": [[', '"data": [[' + "9" * 5000),
             "text other than a list of numbers",
         ),
-        (json.dumps({**HEAD, "data": []}), "do not end in"),
-        (GOOD.replace('"Ramps": 1', '"Ramps": 4'), "Ramps 4"),
-        (GOOD.replace('"Samps": 32', '"Samps": 32.5'), "Samps '32.5'"),
-        (GOOD.replace('"Samps": 32', '"Samps": 1e99'), "Samps '1e"),
-        (GOOD.replace('"0.01577"', '"soon"'), "PRI 'soon'"),
-        (GOOD.replace('"0.01577"', "true"), "PRI 'True'"),
-        (GOOD.replace("6000", "NaN"), "Bandwidth 'nan'"),
-        (GOOD.replace("2.571", "1e-9"), "impossible settings"),
-        (GOOD.replace('"Gain": 8', '"Gain": 8,'), "no settings of a recording"),
+        (json.dumps({**HEADER, "data": []}), "do not end in"),
+        (VALID_TEXT.replace('"Ramps": 1', '"Ramps": 4'), "Ramps 4"),
+        (VALID_TEXT.replace('"Samps": 32', '"Samps": 32.5'), "Samps '32.5'"),
+        (VALID_TEXT.replace('"Samps": 32', '"Samps": 1e99'), "Samps '1e"),
+        (VALID_TEXT.replace('"0.01577"', '"soon"'), "PRI 'soon'"),
+        (VALID_TEXT.replace('"0.01577"', "true"), "PRI 'True'"),
+        (VALID_TEXT.replace("6000", "NaN"), "Bandwidth 'nan'"),
+        (VALID_TEXT.replace("2.571", "1e-9"), "impossible settings"),
+        (VALID_TEXT.replace('"Gain": 8', '"Gain": 8,'), "no settings of a recording"),
         ('{"data": [[1, 2]]}', "no settings of a recording"),
     ],
 )
-def test_a_damaged_recording_is_refused_with_what_is_wrong(tmp_path, text, named):
+def test_damaged_recording_error_names_mistake(tmp_path, text, message):
     with pytest.raises(RecordingError) as error:
-        read(tmp_path, text)
+        read_contents(tmp_path, text)
 
-    assert named in error.value.mistakes[0].value
+    assert message in error.value.mistakes[0].value
 
 
-def test_the_place_of_the_damage_is_told(tmp_path):
-    text = GOOD[:700] + "?" + GOOD[701:]
+def test_damaged_recording_error_gives_byte_offset(tmp_path):
+    text = VALID_TEXT[:700] + "?" + VALID_TEXT[701:]
 
     with pytest.raises(RecordingError, match="at byte 700 "):
-        read(tmp_path, text)
+        read_contents(tmp_path, text)
 
 
 @settings(max_examples=150)
 @given(st.data())
-def test_no_bytes_do_anything_but_decode_or_be_refused(tmp_path_factory, data):
-    text = bytearray(GOOD.encode())
+def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
+    text = bytearray(VALID_TEXT.encode())
     for _ in range(data.draw(st.integers(1, 3))):
-        at = data.draw(st.integers(0, len(text)))
-        gone = data.draw(st.integers(0, 20))
-        text[at : at + gone] = data.draw(
+        start = data.draw(st.integers(0, len(text)))
+        n_removed = data.draw(st.integers(0, 20))
+        text[start : start + n_removed] = data.draw(
             st.binary(max_size=6) | st.sampled_from([b"[", b"]", b",", b"-", b"{", b'"', b"9e9"])
         )
     try:
-        _, frames = read(tmp_path_factory.mktemp("fuzz"), bytes(text))
+        _, frames = read_contents(tmp_path_factory.mktemp("fuzz"), bytes(text))
     except RecordingError:
         return
     assert np.isfinite(frames).all()

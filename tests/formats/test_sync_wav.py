@@ -17,56 +17,58 @@ from dechirp.recordings.readers.base import MatchQuality, RecordingHints
 from dechirp.recordings.readers.sync_wav import SyncWav
 from dechirp.recordings.settings.base import RecordingSettings
 
-LIGHT = 299_792_458.0
+SPEED_OF_LIGHT = 299_792_458.0
 RATE = 8000
-PERIOD = 200.4  # samples: no whole number, as in real recordings
-SLOPE = 100e6 * RATE / 90  # 1.5 m a bin for 90 samples
+PERIOD = 200.4  # samples; fractional, as in real recordings
+SLOPE = 100e6 * RATE / 90  # 1.5 m per range bin with 90 samples
 
 
-def told(n_chirps=10, *, n_samples=90, interval_s=PERIOD / RATE, **more):
+def make_hints(n_chirps=10, *, n_samples=90, interval_s=PERIOD / RATE, **options):
     chirp = Chirp(
         start_frequency_hz=2.4e9,
         slope_hz_per_s=SLOPE,
-        adc_start_s=more.pop("adc_start_s", 0.0),
-        ramp_duration_s=more.pop("ramp_s", PERIOD / 2 / RATE),
-        sample_rate_hz=more.pop("rate_hz", RATE),
+        adc_start_s=options.pop("adc_start_s", 0.0),
+        ramp_duration_s=options.pop("ramp_s", PERIOD / 2 / RATE),
+        sample_rate_hz=options.pop("rate_hz", RATE),
         n_samples=n_samples,
-        sampling=more.pop("sampling", "real"),
+        sampling=options.pop("sampling", "real"),
     )
-    array = Array(rx_m=tuple((0.0, 0.01 * n, 0.0) for n in range(more.pop("n_rx", 1))))
-    period_s = more.pop("period_s", None)
+    array = Array(rx_m=tuple((0.0, 0.01 * n, 0.0) for n in range(options.pop("n_rx", 1))))
+    period_s = options.pop("period_s", None)
     frame = Frame(chirp=chirp, n_chirps=n_chirps, interval_s=interval_s, period_s=period_s)
-    return RecordingHints(settings=RecordingSettings(radar=Radar(frame=frame, array=array)), **more)
+    return RecordingHints(
+        settings=RecordingSettings(radar=Radar(frame=frame, array=array)), **options
+    )
 
 
-def heard(n_ramps=20.0, *, up_m=15.0, down_m=30.0, amplitude=0.5, begin=0.6):
-    """Beat signal and sync, within -1 to 1; a target seems elsewhere in down-ramps."""
+def simulate_channels(n_ramps=20.0, *, up_m=15.0, down_m=30.0, amplitude=0.5, begin=0.6):
+    """Simulate beat signal and sync within -1 to 1; up- and down-ramps differ in range."""
     n = np.arange(round(n_ramps * PERIOD))
-    since = (n / PERIOD + begin) % 1
-    up = since < 0.5
-    ramp_s = np.where(up, since, since - 0.5) * PERIOD / RATE
-    beat_hz = 2 * SLOPE * np.where(up, up_m, down_m) / LIGHT
+    phase = (n / PERIOD + begin) % 1
+    up = phase < 0.5
+    ramp_s = np.where(up, phase, phase - 0.5) * PERIOD / RATE
+    beat_hz = 2 * SLOPE * np.where(up, up_m, down_m) / SPEED_OF_LIGHT
     return np.stack([amplitude * np.cos(2 * np.pi * beat_hz * ramp_s), np.where(up, 0.8, -0.8)])
 
 
-def pcm(sound, n_bytes=2):
-    """Whole numbers of a WAV file, (sample, channel)."""
-    codes = np.round(sound.T * (2 ** (8 * n_bytes - 1) - 1)).astype(np.int64)
+def encode_pcm(channels, n_bytes=2):
+    """Convert channels to the integers of a WAV file, (sample, channel)."""
+    codes = np.round(channels.T * (2 ** (8 * n_bytes - 1) - 1)).astype(np.int64)
     return codes + 128 if n_bytes == 1 else codes
 
 
-def save(file, sound, n_bytes=2, rate=RATE):
-    with wave.open(str(file), "wb") as out:
-        out.setnchannels(len(sound))
+def write_wav(path, channels, n_bytes=2, rate=RATE):
+    with wave.open(str(path), "wb") as out:
+        out.setnchannels(len(channels))
         out.setsampwidth(n_bytes)
         out.setframerate(rate)
-        raw = pcm(sound, n_bytes).astype("<i8").reshape(-1, 1).view(np.uint8)
+        raw = encode_pcm(channels, n_bytes).astype("<i8").reshape(-1, 1).view(np.uint8)
         out.writeframes(raw[:, :n_bytes].tobytes())
-    return file
+    return path
 
 
-def decoded(file, what=None):
-    contents = SyncWav().read(file, what or told())
+def decode_file(file, hints=None):
+    contents = SyncWav().read(file, hints or make_hints())
     frame = contents.radar.frame
     frames = np.empty(
         (contents.n_frames, frame.n_chirps_total, 1, frame.chirp.n_samples), np.float32
@@ -76,61 +78,65 @@ def decoded(file, what=None):
     return contents, frames
 
 
-def peak_m(contents, frames):
+def find_peak_m(contents, frames):
     power = np.sum(abs(np.fft.rfft(frames * np.hanning(90), 1024)) ** 2, axis=(0, 1, 2))
     return contents.radar.frame.chirp.range_bins_m(1024)[np.argmax(power)]
 
 
-def warnings(contents):
+def list_warnings(contents):
     return [finding.setting for finding in contents.findings if finding.level == "warning"]
 
 
-def test_up_ramps_are_read_of_a_card_that_inverts_and_down_ramps_as_if_it_did_not(tmp_path):
-    file = save(tmp_path / "car.wav", -heard())
+def test_reads_up_ramps_unless_encoding_is_upright(tmp_path):
+    file = write_wav(tmp_path / "car.wav", -simulate_channels())
 
-    up, of_up = decoded(file)
-    down, of_down = decoded(file, told(encoding="upright"))
+    up_contents, up_frames = decode_file(file)
+    down_contents, down_frames = decode_file(file, make_hints(encoding="upright"))
 
     # A bin is 1.5 m wide.
-    assert peak_m(up, of_up) == pytest.approx(15.0, abs=0.3)
-    assert peak_m(down, of_down) == pytest.approx(30.0, abs=0.3)
-    assert "inverted" in " ".join(f.value for f in up.findings if f.setting == "encoding")
-    assert warnings(up) == warnings(down) == []
+    assert find_peak_m(up_contents, up_frames) == pytest.approx(15.0, abs=0.3)
+    assert find_peak_m(down_contents, down_frames) == pytest.approx(30.0, abs=0.3)
+    assert "inverted" in " ".join(f.value for f in up_contents.findings if f.setting == "encoding")
+    assert list_warnings(up_contents) == list_warnings(down_contents) == []
 
 
-def test_chirps_begin_where_the_sync_rises(tmp_path):
-    sound = heard(21)
-    file = save(tmp_path / "car.wav", sound)
+def test_chirps_start_at_rising_sync_edges(tmp_path):
+    channels = simulate_channels(21)
+    file = write_wav(tmp_path / "car.wav", channels)
 
-    _, frames = decoded(file, told(encoding="upright"))
+    _, frames = decode_file(file, make_hints(encoding="upright"))
 
-    rises = np.flatnonzero((sound[1, :-1] < 0) & (sound[1, 1:] > 0)) + 1
-    expected = np.stack([sound[0, at : at + 90] for at in rises[:20]])
+    rises = np.flatnonzero((channels[1, :-1] < 0) & (channels[1, 1:] > 0)) + 1
+    expected = np.stack([channels[0, start : start + 90] for start in rises[:20]])
     assert np.allclose(frames.reshape(20, 90), expected, atol=1e-4)  # 16 bits
-    _, later = decoded(file, told(encoding="upright", adc_start_s=5 / RATE))
-    expected = np.stack([sound[0, at + 5 : at + 95] for at in rises[:20]])
-    assert np.allclose(later.reshape(20, 90), expected, atol=1e-4)
+    _, delayed_frames = decode_file(file, make_hints(encoding="upright", adc_start_s=5 / RATE))
+    expected = np.stack([channels[0, start + 5 : start + 95] for start in rises[:20]])
+    assert np.allclose(delayed_frames.reshape(20, 90), expected, atol=1e-4)
 
 
-def test_every_width_of_samples_gives_the_same_signal(tmp_path):
-    sound = heard()
-    reference = decoded(save(tmp_path / "4.wav", sound, 4), told(encoding="upright"))[1]
+def test_every_sample_width_gives_equal_signal(tmp_path):
+    channels = simulate_channels()
+    reference = decode_file(
+        write_wav(tmp_path / "4.wav", channels, 4), make_hints(encoding="upright")
+    )[1]
     for n_bytes in (1, 2, 3):
-        file = save(tmp_path / f"{n_bytes}.wav", sound, n_bytes)
-        frames = decoded(file, told(encoding="upright"))[1]
+        file = write_wav(tmp_path / f"{n_bytes}.wav", channels, n_bytes)
+        frames = decode_file(file, make_hints(encoding="upright"))[1]
         assert np.allclose(frames, reference, atol=1.1 / 2 ** (8 * n_bytes - 1))
     for kind, n_bytes in (("<f4", 4), ("<f8", 8)):
-        for form in (struct.pack("<HHIIHH", 3, 2, RATE, 0, 2 * n_bytes, 8 * n_bytes),):
-            extended = struct.pack("<H", 0xFFFE) + form[2:] + bytes(8) + b"\3" + bytes(15)
-            for head in (form, extended):
-                data = sound.T.astype(kind).tobytes()
-                (tmp_path / "f.wav").write_bytes(riff((b"fmt ", head), (b"data", data)))
-                frames = decoded(tmp_path / "f.wav", told(encoding="upright"))[1]
+        for format_chunk in (struct.pack("<HHIIHH", 3, 2, RATE, 0, 2 * n_bytes, 8 * n_bytes),):
+            extended_chunk = (
+                struct.pack("<H", 0xFFFE) + format_chunk[2:] + bytes(8) + b"\3" + bytes(15)
+            )
+            for chunk in (format_chunk, extended_chunk):
+                data = channels.T.astype(kind).tobytes()
+                (tmp_path / "f.wav").write_bytes(encode_riff((b"fmt ", chunk), (b"data", data)))
+                frames = decode_file(tmp_path / "f.wav", make_hints(encoding="upright"))[1]
                 assert np.allclose(frames, reference, atol=1e-6)
 
 
-def riff(*chunks, name=b"RIFF", sizes=None):
-    """A WAV file made by hand; `sizes` are what the headers of the chunks say."""
+def encode_riff(*chunks, name=b"RIFF", sizes=None):
+    """Encode a WAV file; `sizes` replace the sizes in the chunk headers."""
     body = b"WAVE"
     for n, (kind, content) in enumerate(chunks):
         size = len(content) if sizes is None or sizes[n] is None else sizes[n]
@@ -138,180 +144,207 @@ def riff(*chunks, name=b"RIFF", sizes=None):
     return name + struct.pack("<I", len(body)) + body
 
 
-FORM = struct.pack("<HHIIHH", 1, 2, RATE, 4 * RATE, 4, 16)
-DATA = pcm(-heard()).astype("<i2").tobytes()
+FORMAT_CHUNK = struct.pack("<HHIIHH", 1, 2, RATE, 4 * RATE, 4, 16)
+SAMPLE_BYTES = encode_pcm(-simulate_channels()).astype("<i2").tobytes()
 
 
 @pytest.mark.parametrize(
     "content",
     [
-        riff((b"fmt ", FORM), (b"data", DATA), sizes=[None, 0]),
-        riff((b"fmt ", FORM), (b"data", DATA), sizes=[None, 0xFFFFFFFF]),
-        riff((b"fmt ", FORM), (b"LIST", b"odd"), (b"data", DATA), sizes=[None, None, 10**7]),
+        encode_riff((b"fmt ", FORMAT_CHUNK), (b"data", SAMPLE_BYTES), sizes=[None, 0]),
+        encode_riff((b"fmt ", FORMAT_CHUNK), (b"data", SAMPLE_BYTES), sizes=[None, 0xFFFFFFFF]),
+        encode_riff(
+            (b"fmt ", FORMAT_CHUNK),
+            (b"LIST", b"odd"),
+            (b"data", SAMPLE_BYTES),
+            sizes=[None, None, 10**7],
+        ),
     ],
 )
-def test_a_recorder_that_was_cut_off_leaves_all_its_samples(tmp_path, content):
+def test_interrupted_recording_keeps_all_samples(tmp_path, content):
     (tmp_path / "car.wav").write_bytes(content)
 
-    contents, frames = decoded(tmp_path / "car.wav")
+    contents, frames = decode_file(tmp_path / "car.wav")
 
-    whole = decoded(save(tmp_path / "whole.wav", -heard()))[1]
-    assert np.array_equal(frames, whole)
-    assert warnings(contents) == ["recording"]
+    expected = decode_file(write_wav(tmp_path / "whole.wav", -simulate_channels()))[1]
+    assert np.array_equal(frames, expected)
+    assert list_warnings(contents) == ["recording"]
 
 
-def test_a_file_of_more_than_4_gb_says_its_size_elsewhere(tmp_path):
-    sizes = struct.pack("<QQQI", 0, len(DATA), len(DATA) // 4, 0)
-    chunks = (b"ds64", sizes), (b"fmt ", FORM), (b"data", DATA + b"\0" * 100)
-    content = riff(*chunks, name=b"RF64", sizes=[None, None, 0xFFFFFFFF])
+def test_rf64_size_is_read_from_ds64_chunk(tmp_path):
+    sizes = struct.pack("<QQQI", 0, len(SAMPLE_BYTES), len(SAMPLE_BYTES) // 4, 0)
+    chunks = (b"ds64", sizes), (b"fmt ", FORMAT_CHUNK), (b"data", SAMPLE_BYTES + b"\0" * 100)
+    content = encode_riff(*chunks, name=b"RF64", sizes=[None, None, 0xFFFFFFFF])
     (tmp_path / "car.wav").write_bytes(content)
 
-    contents, frames = decoded(tmp_path / "car.wav")
+    contents, frames = decode_file(tmp_path / "car.wav")
 
-    assert np.array_equal(frames, decoded(save(tmp_path / "whole.wav", -heard()))[1])
-    assert warnings(contents) == []
+    assert np.array_equal(
+        frames, decode_file(write_wav(tmp_path / "whole.wav", -simulate_channels()))[1]
+    )
+    assert list_warnings(contents) == []
 
 
-def test_noise_less_than_half_of_the_sync_makes_no_ramps(tmp_path):
-    quiet = -heard(41)
+def test_sync_noise_below_half_amplitude_adds_no_ramps(tmp_path):
+    quiet = -simulate_channels(41)
     noisy = quiet.copy()
     noisy[1] += np.random.default_rng(5).uniform(-0.18, 0.18, noisy.shape[1])
-    expected = decoded(save(tmp_path / "quiet.wav", quiet))[1]
+    expected = decode_file(write_wav(tmp_path / "quiet.wav", quiet))[1]
 
-    contents, frames = decoded(save(tmp_path / "noisy.wav", noisy))
+    contents, frames = decode_file(write_wav(tmp_path / "noisy.wav", noisy))
 
     assert np.array_equal(frames, expected)
-    assert warnings(contents) == []
+    assert list_warnings(contents) == []
 
 
-def test_missing_sync_leaves_marked_gaps_and_the_rest_in_its_place(tmp_path):
-    sound = -heard(41)
-    whole = decoded(save(tmp_path / "whole.wav", sound))[1].reshape(40, 90)
-    first = round((12 + 0.4) * PERIOD)  # the recording begins 0.6 into a period
-    sound[1, first - 20 : first + round(2.2 * PERIOD)] = 0.8  # low for three ramps
+def test_missing_sync_gives_gaps_at_lost_ramps_only(tmp_path):
+    channels = -simulate_channels(41)
+    expected = decode_file(write_wav(tmp_path / "whole.wav", channels))[1].reshape(40, 90)
+    first = round((12 + 0.4) * PERIOD)  # the recording starts at 0.6 of a period
+    channels[1, first - 20 : first + round(2.2 * PERIOD)] = 0.8  # sync low for three ramps
 
-    contents, frames = decoded(save(tmp_path / "gap.wav", sound))
+    contents, frames = decode_file(write_wav(tmp_path / "gap.wav", channels))
 
-    lost = np.zeros(40, bool)
-    lost[12:15] = True
-    assert np.array_equal(contents.gaps.reshape(40), lost)
+    gaps = np.zeros(40, bool)
+    gaps[12:15] = True
+    assert np.array_equal(contents.gaps.reshape(40), gaps)
     frames = frames.reshape(40, 90)
-    assert not frames[lost].any()
-    assert np.array_equal(frames[~lost], whole[~lost])
+    assert not frames[gaps].any()
+    assert np.array_equal(frames[~gaps], expected[~gaps])
     (warning,) = [finding for finding in contents.findings if finding.level == "warning"]
     assert "3 ramps missing" in warning.value
     assert "the longest interval, 0.1003 s, begins 0.2856 s after the start" in warning.value
 
 
-def test_a_ramp_cut_by_a_dropout_of_the_sync_is_a_gap(tmp_path):
-    sound = -heard(21)
+def test_ramp_with_sync_dropout_is_gap(tmp_path):
+    channels = -simulate_channels(21)
     middle = round((5 + 0.4) * PERIOD) + 40
-    sound[1, middle : middle + 10] = 0.8
+    channels[1, middle : middle + 10] = 0.8
 
-    contents, frames = decoded(save(tmp_path / "gap.wav", sound))
+    contents, frames = decode_file(write_wav(tmp_path / "gap.wav", channels))
 
     assert np.flatnonzero(contents.gaps.reshape(20)).tolist() == [5]
     assert not frames[0, 5].any()
     assert "pulses too short 2 times" in " ".join(f.value for f in contents.findings)
 
 
-def test_blocks_of_a_long_recording_fit_together(tmp_path):
-    n_ramps = 5300  # 1.06 million samples: five blocks, levels from a part of them
-    sound = -heard(n_ramps)
-    file = save(tmp_path / "long.wav", sound, n_bytes=1)
+def test_long_recording_is_continuous_across_blocks(tmp_path):
+    n_ramps = 5300  # 1.06 million samples: five blocks
+    channels = -simulate_channels(n_ramps)
+    file = write_wav(tmp_path / "long.wav", channels, n_bytes=1)
 
-    contents, frames = decoded(file, told(100))
+    contents, frames = decode_file(file, make_hints(100))
 
     assert frames.shape[0] == 53
     assert contents.gaps is None
-    assert warnings(contents) == []
-    assert peak_m(contents, frames) == pytest.approx(15.0, abs=0.3)
-    short = decoded(save(tmp_path / "short.wav", sound[:, -30_000:], n_bytes=1), told(50))[1]
+    assert list_warnings(contents) == []
+    assert find_peak_m(contents, frames) == pytest.approx(15.0, abs=0.3)
+    short_frames = decode_file(
+        write_wav(tmp_path / "short.wav", channels[:, -30_000:], n_bytes=1), make_hints(50)
+    )[1]
     assert abs(np.fft.rfft(frames[-1].mean(0)[0])).argmax() == 10
-    assert np.allclose(short.mean((0, 1)), frames.mean((0, 1)), atol=0.02)
+    assert np.allclose(short_frames.mean((0, 1)), frames.mean((0, 1)), atol=0.02)
 
 
-@pytest.mark.parametrize(("interval_s", "warned"), [(1.005, 0), (0.98, 1), (1.02, 1)])
-def test_the_interval_of_the_sync_is_held_against_the_settings(tmp_path, interval_s, warned):
-    file = save(tmp_path / "car.wav", -heard())
+@pytest.mark.parametrize(("interval_s", "n_findings"), [(1.005, 0), (0.98, 1), (1.02, 1)])
+def test_sync_interval_is_compared_with_settings(tmp_path, interval_s, n_findings):
+    file = write_wav(tmp_path / "car.wav", -simulate_channels())
 
-    contents, _ = decoded(file, told(n_samples=80, interval_s=interval_s * PERIOD / RATE))
+    contents, _ = decode_file(file, make_hints(n_samples=80, interval_s=interval_s * PERIOD / RATE))
 
-    said = [f for f in contents.findings if f.setting == "radar.frame.interval"]
-    assert len(said) == warned
-    assert all("but 0.0250" in finding.value for finding in said)
+    findings = [f for f in contents.findings if f.setting == "radar.frame.interval"]
+    assert len(findings) == n_findings
+    assert all("but 0.0250" in finding.value for finding in findings)
 
 
-def test_chirps_that_fill_no_frame_and_a_period_with_pauses_are_pointed_out(tmp_path):
-    file = save(tmp_path / "car.wav", -heard(26))
+def test_incomplete_frame_and_frame_period_give_findings(tmp_path):
+    file = write_wav(tmp_path / "car.wav", -simulate_channels(26))
 
-    contents, frames = decoded(file, told(period_s=1.0))
+    contents, frames = decode_file(file, make_hints(period_s=1.0))
 
     assert frames.shape[0] == 2
     assert contents.radar.frame.period_s is None
     assert "6 chirps that are left out" in " ".join(f.value for f in contents.findings)
-    assert warnings(contents) == ["radar.frame.period"]
+    assert list_warnings(contents) == ["radar.frame.period"]
 
 
-STILL = -heard()
-STILL[1] = 0.3
+CONSTANT_SYNC = -simulate_channels()
+CONSTANT_SYNC[1] = 0.3
 
 
 @pytest.mark.parametrize(
-    ("sound", "what", "named"),
+    ("channels", "hints", "message"),
     [
-        (-heard(), told(rate_hz=16000.0), "sampled at 8000 Hz"),
-        (-heard()[:1], told(), "1 channels"),
-        (-heard(), told(adc_start_s=2e-3, ramp_s=14e-3), "is high 20 times, for 100"),
-        (STILL, told(), "stays at -0.3"),
-        (-heard(), told(21), "20 chirps"),
-        (-heard(), told(sampling="complex"), "complex samples"),
-        (-heard(), told(n_rx=2), "of 2 receivers"),
+        (-simulate_channels(), make_hints(rate_hz=16000.0), "sampled at 8000 Hz"),
+        (-simulate_channels()[:1], make_hints(), "1 channels"),
+        (
+            -simulate_channels(),
+            make_hints(adc_start_s=2e-3, ramp_s=14e-3),
+            "is high 20 times, for 100",
+        ),
+        (CONSTANT_SYNC, make_hints(), "stays at -0.3"),
+        (-simulate_channels(), make_hints(21), "20 chirps"),
+        (-simulate_channels(), make_hints(sampling="complex"), "complex samples"),
+        (-simulate_channels(), make_hints(n_rx=2), "of 2 receivers"),
     ],
 )
-def test_a_recording_that_is_not_that_of_the_radar_is_refused(tmp_path, sound, what, named):
+def test_rejects_recording_that_contradicts_radar(tmp_path, channels, hints, message):
     with pytest.raises(RecordingError) as error:
-        decoded(save(tmp_path / "car.wav", sound), what)
+        decode_file(write_wav(tmp_path / "car.wav", channels), hints)
 
-    assert named in error.value.mistakes[0].value
+    assert message in error.value.mistakes[0].value
 
 
 @pytest.mark.parametrize(
-    ("content", "named"),
+    ("content", "message"),
     [
         (b"RIFF", "without its signature"),
-        (riff(), "without samples"),
-        (riff(*[(b"junk", b"")] * 2000, (b"data", DATA)), "without samples"),
-        (riff((b"data", DATA), (b"fmt ", FORM)), "before their format"),
-        (riff((b"fmt ", FORM[:10]), (b"data", DATA)), "before their format"),
-        (riff((b"fmt ", FORM), (b"data", b"")), "with 0 bytes of samples"),
-        (riff((b"fmt ", b"\x55\0" + FORM[2:]), (b"data", DATA)), "in encoding 85"),
-        (riff((b"fmt ", FORM[:14] + b"\x0c\0"), (b"data", DATA)), "of 12 bits"),
-        (riff((b"fmt ", FORM[:2] + b"\0\0" + FORM[4:]), (b"data", DATA)), "of 0 channels"),
+        (encode_riff(), "without samples"),
+        (encode_riff(*[(b"junk", b"")] * 2000, (b"data", SAMPLE_BYTES)), "without samples"),
+        (encode_riff((b"data", SAMPLE_BYTES), (b"fmt ", FORMAT_CHUNK)), "before their format"),
+        (encode_riff((b"fmt ", FORMAT_CHUNK[:10]), (b"data", SAMPLE_BYTES)), "before their format"),
+        (encode_riff((b"fmt ", FORMAT_CHUNK), (b"data", b"")), "with 0 bytes of samples"),
+        (
+            encode_riff((b"fmt ", b"\x55\0" + FORMAT_CHUNK[2:]), (b"data", SAMPLE_BYTES)),
+            "in encoding 85",
+        ),
+        (
+            encode_riff((b"fmt ", FORMAT_CHUNK[:14] + b"\x0c\0"), (b"data", SAMPLE_BYTES)),
+            "of 12 bits",
+        ),
+        (
+            encode_riff(
+                (b"fmt ", FORMAT_CHUNK[:2] + b"\0\0" + FORMAT_CHUNK[4:]), (b"data", SAMPLE_BYTES)
+            ),
+            "of 0 channels",
+        ),
     ],
 )
-def test_a_damaged_header_is_refused(tmp_path, content, named):
+def test_rejects_damaged_header(tmp_path, content, message):
     (tmp_path / "car.wav").write_bytes(content)
 
     with pytest.raises(RecordingError) as error:
-        decoded(tmp_path / "car.wav")
+        decode_file(tmp_path / "car.wav")
 
-    assert named in error.value.mistakes[0].value
+    assert message in error.value.mistakes[0].value
 
 
-def test_samples_that_are_not_finite_are_refused(tmp_path):
-    sound = -heard().astype("<f4")
-    sound[0, 1130] = np.nan  # within a ramp
-    form = struct.pack("<HHIIHH", 3, 2, RATE, 8 * RATE, 8, 32)
-    content = riff((b"fmt ", form), (b"data", sound.T.tobytes()))
+def test_rejects_non_finite_samples(tmp_path):
+    channels = -simulate_channels().astype("<f4")
+    channels[0, 1130] = np.nan  # within a ramp
+    format_chunk = struct.pack("<HHIIHH", 3, 2, RATE, 8 * RATE, 8, 32)
+    content = encode_riff((b"fmt ", format_chunk), (b"data", channels.T.tobytes()))
     (tmp_path / "car.wav").write_bytes(content)
 
     with pytest.raises(RecordingError, match="non-finite samples in chirp 5 of frame 0"):
-        decoded(tmp_path / "car.wav")
+        decode_file(tmp_path / "car.wav")
 
 
-def test_a_file_is_known_by_its_first_bytes(tmp_path):
-    assert SyncWav().recognise(save(tmp_path / "car", heard())) == MatchQuality.CONTAINER
+def test_recognises_wav_by_first_bytes(tmp_path):
+    assert (
+        SyncWav().recognise(write_wav(tmp_path / "car", simulate_channels()))
+        == MatchQuality.CONTAINER
+    )
     (tmp_path / "film.avi").write_bytes(b"RIFF\0\0\0\0AVI ")
     assert SyncWav().recognise(tmp_path / "film.avi") == MatchQuality.NO
     assert SyncWav().recognise(tmp_path) == MatchQuality.NO
@@ -319,17 +352,19 @@ def test_a_file_is_known_by_its_first_bytes(tmp_path):
 
 @settings(max_examples=150)
 @given(st.data())
-def test_no_bytes_do_anything_but_decode_or_be_refused(tmp_path_factory, data):
-    form = data.draw(st.sampled_from([FORM, struct.pack("<HHIIHH", 3, 2, RATE, 0, 8, 32)]))
-    content = bytearray(riff((b"fmt ", form), (b"data", DATA)))
+def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
+    format_chunk = data.draw(
+        st.sampled_from([FORMAT_CHUNK, struct.pack("<HHIIHH", 3, 2, RATE, 0, 8, 32)])
+    )
+    content = bytearray(encode_riff((b"fmt ", format_chunk), (b"data", SAMPLE_BYTES)))
     for _ in range(data.draw(st.integers(1, 3))):
-        at = data.draw(st.integers(0, 60) | st.integers(0, len(content)))
-        gone = data.draw(st.integers(0, 5000))
-        content[at : at + gone] = data.draw(st.binary(max_size=8))
+        start = data.draw(st.integers(0, 60) | st.integers(0, len(content)))
+        n_removed = data.draw(st.integers(0, 5000))
+        content[start : start + n_removed] = data.draw(st.binary(max_size=8))
     file = tmp_path_factory.mktemp("fuzz") / "car.wav"
     file.write_bytes(content)
     try:
-        contents, frames = decoded(file, told(2))
+        contents, frames = decode_file(file, make_hints(2))
     except RecordingError:
         return
     assert np.isfinite(frames).all()

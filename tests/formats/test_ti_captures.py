@@ -1,7 +1,7 @@
-"""Captures of TI radars: every byte is a sample of one receiver at one instant, or marked lost.
+"""Captures of TI radars: sample layouts, packet headers, lost packets, split and damaged files.
 
-The writers here put the samples down one word after the other, as TI's application report
-SWRA581 and the descriptions of the recorders say, without looking at the readers.
+The encoders follow TI's application report SWRA581 and the documentation of the recorders word
+by word, independently of the readers.
 """
 
 import itertools
@@ -35,7 +35,7 @@ from dechirp.recordings.streams.byte_sources import open_files
 from dechirp.recordings.streams.packets import assemble_packets, to_run_step
 from dechirp.recordings.streams.scan import scan_file
 from dechirp.simulation.adc_codes import has_adc_codes
-from formats.any_bytes import damaged, gives_a_cube_or_says_why
+from formats.corruption import assert_cube_or_error, corrupted_bytes
 
 RADAR = Radar(
     frame=Frame(
@@ -55,18 +55,18 @@ RADAR = Radar(
 N_FRAMES = 3
 
 
-def codes(seed: int = 1, radar: Radar = RADAR, n_frames: int = N_FRAMES) -> np.ndarray:
-    """Codes of a converter, (frame, chirp, rx, sample, part)."""
+def draw_codes(seed: int = 1, radar: Radar = RADAR, n_frames: int = N_FRAMES) -> np.ndarray:
+    """Draw random ADC codes, (frame, chirp, rx, sample, part)."""
     shape = (n_frames, radar.frame.n_chirps, radar.array.n_rx, radar.frame.chirp.n_samples, 2)
     return np.random.default_rng(seed).integers(-32768, 32768, shape).astype(np.int16)
 
 
-def samples_of(numbers: np.ndarray) -> np.ndarray:
+def scale_samples(numbers: np.ndarray) -> np.ndarray:
     return ((numbers[..., 0] + 1j * numbers[..., 1]) / 32768).astype(np.complex64)
 
 
-def two_lanes(numbers: np.ndarray, *, q_first: bool = False) -> bytes:
-    """Chirp after chirp, receiver after receiver, two samples a group: A0 A1 B0 B1."""
+def encode_two_lanes(numbers: np.ndarray, *, q_first: bool = False) -> bytes:
+    """Encode chirps, then receivers, then groups of two samples: A0 A1 B0 B1."""
     words = []
     a, b = (1, 0) if q_first else (0, 1)
     for chirp in numbers.reshape(-1, *numbers.shape[2:]):
@@ -76,8 +76,8 @@ def two_lanes(numbers: np.ndarray, *, q_first: bool = False) -> bytes:
     return np.array(words, "<i2").tobytes()
 
 
-def four_lanes(numbers: np.ndarray, receivers: tuple[int, ...] = (0, 1, 2, 3)) -> bytes:
-    """Sample after sample: I of four receivers, then Q of four; those that are off are zero."""
+def encode_four_lanes(numbers: np.ndarray, receivers: tuple[int, ...] = (0, 1, 2, 3)) -> bytes:
+    """Encode per sample I of four receivers, then Q; inactive receivers are zero."""
     words = []
     for chirp in numbers.reshape(-1, *numbers.shape[2:]):
         for n in range(chirp.shape[1]):
@@ -89,48 +89,55 @@ def four_lanes(numbers: np.ndarray, receivers: tuple[int, ...] = (0, 1, 2, 3)) -
     return np.array(words, "<i2").tobytes()
 
 
-def pairs(numbers: np.ndarray) -> bytes:
-    """Sample after sample, receiver after receiver, I and Q."""
-    turned = np.moveaxis(numbers.reshape(-1, *numbers.shape[2:]), 1, 2)
-    return np.ascontiguousarray(turned.astype("<i2")).tobytes()
+def encode_pairs(numbers: np.ndarray) -> bytes:
+    """Encode samples, then receivers, then I and Q."""
+    receivers_last = np.moveaxis(numbers.reshape(-1, *numbers.shape[2:]), 1, 2)
+    return np.ascontiguousarray(receivers_last.astype("<i2")).tobytes()
 
 
-def packets_of(stream: bytes) -> list[tuple[int, int, bytes]]:
-    """Number, bytes before and payload of each packet of a stream."""
+def split_packets(stream: bytes) -> list[tuple[int, int, bytes]]:
+    """Split a stream into packets: number, byte offset and payload."""
     return [
         (number, start, stream[start : start + 1456])
         for number, start in enumerate(range(0, len(stream), 1456), start=1)
     ]
 
 
-def with_headers(packets: list[tuple[int, int, bytes]]) -> bytes:
+def encode_with_headers(packets: list[tuple[int, int, bytes]]) -> bytes:
     return b"".join(
         struct.pack("<II", number, len(payload)) + start.to_bytes(6, "little") + payload
         for number, start, payload in packets
     )
 
 
-def udp(payload: bytes, *, port: int = 4098, tag: bytes = b"") -> bytes:
-    """An Ethernet frame with a UDP packet in it."""
+def encode_udp(payload: bytes, *, port: int = 4098, tag: bytes = b"") -> bytes:
+    """Encode an Ethernet frame that contains a UDP packet."""
     datagram = struct.pack(">HHHH", 4096, port, 8 + len(payload), 0) + payload
-    head = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(datagram), 7, 0x4000, 64, 17, 0)
-    return b"\x12" * 12 + tag + b"\x08\x00" + head + b"\xc0\xa8\x21\xb4\xc0\xa8\x21\x1e" + datagram
+    ip_header = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(datagram), 7, 0x4000, 64, 17, 0)
+    return (
+        b"\x12" * 12
+        + tag
+        + b"\x08\x00"
+        + ip_header
+        + b"\xc0\xa8\x21\xb4\xc0\xa8\x21\x1e"
+        + datagram
+    )
 
 
-def samples_in(packet: tuple[int, int, bytes]) -> bytes:
+def encode_sample_packet(packet: tuple[int, int, bytes]) -> bytes:
     number, start, payload = packet
-    return udp(struct.pack("<I", number) + start.to_bytes(6, "little") + payload)
+    return encode_udp(struct.pack("<I", number) + start.to_bytes(6, "little") + payload)
 
 
-def pcap(frames: list[bytes], *, order: str = "<", snap: int = 65535) -> bytes:
-    head = struct.pack(f"{order}IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, snap, 1)
-    return head + b"".join(
+def encode_pcap(frames: list[bytes], *, order: str = "<", snap: int = 65535) -> bytes:
+    file_header = struct.pack(f"{order}IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, snap, 1)
+    return file_header + b"".join(
         struct.pack(f"{order}IIII", 0, 0, len(frame[:snap]), len(frame)) + frame[:snap]
         for frame in frames
     )
 
 
-def pcapng(frames: list[bytes], *, order: str = "<", snap: int = 65535) -> bytes:
+def encode_pcapng(frames: list[bytes], *, order: str = "<", snap: int = 65535) -> bytes:
     def block(kind: int, body: bytes) -> bytes:
         body += bytes(-len(body) % 4)
         size = 12 + len(body)
@@ -146,62 +153,64 @@ def pcapng(frames: list[bytes], *, order: str = "<", snap: int = 65535) -> bytes
     return section + interface + comment + b"".join(packets)
 
 
-def opened(path: Path, content: bytes, **told) -> Recording:
+def open_capture(path: Path, content: bytes, **options) -> Recording:
     path.write_bytes(content)
-    return open_recording(path, **{"radar": RADAR, "iq": "iq", **told})
+    return open_recording(path, **{"radar": RADAR, "iq": "iq", **options})
 
 
-def levels(recording: Recording) -> list[tuple[str, str]]:
+def list_levels(recording: Recording) -> list[tuple[str, str]]:
     return [(finding.level, finding.setting) for finding in recording.findings]
 
 
 @pytest.mark.parametrize("iq", ["iq", "qi"])
-def test_two_lanes_hold_the_receivers_one_after_the_other(tmp_path, iq):
-    numbers = codes()
+def test_two_lane_samples_are_sequential_by_receiver(tmp_path, iq):
+    numbers = draw_codes()
 
-    recording = opened(
-        tmp_path / "x.bin", two_lanes(numbers, q_first=iq == "qi"), device="xwr1642", iq=iq
+    recording = open_capture(
+        tmp_path / "x.bin", encode_two_lanes(numbers, q_first=iq == "qi"), device="xwr1642", iq=iq
     )
 
     assert recording.format == "dca1000"
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
 
 
-def test_four_lanes_hold_the_receivers_in_turn(tmp_path):
-    numbers = codes()
+def test_four_lane_samples_are_interleaved_by_receiver(tmp_path):
+    numbers = draw_codes()
 
-    recording = opened(tmp_path / "x.bin", four_lanes(numbers), device="xwr1443", format="dca1000")
+    recording = open_capture(
+        tmp_path / "x.bin", encode_four_lanes(numbers), device="xwr1443", format="dca1000"
+    )
 
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
 
 
-def test_real_samples_have_no_second_part(tmp_path):
+def test_real_samples_decode_in_both_layouts(tmp_path):
     chirp = replace(RADAR.frame.chirp, sampling="real")
     radar = replace(RADAR, frame=replace(RADAR.frame, chirp=chirp))
-    numbers = codes()[..., 0]
-    in_turn = np.swapaxes(numbers, 2, 3)
+    numbers = draw_codes()[..., 0]
+    interleaved_codes = np.swapaxes(numbers, 2, 3)
 
-    one_by_one = opened(
+    sequential_recording = open_capture(
         tmp_path / "a.bin", numbers.tobytes(), radar=radar, device="xwr1642", iq=None
     )
-    alternating = opened(
+    interleaved_recording = open_capture(
         tmp_path / "b.bin",
-        np.ascontiguousarray(in_turn).tobytes(),
+        np.ascontiguousarray(interleaved_codes).tobytes(),
         radar=radar,
         device="xwr1443",
         iq=None,
         format="dca1000",
     )
 
-    for recording in (one_by_one, alternating):
+    for recording in (sequential_recording, interleaved_recording):
         np.testing.assert_array_equal(recording.cube.values, (numbers / 32768).astype(np.float32))
 
 
-def test_a_split_capture_is_joined_in_the_order_of_its_numbers(tmp_path):
-    # Eleven parts, which do not end where frames end; by name, _10 would come before _2.
+def test_split_capture_is_joined_in_numeric_order(tmp_path):
+    # Eleven parts that end within frames; _10 precedes _2 in alphabetic order.
     radar = replace(RADAR, frame=replace(RADAR.frame, n_chirps=2))
-    numbers = codes(radar=radar, n_frames=12)
-    content = two_lanes(numbers)
+    numbers = draw_codes(radar=radar, n_frames=12)
+    content = encode_two_lanes(numbers)
     part = len(content) // 11 // 4 * 4 + 4
     assert part % 4096 != 0
     for n in range(11):
@@ -209,310 +218,351 @@ def test_a_split_capture_is_joined_in_the_order_of_its_numbers(tmp_path):
 
     recording = open_recording(tmp_path / "adc_data_0.bin", radar=radar, device="xwr1642", iq="iq")
 
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
     assert "11 files of one capture" in str(recording.findings)
 
 
-def test_captures_that_are_whole_by_themselves_are_not_joined(tmp_path):
-    numbers = codes()
+def test_complete_captures_are_not_joined(tmp_path):
+    numbers = draw_codes()
     for n in range(2):
-        (tmp_path / f"adc_data_{n}.bin").write_bytes(two_lanes(numbers))
+        (tmp_path / f"adc_data_{n}.bin").write_bytes(encode_two_lanes(numbers))
 
     recording = open_recording(tmp_path / "adc_data_0.bin", radar=RADAR, device="xwr1642", iq="iq")
 
     assert recording.n_frames == N_FRAMES
 
 
-def test_headers_of_packets_are_taken_out(tmp_path):
-    numbers = codes()
+def test_packet_headers_are_removed(tmp_path):
+    numbers = draw_codes()
 
-    recording = opened(
+    recording = open_capture(
         tmp_path / "adc_data_Raw_0.bin",
-        with_headers(packets_of(two_lanes(numbers))),
+        encode_with_headers(split_packets(encode_two_lanes(numbers))),
         device="xwr1642",
     )
 
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
     assert "gap" not in recording.cube.coords
 
 
-@pytest.mark.parametrize("container", [with_headers, "pcap", "pcapng"])
-def test_lost_packets_are_marked_in_the_cube_and_all_else_is_exact(tmp_path, container):
-    numbers = codes()
-    packets = packets_of(two_lanes(numbers))
-    lost = [3, 4, 9]
-    kept = [packet for packet in packets if packet[0] not in lost]
+@pytest.mark.parametrize("container", [encode_with_headers, "pcap", "pcapng"])
+def test_lost_packets_are_gaps_and_other_samples_exact(tmp_path, container):
+    numbers = draw_codes()
+    packets = split_packets(encode_two_lanes(numbers))
+    lost_numbers = [3, 4, 9]
+    received_packets = [packet for packet in packets if packet[0] not in lost_numbers]
     if container == "pcap":
-        content = pcap([samples_in(packet) for packet in kept])
+        content = encode_pcap([encode_sample_packet(packet) for packet in received_packets])
     elif container == "pcapng":
-        content = pcapng([samples_in(packet) for packet in kept])
+        content = encode_pcapng([encode_sample_packet(packet) for packet in received_packets])
     else:
-        content = container(kept)
+        content = container(received_packets)
 
-    recording = opened(tmp_path / "x.bin", content, device="xwr1642")
+    recording = open_capture(tmp_path / "x.bin", content, device="xwr1642")
 
-    # A byte is lost with its packet; a chirp has 4 x 64 x 4 bytes.
+    # Each chirp has 4 x 64 x 4 bytes.
     is_lost = np.zeros(numbers.nbytes, bool)
-    for number in lost:
+    for number in lost_numbers:
         is_lost[(number - 1) * 1456 : number * 1456] = True
-    of_chirps = is_lost.reshape(N_FRAMES, RADAR.frame.n_chirps, -1)
-    np.testing.assert_array_equal(recording.cube.gap.values, of_chirps.any(axis=-1))
-    kept_words = two_lanes(numbers)
-    words = np.where(is_lost, 0, np.frombuffer(kept_words, np.uint8)).astype(np.uint8)
+    chirp_losses = is_lost.reshape(N_FRAMES, RADAR.frame.n_chirps, -1)
+    np.testing.assert_array_equal(recording.cube.gap.values, chirp_losses.any(axis=-1))
+    stream = encode_two_lanes(numbers)
+    words = np.where(is_lost, 0, np.frombuffer(stream, np.uint8)).astype(np.uint8)
     groups = words.view("<i2").reshape(*numbers.shape[:3], -1, 2, 2)
     expected = np.swapaxes(groups, -1, -2).reshape(numbers.shape)
-    np.testing.assert_array_equal(recording.cube.values, samples_of(expected))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(expected))
     one_frame = next(iter(recording.frames()))
-    np.testing.assert_array_equal(one_frame.gap.values[0], of_chirps.any(axis=-1)[0])
+    np.testing.assert_array_equal(one_frame.gap.values[0], chirp_losses.any(axis=-1)[0])
     (warning,) = [f for f in recording.findings if "lost" in f.value]
     assert "4368 bytes lost in 2 ranges" in warning.value
     assert warning.level == "warning"
 
 
-def test_packets_are_sorted_by_their_counters_not_by_arrival(tmp_path):
-    numbers = codes()
-    packets = packets_of(two_lanes(numbers))
+def test_packets_are_sorted_by_counter(tmp_path):
+    numbers = draw_codes()
+    packets = split_packets(encode_two_lanes(numbers))
     packets[2], packets[5] = packets[5], packets[2]
     packets.insert(8, packets[7])
-    other = [udp(b"\x5a\xa5\x09\x00\x00\x00\xaa\xee", port=4096), b"\xff" * 60, b""]
-    tagged = udp(
+    foreign_packets = [
+        encode_udp(b"\x5a\xa5\x09\x00\x00\x00\xaa\xee", port=4096),
+        b"\xff" * 60,
+        b"",
+    ]
+    tagged_packet = encode_udp(
         struct.pack("<I", packets[0][0]) + bytes(6) + packets[0][2], tag=b"\x81\x00\x00\x05"
     )
-    frames = [*other, tagged, *[samples_in(packet) for packet in packets[1:]], *other]
+    frames = [
+        *foreign_packets,
+        tagged_packet,
+        *[encode_sample_packet(packet) for packet in packets[1:]],
+        *foreign_packets,
+    ]
 
     for order in "<>":
-        for container in (pcap, pcapng):
-            recording = opened(tmp_path / "x.cap", container(frames, order=order), device="xwr1642")
-            np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
-            said = str(recording.findings)
-            assert "out of order" in said
-            assert "duplicate packets" in said
+        for container in (encode_pcap, encode_pcapng):
+            recording = open_capture(
+                tmp_path / "x.cap", container(frames, order=order), device="xwr1642"
+            )
+            np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
+            findings = str(recording.findings)
+            assert "out of order" in findings
+            assert "duplicate packets" in findings
 
 
-@pytest.mark.parametrize("first", [(1, 0), (0, 0, 1)], ids=["exchanged", "twice"])
-def test_headers_are_known_whatever_became_of_the_first_two_packets(tmp_path, first):
-    numbers = codes()
-    packets = packets_of(two_lanes(numbers))
-    content = with_headers([packets[place] for place in first] + packets[2:])
+@pytest.mark.parametrize(
+    "first_packets", [(1, 0), (0, 0, 1)], ids=["swapped-packets", "repeated-packet"]
+)
+def test_recognises_headers_after_swapped_or_repeated_packets(tmp_path, first_packets):
+    numbers = draw_codes()
+    packets = split_packets(encode_two_lanes(numbers))
+    content = encode_with_headers([packets[index] for index in first_packets] + packets[2:])
 
-    recording = opened(tmp_path / "adc_data_Raw_0.bin", content, device="xwr1642")
+    recording = open_capture(tmp_path / "adc_data_Raw_0.bin", content, device="xwr1642")
 
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
 
 
 @pytest.mark.parametrize("cuts", [(10, 11), (4.25, 9.004), (9.996, 12.5)])
-def test_a_capture_with_headers_may_be_split_anywhere(tmp_path, cuts):
-    numbers = codes()
-    content = with_headers(packets_of(two_lanes(numbers)))
+def test_capture_with_headers_may_be_split_anywhere(tmp_path, cuts):
+    numbers = draw_codes()
+    content = encode_with_headers(split_packets(encode_two_lanes(numbers)))
     ends = [0, *(round(1470 * cut) for cut in cuts), len(content)]
     for n, (start, end) in enumerate(itertools.pairwise(ends)):
         (tmp_path / f"adc_data_Raw_{n}.bin").write_bytes(content[start:end])
-    told = {"radar": RADAR, "device": "xwr1642", "iq": "iq"}
+    options = {"radar": RADAR, "device": "xwr1642", "iq": "iq"}
 
-    recording = open_recording(tmp_path / "adc_data_Raw_0.bin", **told)
+    recording = open_recording(tmp_path / "adc_data_Raw_0.bin", **options)
 
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
-    assert [level for level, _ in levels(recording)] == ["note"]
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
+    assert [level for level, _ in list_levels(recording)] == ["note"]
     assert "3 files of one capture" in str(recording.findings)
 
 
-def test_captures_with_headers_that_begin_anew_are_not_joined(tmp_path):
-    content = with_headers(packets_of(two_lanes(codes())))
+def test_captures_with_restarted_counters_are_not_joined(tmp_path):
+    content = encode_with_headers(split_packets(encode_two_lanes(draw_codes())))
     for n in range(2):
         (tmp_path / f"adc_data_Raw_{n}.bin").write_bytes(content)
-    told = {"radar": RADAR, "device": "xwr1642", "iq": "iq"}
+    options = {"radar": RADAR, "device": "xwr1642", "iq": "iq"}
 
-    assert open_recording(tmp_path / "adc_data_Raw_0.bin", **told).n_frames == N_FRAMES
+    assert open_recording(tmp_path / "adc_data_Raw_0.bin", **options).n_frames == N_FRAMES
 
 
-def test_a_part_of_a_split_capture_by_itself_is_pointed_out(tmp_path):
-    content = two_lanes(codes(n_frames=5))
-    half = len(content) // 2 + 8
+def test_part_of_split_capture_gives_finding(tmp_path):
+    content = encode_two_lanes(draw_codes(n_frames=5))
+    n_bytes = len(content) // 2 + 8
     for n in range(2):
-        (tmp_path / f"adc_data_{n}.bin").write_bytes(content[n * half : (n + 1) * half])
+        (tmp_path / f"adc_data_{n}.bin").write_bytes(content[n * n_bytes : (n + 1) * n_bytes])
 
     part = open_recording(tmp_path / "adc_data_1.bin", radar=RADAR, device="xwr1642", iq="iq")
 
     assert "open adc_data_0.bin" in str(part.findings)
 
 
-def test_two_boards_in_one_capture_are_not_mixed(tmp_path):
-    both = zip(*(packets_of(two_lanes(codes(seed))) for seed in (1, 2)), strict=True)
-    content = pcap([samples_in(packet) for pair in both for packet in pair])
+def test_rejects_packets_of_two_boards(tmp_path):
+    packet_pairs = zip(
+        *(split_packets(encode_two_lanes(draw_codes(seed))) for seed in (1, 2)), strict=True
+    )
+    content = encode_pcap(
+        [encode_sample_packet(packet) for pair in packet_pairs for packet in pair]
+    )
 
     with pytest.raises(RecordingError, match="17 of 17 compared differ"):
-        opened(tmp_path / "x.pcap", content, device="xwr1642")
+        open_capture(tmp_path / "x.pcap", content, device="xwr1642")
 
 
-def test_one_packet_whose_counter_is_wrong_costs_no_other(tmp_path):
-    numbers = codes()
-    packets = packets_of(two_lanes(numbers))
+def test_wrong_packet_counter_damages_no_other_packet(tmp_path):
+    numbers = draw_codes()
+    packets = split_packets(encode_two_lanes(numbers))
     packets[5] = (packets[5][0], packets[3][1], packets[5][2])
 
-    recording = opened(
-        tmp_path / "x.pcap", pcap([samples_in(packet) for packet in packets]), device="xwr1642"
+    recording = open_capture(
+        tmp_path / "x.pcap",
+        encode_pcap([encode_sample_packet(packet) for packet in packets]),
+        device="xwr1642",
     )
 
     is_lost = recording.cube.gap.values
-    np.testing.assert_array_equal(recording.cube.values[~is_lost], samples_of(numbers)[~is_lost])
+    np.testing.assert_array_equal(recording.cube.values[~is_lost], scale_samples(numbers)[~is_lost])
     assert "1 of 1 compared differ" in str(recording.findings)
 
 
-def test_a_capture_that_joins_late_begins_with_the_frame_that_it_joined(tmp_path):
-    numbers = codes(n_frames=6)
-    packets = packets_of(two_lanes(numbers))
+def test_late_capture_starts_with_partial_frame(tmp_path):
+    numbers = draw_codes(n_frames=6)
+    packets = split_packets(encode_two_lanes(numbers))
     frame_bytes = numbers[0].nbytes
-    late = [packet for packet in packets if packet[1] > 2.5 * frame_bytes]
+    late_packets = [packet for packet in packets if packet[1] > 2.5 * frame_bytes]
 
-    recording = opened(
-        tmp_path / "x.pcap", pcap([samples_in(packet) for packet in late]), device="xwr1642"
+    recording = open_capture(
+        tmp_path / "x.pcap",
+        encode_pcap([encode_sample_packet(packet) for packet in late_packets]),
+        device="xwr1642",
     )
 
     assert recording.n_frames == 4
     assert recording.cube.gap.values[0].any()
     assert not recording.cube.gap.values[1:].any()
-    np.testing.assert_array_equal(recording.cube.values[1:], samples_of(numbers[3:]))
+    np.testing.assert_array_equal(recording.cube.values[1:], scale_samples(numbers[3:]))
 
 
-def test_a_capture_that_joins_late_is_judged_by_a_whole_frame(tmp_path):
-    # Of the first frame that it joined, all but the last chirp are lost.
-    numbers = np.concatenate([echoes(), echoes()])
-    packets = packets_of(four_lanes(numbers[..., ::-1]))
-    late = [packet for packet in packets if packet[1] > 2.8 * numbers[0].nbytes]
+def test_late_capture_layout_is_detected_in_complete_frame(tmp_path):
+    # The first captured frame lacks all but its last chirp.
+    numbers = np.concatenate([simulate_echoes(), simulate_echoes()])
+    packets = split_packets(encode_four_lanes(numbers[..., ::-1]))
+    late_packets = [packet for packet in packets if packet[1] > 2.8 * numbers[0].nbytes]
 
-    recording = opened(tmp_path / "x.pcap", pcap([samples_in(packet) for packet in late]), iq=None)
+    recording = open_capture(
+        tmp_path / "x.pcap",
+        encode_pcap([encode_sample_packet(packet) for packet in late_packets]),
+        iq=None,
+    )
 
-    np.testing.assert_array_equal(recording.cube.values[1:], samples_of(numbers[3:]))
-    lost = late[0][1] - 2 * numbers[0].nbytes
+    np.testing.assert_array_equal(recording.cube.values[1:], scale_samples(numbers[3:]))
+    n_lost_bytes = late_packets[0][1] - 2 * numbers[0].nbytes
     (warning,) = [finding for finding in recording.findings if finding.level == "warning"]
-    assert f"{lost} bytes lost in 1 ranges" in warning.value
+    assert f"{n_lost_bytes} bytes lost in 1 ranges" in warning.value
 
 
-def test_a_second_capture_in_one_file_is_left_out(tmp_path):
-    numbers, more = codes(1), codes(2)
-    frames = [samples_in(p) for n in (numbers, more) for p in packets_of(two_lanes(n))]
+def test_second_capture_in_file_is_ignored_with_finding(tmp_path):
+    numbers, second_codes = draw_codes(1), draw_codes(2)
+    frames = [
+        encode_sample_packet(p)
+        for n in (numbers, second_codes)
+        for p in split_packets(encode_two_lanes(n))
+    ]
 
-    recording = opened(tmp_path / "x.pcap", pcap(frames), device="xwr1642")
+    recording = open_capture(tmp_path / "x.pcap", encode_pcap(frames), device="xwr1642")
 
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
     assert "2 captures" in str(recording.findings)
 
 
-def test_counters_that_jump_are_refused_before_memory_is_taken(tmp_path):
-    packets = packets_of(two_lanes(codes()))
+def test_rejects_jumping_counters_before_allocation(tmp_path):
+    packets = split_packets(encode_two_lanes(draw_codes()))
     packets[-1] = (packets[-1][0], 2**47, packets[-1][2])
 
     with pytest.raises(RecordingError, match="counters span"):
-        opened(tmp_path / "x.pcap", pcap([samples_in(packet) for packet in packets]))
+        open_capture(
+            tmp_path / "x.pcap", encode_pcap([encode_sample_packet(packet) for packet in packets])
+        )
 
 
-def test_a_capture_of_commands_alone_has_no_samples(tmp_path):
+def test_rejects_capture_of_commands_only(tmp_path):
     with pytest.raises(RecordingError, match="no packets of samples"):
-        opened(tmp_path / "x.pcap", pcap([udp(b"\x5a\xa5\x09\x00\x00\x00\xaa\xee", port=4096)]))
+        open_capture(
+            tmp_path / "x.pcap",
+            encode_pcap([encode_udp(b"\x5a\xa5\x09\x00\x00\x00\xaa\xee", port=4096)]),
+        )
 
 
-@pytest.mark.parametrize("container", [pcap, pcapng])
-def test_what_a_snap_length_cut_off_is_lost_and_pointed_out(tmp_path, container):
-    numbers = codes()
-    packets = packets_of(two_lanes(numbers))
-    frames = [samples_in(packet) for packet in packets]
-    # Of each packet but the last, which is short, 14 + 20 + 8 + 10 bytes of headers and 1348.
+@pytest.mark.parametrize("container", [encode_pcap, encode_pcapng])
+def test_snap_length_losses_are_gaps_with_warning(tmp_path, container):
+    numbers = draw_codes()
+    packets = split_packets(encode_two_lanes(numbers))
+    frames = [encode_sample_packet(packet) for packet in packets]
+    # Each packet but the short last one keeps 52 bytes of headers (14 + 20 + 8 + 10) and 1348.
     assert len(frames[-1]) < 1400
 
-    recording = opened(tmp_path / "x.cap", container(frames, snap=1400), device="xwr1642")
+    recording = open_capture(tmp_path / "x.cap", container(frames, snap=1400), device="xwr1642")
 
-    place = np.arange(numbers.nbytes)
-    is_lost = (place % 1456 >= 1348) & (place < 1456 * (len(packets) - 1))
-    of_chirps = is_lost.reshape(N_FRAMES, RADAR.frame.n_chirps, -1).any(axis=-1)
-    np.testing.assert_array_equal(recording.cube.gap.values, of_chirps)
-    (said,) = [finding for finding in recording.findings if "snap" in finding.value]
-    assert said.level == "warning"
-    assert f"{len(packets) - 1} packets" in said.value
-    assert "snap length of 1400 bytes" in said.value
+    byte_index = np.arange(numbers.nbytes)
+    is_lost = (byte_index % 1456 >= 1348) & (byte_index < 1456 * (len(packets) - 1))
+    chirp_losses = is_lost.reshape(N_FRAMES, RADAR.frame.n_chirps, -1).any(axis=-1)
+    np.testing.assert_array_equal(recording.cube.gap.values, chirp_losses)
+    (finding,) = [finding for finding in recording.findings if "snap" in finding.value]
+    assert finding.level == "warning"
+    assert f"{len(packets) - 1} packets" in finding.value
+    assert "snap length of 1400 bytes" in finding.value
 
 
-@pytest.mark.parametrize("container", [pcap, pcapng])
+@pytest.mark.parametrize("container", [encode_pcap, encode_pcapng])
 @pytest.mark.parametrize("snap", [40, 96, 1400])
-def test_a_capture_without_a_whole_packet_is_refused_for_its_snap_length(tmp_path, container, snap):
-    packets = packets_of(two_lanes(codes()))[:-1]
-    content = container([samples_in(packet) for packet in packets], snap=snap)
+def test_rejects_capture_without_complete_packets(tmp_path, container, snap):
+    packets = split_packets(encode_two_lanes(draw_codes()))[:-1]
+    content = container([encode_sample_packet(packet) for packet in packets], snap=snap)
 
     with pytest.raises(RecordingError) as error:
-        opened(tmp_path / "x.cap", content, device="xwr1642")
+        open_capture(tmp_path / "x.cap", content, device="xwr1642")
 
     (mistake,) = error.value.mistakes
     assert f"{len(packets)} packets captured with a snap length of {snap} bytes" in mistake.value
     assert "capture whole packets" in mistake.fix
 
 
-def test_one_short_packet_that_is_whole_does_not_hide_a_snap_length(tmp_path):
-    *packets, last = packets_of(two_lanes(codes()))
-    packets.append((*last[:2], last[2][:40]))
-    content = pcap([samples_in(packet) for packet in packets], snap=96)
+def test_complete_short_packet_does_not_hide_snap_length(tmp_path):
+    *packets, last_packet = split_packets(encode_two_lanes(draw_codes()))
+    packets.append((*last_packet[:2], last_packet[2][:40]))
+    content = encode_pcap([encode_sample_packet(packet) for packet in packets], snap=96)
 
     with pytest.raises(RecordingError, match="snap length of 96 bytes"):
-        opened(tmp_path / "x.cap", content, device="xwr1642")
+        open_capture(tmp_path / "x.cap", content, device="xwr1642")
 
 
-def test_a_capture_of_nothing_but_its_header_has_no_samples(tmp_path):
+def test_rejects_capture_without_packets(tmp_path):
     with pytest.raises(RecordingError, match="no packets of samples"):
-        opened(tmp_path / "x.pcap", pcap([]))
+        open_capture(tmp_path / "x.pcap", encode_pcap([]))
 
 
-def test_a_cut_file_gives_its_whole_frames_and_says_so(tmp_path):
-    numbers = codes()
+def test_truncated_file_gives_complete_frames_with_finding(tmp_path):
+    numbers = draw_codes()
 
-    recording = opened(tmp_path / "x.bin", two_lanes(numbers)[:-400], device="xwr1642")
+    recording = open_capture(tmp_path / "x.bin", encode_two_lanes(numbers)[:-400], device="xwr1642")
 
     assert recording.n_frames == N_FRAMES - 1
     assert "cut short" in str(recording.findings)
 
 
-def test_offset_binary_is_known_by_its_codes(tmp_path):
-    numbers = codes() // 8  # a signal well below full scale
-    content = (np.frombuffer(pairs(numbers), "<i2").astype(np.int32) + 32768).astype("<u2")
+def test_recognises_offset_binary_by_codes(tmp_path):
+    numbers = draw_codes() // 8  # a signal well below full scale
+    content = (np.frombuffer(encode_pairs(numbers), "<i2").astype(np.int32) + 32768).astype("<u2")
 
-    recording = opened(tmp_path / "x.dat", content.tobytes())
+    recording = open_capture(tmp_path / "x.dat", content.tobytes())
 
     assert recording.format == "tsw1400"
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
 
 
-@pytest.mark.parametrize("told", [{"device": "xwr1443", "format": "dca1000"},
+@pytest.mark.parametrize("options", [{"device": "xwr1443", "format": "dca1000"},
                                   {"format": "tsw1400"}])  # fmt: skip
-def test_more_receivers_than_have_room_in_a_sample_are_refused(tmp_path, told):
-    eight = replace(RADAR, array=Array(rx_m=tuple((0.0, 0.002 * n, 0.0) for n in range(8))))
+def test_rejects_more_receivers_than_layout_holds(tmp_path, options):
+    radar_8_rx = replace(RADAR, array=Array(rx_m=tuple((0.0, 0.002 * n, 0.0) for n in range(8))))
 
     with pytest.raises(RecordingError, match="8 receivers.*expected at most 4 receivers"):
-        opened(tmp_path / "x.bin", pairs(codes()), radar=eight, **told)
+        open_capture(tmp_path / "x.bin", encode_pairs(draw_codes()), radar=radar_8_rx, **options)
 
 
-def test_receivers_that_nobody_told_are_asked_for(tmp_path):
-    untold = Radar(frame=RADAR.frame)
+def test_missing_receiver_count_gives_warning(tmp_path):
+    radar_without_array = Radar(frame=RADAR.frame)
 
-    recording = opened(tmp_path / "x.bin", two_lanes(codes()), radar=untold, device="xwr1642")
+    recording = open_capture(
+        tmp_path / "x.bin",
+        encode_two_lanes(draw_codes()),
+        radar=radar_without_array,
+        device="xwr1642",
+    )
 
-    assert recording.sizes["frame"] == 4 * N_FRAMES  # of one receiver: it cannot be known
-    assert ("warning", "radar.array.rx") in levels(recording)
+    assert recording.sizes["frame"] == 4 * N_FRAMES  # one receiver is assumed
+    assert ("warning", "radar.array.rx") in list_levels(recording)
 
 
-def test_twelve_bits_in_a_word_are_full_scale_whether_their_sign_was_extended_or_not(tmp_path):
+def test_12_bit_codes_are_full_scale_with_and_without_sign_extension(tmp_path):
     numbers = np.array([[[-2048, 2047], [1, -1]]], np.int16)
     for words in (numbers, numbers & 0x0FFF):
         out = np.empty((1, 1, 2), np.complex64)
         groups = np.array([[words[0, 0, 0], words[0, 1, 0], words[0, 0, 1], words[0, 1, 1]]])
         TwoLanes().decode(groups.astype(np.int16), out, SampleCode(bits=12))
-        np.testing.assert_array_equal(out[0, 0], samples_of(numbers * 16)[0])
+        np.testing.assert_array_equal(out[0, 0], scale_samples(numbers * 16)[0])
 
 
-def cascade(folder: Path, numbers: np.ndarray, radar: Radar, *, n_told: int | None = None) -> None:
-    """Four chips, each with (frame, chirp, sample, rx, I and Q) and a list of its frames."""
+def write_cascade(
+    folder: Path, numbers: np.ndarray, radar: Radar, *, n_listed_frames: int | None = None
+) -> None:
+    """Write four chips, each with samples (frame, chirp, sample, rx, I and Q) and a frame list."""
     for index, name in enumerate(("master", "slave1", "slave2", "slave3")):
-        own = numbers[:, :, 4 * index : 4 * index + 4]
-        (folder / f"{name}_0000_data.bin").write_bytes(pairs(own))
-        n_frames = len(numbers) if n_told is None else n_told
-        head = struct.pack("<4IQ", 1, 1, 0, n_frames, own.nbytes)
-        (folder / f"{name}_0000_idx.bin").write_bytes(head + bytes(48 * n_frames))
+        chip_samples = numbers[:, :, 4 * index : 4 * index + 4]
+        (folder / f"{name}_0000_data.bin").write_bytes(encode_pairs(chip_samples))
+        n_frames = len(numbers) if n_listed_frames is None else n_listed_frames
+        index_header = struct.pack("<4IQ", 1, 1, 0, n_frames, chip_samples.nbytes)
+        (folder / f"{name}_0000_idx.bin").write_bytes(index_header + bytes(48 * n_frames))
 
 
 @pytest.fixture(scope="session")
@@ -522,79 +572,79 @@ def cascade_radar() -> Radar:
     return Radar(frame=frame, array=board.select_antennas(0xFFF, 0xFFFF))
 
 
-def test_four_chips_of_a_cascade_are_one_cube(tmp_path, cascade_radar):
+def test_four_cascade_chips_form_one_cube(tmp_path, cascade_radar):
     frame = cascade_radar.frame
     shape = (N_FRAMES, frame.n_chirps_total, 16, frame.chirp.n_samples, 2)
     numbers = np.random.default_rng(3).integers(-999, 999, shape).astype(np.int16)
-    cascade(tmp_path, numbers, cascade_radar)
+    write_cascade(tmp_path, numbers, cascade_radar)
 
     for path in (tmp_path, tmp_path / "slave2_0000_data.bin"):
         recording = open_recording(path, radar=cascade_radar, iq="iq")
 
         assert recording.format == "ti-cascade"
-        np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+        np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
         assert recording.cube.transmitter.values[:13].tolist() == [*range(12), 0]
         assert has_adc_codes(recording.cube)
 
 
-def test_a_cascade_says_which_file_told_how_its_samples_lie(tmp_path, cascade_radar):
+def test_cascade_reports_settings_file_and_device(tmp_path, cascade_radar):
     frame = cascade_radar.frame
     numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
-    cascade(tmp_path, numbers, cascade_radar)
-    told = tmp_path / "capture.yaml"
-    told.write_text(dump(cascade_radar))
+    write_cascade(tmp_path, numbers, cascade_radar)
+    settings_file = tmp_path / "capture.yaml"
+    settings_file.write_text(dump(cascade_radar))
 
-    held = open_recording(tmp_path, radar=told, device="cascade", iq="iq").contents
+    contents = open_recording(tmp_path, radar=settings_file, device="cascade", iq="iq").contents
 
-    assert (held.settings_path, held.device) == (told, "cascade")
+    assert (contents.settings_path, contents.device) == (settings_file, "cascade")
 
 
-def test_the_parts_of_a_sample_have_one_order_in_all_chips_of_a_cascade(tmp_path, cascade_radar):
+def test_all_cascade_chips_share_iq_order(tmp_path, cascade_radar):
     frame = cascade_radar.frame
     shape = (1, frame.n_chirps_total, 16, frame.chirp.n_samples)
     tone = np.exp(2j * np.pi * 0.2 * np.arange(frame.chirp.n_samples))
     beat = np.broadcast_to(tone, shape).copy()
-    beat[:, :, 8:12] = beat[:, :, 8:12].conj()  # what noise alone may look like
+    beat[:, :, 8:12] = beat[:, :, 8:12].conj()  # noise alone can give such a spectrum
     numbers = (999 * np.stack([beat.real, beat.imag], axis=-1)).astype(np.int16)
-    cascade(tmp_path, numbers, cascade_radar)
+    write_cascade(tmp_path, numbers, cascade_radar)
 
     recording = open_recording(tmp_path, radar=cascade_radar)
 
     assert recording.contents.iq == "iq"
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
 
 
-def test_a_chip_of_a_cascade_may_not_lie_elsewhere(tmp_path, cascade_radar):
-    folder, elsewhere = tmp_path / "capture", tmp_path / "elsewhere.bin"
+def test_rejects_cascade_chip_behind_link(tmp_path, cascade_radar):
+    folder, external_file = tmp_path / "capture", tmp_path / "elsewhere.bin"
     folder.mkdir()
     frame = cascade_radar.frame
     numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
-    cascade(folder, numbers, cascade_radar)
-    (folder / "slave1_0000_data.bin").rename(elsewhere)
-    (folder / "slave1_0000_data.bin").symlink_to(elsewhere)
+    write_cascade(folder, numbers, cascade_radar)
+    (folder / "slave1_0000_data.bin").rename(external_file)
+    (folder / "slave1_0000_data.bin").symlink_to(external_file)
 
     with pytest.raises(RecordingError, match="slave1_0000_data.bin is a link"):
         open_recording(folder, radar=cascade_radar, iq="iq")
 
 
-def test_a_cascade_without_one_of_its_chips_is_refused(tmp_path, cascade_radar):
+def test_rejects_cascade_with_missing_chip(tmp_path, cascade_radar):
     frame = cascade_radar.frame
     numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
-    cascade(tmp_path, numbers, cascade_radar)
+    write_cascade(tmp_path, numbers, cascade_radar)
     (tmp_path / "slave1_0000_data.bin").unlink()
 
     with pytest.raises(RecordingError, match="slave1_0000_data"):
         open_recording(tmp_path, radar=cascade_radar, iq="iq")
 
 
-def echoes(seed: int = 5) -> np.ndarray:
-    """Codes of two targets over noise, (frame, chirp, rx, sample, part), from two sides."""
+def simulate_echoes(seed: int = 5) -> np.ndarray:
+    """Simulate codes of two targets at two angles in noise, (frame, chirp, rx, sample, part)."""
     n = np.arange(RADAR.frame.chirp.n_samples)
-    left, right = (np.exp(2j * np.pi * bin / n.size * n) for bin in (7.3, 15.6))
+    left_tone, right_tone = (np.exp(2j * np.pi * bin / n.size * n) for bin in (7.3, 15.6))
     rng = np.random.default_rng(seed)
     shape = (N_FRAMES, RADAR.frame.n_chirps, 4, n.size)
     rx = np.arange(4)[:, None]
-    tones = 3000 * np.exp(1.1j * rx) * left + 2500 * np.exp(-2.0j * rx) * right
+    tones = 3000 * np.exp(1.1j * rx) * left_tone + 2500 * np.exp(-2.0j * rx) * right_tone
     noise = 100 * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
     beat = tones + noise
     return np.stack([beat.real, beat.imag], axis=-1).round().astype(np.int16)
@@ -602,75 +652,79 @@ def echoes(seed: int = 5) -> np.ndarray:
 
 @pytest.mark.parametrize("iq", ["iq", "qi"])
 @pytest.mark.parametrize(
-    ("write", "kind", "said"),
-    [(two_lanes, "dca1000", "two lanes"), (four_lanes, "dca1000", "four lanes"),
-     (pairs, "xwr14xx-capture", "")],
+    ("encode", "kind", "message"),
+    [(encode_two_lanes, "dca1000", "two lanes"), (encode_four_lanes, "dca1000", "four lanes"),
+     (encode_pairs, "xwr14xx-capture", "")],
 )  # fmt: skip
-def test_bare_samples_tell_their_order_by_where_the_echoes_are(tmp_path, write, kind, said, iq):
-    numbers = echoes()
-    stored = numbers if iq == "iq" else numbers[..., ::-1]
+def test_echoes_determine_layout_and_iq_order(tmp_path, encode, kind, message, iq):
+    numbers = simulate_echoes()
+    stored_codes = numbers if iq == "iq" else numbers[..., ::-1]
 
-    recording = opened(tmp_path / "capture", write(stored), iq=None)
+    recording = open_capture(tmp_path / "capture", encode(stored_codes), iq=None)
 
     assert recording.format == kind
     assert recording.contents.iq == iq
-    assert said in str(recording.findings)
-    np.testing.assert_array_equal(recording.cube.values, samples_of(numbers))
+    assert message in str(recording.findings)
+    np.testing.assert_array_equal(recording.cube.values, scale_samples(numbers))
     assert not [str(f) for f in recording.findings if f.level == "warning"]
 
 
-def test_the_wrong_order_of_i_and_q_is_told(tmp_path):
-    recording = opened(tmp_path / "x.bin", two_lanes(echoes()), device="xwr1642", iq="qi")
+def test_wrong_iq_order_gives_warning(tmp_path):
+    recording = open_capture(
+        tmp_path / "x.bin", encode_two_lanes(simulate_echoes()), device="xwr1642", iq="qi"
+    )
 
-    assert ("warning", "iq") in levels(recording)
+    assert ("warning", "iq") in list_levels(recording)
 
 
-def whole_files() -> dict[str, bytes]:
-    """A capture of each kind."""
-    stream = two_lanes(codes())
-    packets = packets_of(stream)
+def encode_valid_captures() -> dict[str, bytes]:
+    """Encode a valid capture of each kind."""
+    stream = encode_two_lanes(draw_codes())
+    packets = split_packets(stream)
     return {
         "bare.bin": stream,
-        "headers.bin": with_headers(packets),
-        "network.pcap": pcap([samples_in(packet) for packet in packets]),
-        "network.pcapng": pcapng([samples_in(packet) for packet in packets]),
+        "headers.bin": encode_with_headers(packets),
+        "network.pcap": encode_pcap([encode_sample_packet(packet) for packet in packets]),
+        "network.pcapng": encode_pcapng([encode_sample_packet(packet) for packet in packets]),
     }
 
 
-@pytest.mark.parametrize("name", whole_files())
+@pytest.mark.parametrize("name", encode_valid_captures())
 @settings(max_examples=150)
 @given(data=st.data())
-def test_any_damage_gives_a_cube_or_says_why(tmp_path_factory, name, data):
+def test_corrupted_file_gives_cube_or_error(tmp_path_factory, name, data):
     file = tmp_path_factory.mktemp("damaged") / name
-    file.write_bytes(data.draw(damaged(whole_files()[name])))
+    file.write_bytes(data.draw(corrupted_bytes(encode_valid_captures()[name])))
 
-    gives_a_cube_or_says_why(file, radar=RADAR, iq="iq")
+    assert_cube_or_error(file, radar=RADAR, iq="iq")
 
 
 @settings(max_examples=200)
-@given(head=st.sampled_from([b"", b"\xd4\xc3\xb2\xa1", b"\x0a\x0d\x0d\x0a"]), rest=st.binary())
-def test_any_bytes_give_a_cube_or_say_why(tmp_path_factory, head, rest):
+@given(
+    signature=st.sampled_from([b"", b"\xd4\xc3\xb2\xa1", b"\x0a\x0d\x0d\x0a"]), content=st.binary()
+)
+def test_random_bytes_give_cube_or_error(tmp_path_factory, signature, content):
     file = tmp_path_factory.mktemp("any") / "capture"
-    file.write_bytes(head + rest)
+    file.write_bytes(signature + content)
 
-    gives_a_cube_or_says_why(file, radar=RADAR)
+    assert_cube_or_error(file, radar=RADAR)
 
 
 @settings(max_examples=50)
 @given(data=st.data())
-def test_any_damage_to_a_cascade_gives_a_cube_or_says_why(tmp_path_factory, cascade_radar, data):
+def test_corrupted_cascade_gives_cube_or_error(tmp_path_factory, cascade_radar, data):
     folder = tmp_path_factory.mktemp("cascade")
     frame = cascade_radar.frame
     numbers = np.zeros((1, frame.n_chirps_total, 16, frame.chirp.n_samples, 2), np.int16)
-    cascade(folder, numbers, cascade_radar)
+    write_cascade(folder, numbers, cascade_radar)
     file = folder / data.draw(st.sampled_from(sorted(entry.name for entry in folder.iterdir())))
-    file.write_bytes(data.draw(damaged(file.read_bytes())))
+    file.write_bytes(data.draw(corrupted_bytes(file.read_bytes())))
 
-    gives_a_cube_or_says_why(folder, radar=cascade_radar, iq="iq")
+    assert_cube_or_error(folder, radar=cascade_radar, iq="iq")
 
 
-def test_a_changed_radar_keeps_how_the_samples_lie(tmp_path, monkeypatch, capsys):
-    """Lanes of receivers 1 and 3; a period that is set must not make it the first two."""
+def test_changed_radar_keeps_sample_layout(tmp_path, monkeypatch, capsys):
+    """Cover receivers 1 and 3: setting the frame period must not select receivers 1 and 2."""
     settings = (
         "% Platform:xWR14xx\nchannelCfg 5 1 0\nadcCfg 2 1\nadcbufCfg 0 0 0 1\n"
         "profileCfg 0 77 20 6 30 0 0 30 1 64 10000 0 0 30\nchirpCfg 0 0 0 0 0 0 0 1\n"
@@ -682,28 +736,30 @@ def test_a_changed_radar_keeps_how_the_samples_lie(tmp_path, monkeypatch, capsys
     beat = tone + 100 * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
     numbers = np.stack([beat.real, beat.imag], axis=-1).round().astype(np.int16)
     (tmp_path / "capture.cfg").write_text(settings)
-    (tmp_path / "capture.bin").write_bytes(four_lanes(numbers, (0, 2)))
+    (tmp_path / "capture.bin").write_bytes(encode_four_lanes(numbers, (0, 2)))
     monkeypatch.chdir(tmp_path)
 
-    found = []
-    words = ["run", "capture.bin", "--format", "dca1000", "--json"]
+    detections = []
+    arguments = ["run", "capture.bin", "--format", "dca1000", "--json"]
     for changes in ([], ["--set", "radar.frame.period=60 ms"]):
         for radar in ([], ["--radar", "capture.cfg"]):
-            with pytest.raises(SystemExit) as ended:
-                main([*words, *changes, *radar])
-            assert ended.value.code == 0
-            found.append(json.loads(capsys.readouterr().out)["detections"])
+            with pytest.raises(SystemExit) as exit_info:
+                main([*arguments, *changes, *radar])
+            assert exit_info.value.code == 0
+            detections.append(json.loads(capsys.readouterr().out)["detections"])
             with pytest.raises(SystemExit):
                 main(["run", "dechirp-run/scenario.yaml", "--json", "--out", "again"])
-            assert json.loads(capsys.readouterr().out)["detections"] == found[-1]
+            assert json.loads(capsys.readouterr().out)["detections"] == detections[-1]
 
-    strengths = [[round(row["snr_db"], 6) for row in rows] for rows in found]
+    strengths = [[round(row["snr_db"], 6) for row in rows] for rows in detections]
     assert strengths == [strengths[0]] * 4
-    assert len(found[0]) == 3
+    assert len(detections[0]) == 3
 
 
-def test_settings_of_the_studio_are_found_by_the_name_of_the_capture(tmp_path):
-    (tmp_path / "adc_data_Raw_0.bin").write_bytes(with_headers(packets_of(two_lanes(codes()))))
+def test_finds_studio_settings_by_capture_name(tmp_path):
+    (tmp_path / "adc_data_Raw_0.bin").write_bytes(
+        encode_with_headers(split_packets(encode_two_lanes(draw_codes())))
+    )
     yaml = Path(__file__).parents[2] / "examples" / "radar.yaml"
     for name in ("adc_data_settings.yaml", "other.yaml"):
         (tmp_path / name).write_text(yaml.read_text())
@@ -711,7 +767,7 @@ def test_settings_of_the_studio_are_found_by_the_name_of_the_capture(tmp_path):
     assert find_settings(tmp_path / "adc_data_Raw_0.bin").name == "adc_data_settings.yaml"
 
 
-def test_points_cannot_be_run(tmp_path):
+def test_rejects_run_of_points_without_samples(tmp_path):
     stream = bytes.fromhex("0201040306050807") + struct.pack("<8I", 1, 40, 0xA1843, 7, 0, 0, 0, 0)
     (tmp_path / "points.dat").write_bytes(stream * 2)
 
@@ -719,25 +775,25 @@ def test_points_cannot_be_run(tmp_path):
         run(Scenario(recording=RecordingSource(path=str(tmp_path / "points.dat"))))
 
 
-@pytest.mark.parametrize("lost", [[], [5], [5, 6, 20]])
-def test_what_is_kept_of_an_orderly_capture_grows_with_its_losses_alone(tmp_path, lost):
-    stream = two_lanes(codes(n_frames=12))
-    kept = [packet for packet in packets_of(stream) if packet[0] not in lost]
+@pytest.mark.parametrize("lost_numbers", [[], [5], [5, 6, 20]])
+def test_packet_index_size_grows_with_losses_only(tmp_path, lost_numbers):
+    stream = encode_two_lanes(draw_codes(n_frames=12))
+    received_packets = [packet for packet in split_packets(stream) if packet[0] not in lost_numbers]
     file = tmp_path / "adc_data_Raw_0.bin"
-    file.write_bytes(with_headers(kept))
+    file.write_bytes(encode_with_headers(received_packets))
 
     runs, _ = scan_file(file, to_run_step(_scan_packet_headers), 0)
     packets, findings = assemble_packets(file, open_files(file), runs)
 
-    # A run before each place of loss, one to the end, and the last packet, which is shorter.
-    n_places = sum(number - 1 not in lost for number in lost)
-    assert len(packets.starts) == n_places + 2
-    assert int(packets.counts.sum()) == len(kept)
+    # One run before each gap, one up to the end, and one for the shorter last packet.
+    n_gaps = sum(number - 1 not in lost_numbers for number in lost_numbers)
+    assert len(packets.starts) == n_gaps + 2
+    assert int(packets.counts.sum()) == len(received_packets)
     assert findings == ()
     for start, stop in ((0, len(stream)), (1455, 1457), (2912, 2913), (7000, 9000)):
         part = np.empty(stop - start, np.uint8)
         packets.read(start, part)
-        whole = np.frombuffer(stream, np.uint8).copy()
-        for number in lost:
-            whole[(number - 1) * 1456 : number * 1456] = 0
-        np.testing.assert_array_equal(part, whole[start:stop])
+        expected = np.frombuffer(stream, np.uint8).copy()
+        for number in lost_numbers:
+            expected[(number - 1) * 1456 : number * 1456] = 0
+        np.testing.assert_array_equal(part, expected[start:stop])

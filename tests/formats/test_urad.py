@@ -13,13 +13,15 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import MatchQuality, RecordingHints
 from dechirp.recordings.readers.urad import Urad
 from dechirp.recordings.settings.base import RecordingSettings
-from formats.any_bytes import decoded
+from formats.corruption import decode_frames
 
-LIGHT = 299_792_458.0
+SPEED_OF_LIGHT = 299_792_458.0
 N, RATE, SLOPE, START, INTERVAL = 100, 200e3, 240e6 / 0.5e-3, 24.005e9, 1e-3
 
 
-def told(n_chirps=8, *, n_samples=N, sampling="complex", n_rx=1, interval_s=INTERVAL, **more):
+def make_hints(
+    n_chirps=8, *, n_samples=N, sampling="complex", n_rx=1, interval_s=INTERVAL, **options
+):
     chirp = Chirp(
         start_frequency_hz=START,
         slope_hz_per_s=SLOPE,
@@ -30,23 +32,25 @@ def told(n_chirps=8, *, n_samples=N, sampling="complex", n_rx=1, interval_s=INTE
     )
     array = Array(rx_m=tuple((0.0, 0.01 * n, 0.0) for n in range(n_rx)))
     frame = Frame(chirp=chirp, n_chirps=n_chirps, interval_s=interval_s)
-    return RecordingHints(settings=RecordingSettings(radar=Radar(frame=frame, array=array)), **more)
+    return RecordingHints(
+        settings=RecordingSettings(radar=Radar(frame=frame, array=array)), **options
+    )
 
 
-def beat(range_m, velocity_m_per_s, *, n_chirps, down=False):
-    """Samples (chirp, sample) of a moving target, from what Tx x conj(Rx) is.
+def simulate_beat(range_m, velocity_m_per_s, *, n_chirps, down=False):
+    """Simulate samples Tx x conj(Rx) of a moving target, (chirp, sample).
 
     Down-ramps fall from the frequency at which up-ramps end.
     """
     t = np.arange(N) / RATE
-    sent_s = t + INTERVAL * np.arange(n_chirps)[:, None]
-    delay_s = 2 * (range_m + velocity_m_per_s * sent_s) / LIGHT
+    time_s = t + INTERVAL * np.arange(n_chirps)[:, None]
+    delay_s = 2 * (range_m + velocity_m_per_s * time_s) / SPEED_OF_LIGHT
     first_hz, slope = (START + SLOPE * (N - 1) / RATE, -SLOPE) if down else (START, SLOPE)
     return np.exp(2j * np.pi * (first_hz * delay_s + slope * delay_s * t))
 
 
-def lines(*ramps, times=False, amplitude=900.0, offset=1900):
-    """Text of the vendor's example: I of all ramps, then Q of all, then the time."""
+def format_lines(*ramps, times=False, amplitude=900.0, offset=1900):
+    """Format lines as the vendor's example: I of all ramps, then Q of all, then the time."""
     text = []
     for n, chirps in enumerate(zip(*ramps, strict=True)):
         numbers = [round(amplitude * x.real) + offset for chirp in chirps for x in chirp]
@@ -56,57 +60,57 @@ def lines(*ramps, times=False, amplitude=900.0, offset=1900):
     return "".join(text)
 
 
-def read(tmp_path, text, what=None):
+def read_contents(tmp_path, text, hints=None):
     file = tmp_path / "IQ.txt"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
-    contents = Urad().read(file, what or told())
-    return contents, decoded(contents)
+    contents = Urad().read(file, hints or make_hints())
+    return contents, decode_frames(contents)
 
 
-def found(contents, frame):
-    """Range without regard to coupling, and velocity, of the highest peak of a map."""
+def find_peak(contents, frame):
+    """Return range and velocity of the highest map peak, without range-Doppler correction."""
     radar = contents.radar.frame
-    still = frame[:, 0] - frame.mean(axis=(0, 1, 2))
-    taper = np.hanning(radar.n_chirps)[:, None] * np.hanning(N)
-    power = abs(np.fft.fftshift(np.fft.fft2(still * taper, (1024, 4096)), axes=0))
+    samples_without_dc = frame[:, 0] - frame.mean(axis=(0, 1, 2))
+    window = np.hanning(radar.n_chirps)[:, None] * np.hanning(N)
+    power = abs(np.fft.fftshift(np.fft.fft2(samples_without_dc * window, (1024, 4096)), axes=0))
     row, column = np.unravel_index(np.argmax(power[:, :2048]), (1024, 2048))
     return radar.chirp.range_bins_m(4096)[column], radar.velocity_bins_m_per_s(1024)[row]
 
 
-def test_a_target_is_at_its_range_and_recedes_with_its_velocity(tmp_path):
-    text = lines(beat(12.0, 1.0, n_chirps=32))
+def test_target_has_simulated_range_and_velocity(tmp_path):
+    text = format_lines(simulate_beat(12.0, 1.0, n_chirps=32))
 
-    contents, frames = read(tmp_path, text, told(32))
+    contents, frames = read_contents(tmp_path, text, make_hints(32))
 
     # A bin is 0.62 m and 0.195 m/s wide, coupling 5 cm; 12 bits round by 5e-4.
-    assert found(contents, frames[0]) == pytest.approx((12.05, 1.0), abs=0.05)
+    assert find_peak(contents, frames[0]) == pytest.approx((12.05, 1.0), abs=0.05)
     assert contents.iq == "iq"
 
 
-def test_both_ramps_of_a_triangle_tell_range_and_velocity_with_opposite_coupling(tmp_path):
+def test_triangle_ramps_have_opposite_range_doppler_coupling(tmp_path):
     v = 2.5
-    up, down = (beat(12.0, v, n_chirps=32, down=is_down) for is_down in (False, True))
-    text = lines(up, down)
+    up, down = (simulate_beat(12.0, v, n_chirps=32, down=is_down) for is_down in (False, True))
+    text = format_lines(up, down)
 
-    seen = {}
+    peaks = {}
     for ramp in ("up", "down"):
-        contents, frames = read(tmp_path, text, told(32, encoding=ramp))
-        seen[ramp] = found(contents, frames[0])
+        contents, frames = read_contents(tmp_path, text, make_hints(32, encoding=ramp))
+        peaks[ramp] = find_peak(contents, frames[0])
 
     coupling_m = contents.radar.frame.chirp.range_doppler_coupling_m(v)  # 0.125 m
     mean_m = 12.0 + v * 31 / 2 * INTERVAL
-    assert seen["up"] == pytest.approx((mean_m + coupling_m, v), abs=0.03)
-    assert seen["down"] == pytest.approx((mean_m - coupling_m, v), abs=0.03)
+    assert peaks["up"] == pytest.approx((mean_m + coupling_m, v), abs=0.03)
+    assert peaks["down"] == pytest.approx((mean_m - coupling_m, v), abs=0.03)
     assert "opposite sign" in " ".join(finding.expected for finding in contents.findings)
 
 
-def test_codes_of_12_bits_span_full_scale_with_their_offset(tmp_path):
+def test_12_bit_codes_with_offset_span_full_scale(tmp_path):
     codes = np.random.default_rng(3).integers(0, 4096, (8, 2 * N))
     codes[0, 0], codes[0, N] = 0, 4095
-    text = "\n".join(" ".join(map(str, row)) for row in codes)  # without a last line end
+    text = "\n".join(" ".join(map(str, row)) for row in codes)  # no newline at the end
 
-    _, frames = read(tmp_path, text)
-    _, swapped = read(tmp_path, text, told(iq="qi"))
+    _, frames = read_contents(tmp_path, text)
+    _, swapped = read_contents(tmp_path, text, make_hints(iq="qi"))
 
     assert frames[0, 0, 0, 0] == pytest.approx(-1 + 1j)
     expected = (codes[:, :N] + 1j * codes[:, N:]) / 4095 * 2 - (1 + 1j)
@@ -114,103 +118,105 @@ def test_codes_of_12_bits_span_full_scale_with_their_offset(tmp_path):
     assert np.array_equal(swapped, 1j * frames.conj())
 
 
-def test_echoes_on_the_wrong_side_of_the_spectrum_are_pointed_out(tmp_path):
-    text = lines(beat(12.0, 0.0, n_chirps=8).conj())
+def test_echoes_at_negative_beat_frequencies_give_warning(tmp_path):
+    text = format_lines(simulate_beat(12.0, 0.0, n_chirps=8).conj())
 
-    contents, _ = read(tmp_path, text)
+    contents, _ = read_contents(tmp_path, text)
 
-    warned = [finding.setting for finding in contents.findings if finding.level == "warning"]
-    assert warned == ["iq"]
+    warnings = [finding.setting for finding in contents.findings if finding.level == "warning"]
+    assert warnings == ["iq"]
 
 
-@pytest.mark.parametrize(("interval_s", "warned"), [(1.005e-3, 0), (2e-3, 1)])
-def test_times_in_the_file_are_held_against_the_interval(tmp_path, interval_s, warned):
-    text = lines(beat(12.0, 0.0, n_chirps=64), times=True)
+@pytest.mark.parametrize(("interval_s", "n_findings"), [(1.005e-3, 0), (2e-3, 1)])
+def test_file_times_are_compared_with_chirp_interval(tmp_path, interval_s, n_findings):
+    text = format_lines(simulate_beat(12.0, 0.0, n_chirps=64), times=True)
 
-    contents, frames = read(tmp_path, text, told(interval_s=interval_s))
+    contents, frames = read_contents(tmp_path, text, make_hints(interval_s=interval_s))
 
     assert frames.shape == (8, 8, 1, N)
-    said = [f for f in contents.findings if f.setting == "radar.frame.interval"]
-    assert len(said) == warned
-    assert all("true velocities 2" in finding.fix for finding in said)  # shown as half of them
+    findings = [f for f in contents.findings if f.setting == "radar.frame.interval"]
+    assert len(findings) == n_findings
+    assert all(
+        "true velocities 2" in finding.fix for finding in findings
+    )  # displayed velocities are half of the true ones
 
 
-def test_a_last_line_cut_short_and_chirps_that_fill_no_frame_are_left_out(tmp_path):
-    text = lines(beat(12.0, 0.0, n_chirps=20))
+def test_truncated_line_and_incomplete_frame_are_dropped(tmp_path):
+    text = format_lines(simulate_beat(12.0, 0.0, n_chirps=20))
 
-    contents, frames = read(tmp_path, text[:-300])
+    contents, frames = read_contents(tmp_path, text[:-300])
 
     assert frames.shape[0] == 2
-    said = " ".join(finding.value for finding in contents.findings)
-    assert "in line 20, the last" in said
-    assert "3 chirps that are left out" in said
+    text_of_findings = " ".join(finding.value for finding in contents.findings)
+    assert "in line 20, the last" in text_of_findings
+    assert "3 chirps that are left out" in text_of_findings
 
 
-GOOD = lines(beat(12.0, 0.0, n_chirps=8), times=True)
+VALID_TEXT = format_lines(simulate_beat(12.0, 0.0, n_chirps=8), times=True)
 
 
 @pytest.mark.parametrize(
-    ("text", "what", "named"),
+    ("text", "hints", "message"),
     [
-        (GOOD.replace(" ", " x", 1), told(), "'x"),
-        (GOOD.replace(" ", " 4096", 1), told(), "in line 1"),
-        (GOOD.replace(" ", " -", 1), told(), "'-"),
-        (GOOD.replace(" ", " 000", 1), told(), "'000"),  # more digits than a code has
-        (GOOD.replace("\n", " \n12 13 ", 1), told(), "in line 2"),
-        (GOOD.replace("\n", "\n\n", 1), told(), "in line 2"),
-        (GOOD.replace(".000\n", ".0.0\n", 1), told(), "in line 1"),
-        ("", told(), "0 numbers in line 1"),
-        ("1 2 3\n" * 8, told(), "3 numbers in line 1"),
-        ("1 2 3 4\n" * 8 + "1 2 3 4 5 6\n", told(), "6 numbers after lines of 4 in line 9"),
-        ("1" * 70_000, told(), "more than 65536 bytes in line 1"),
-        (GOOD, told(n_samples=90), "200 numbers a line"),
-        (GOOD, told(encoding="down"), "200 numbers a line"),
-        (GOOD, told(sampling="real"), "real samples"),
-        (GOOD, told(n_rx=2), "of 2 receivers"),
-        (GOOD, told(9), "8 chirps"),
+        (VALID_TEXT.replace(" ", " x", 1), make_hints(), "'x"),
+        (VALID_TEXT.replace(" ", " 4096", 1), make_hints(), "in line 1"),
+        (VALID_TEXT.replace(" ", " -", 1), make_hints(), "'-"),
+        (VALID_TEXT.replace(" ", " 000", 1), make_hints(), "'000"),  # more digits than a code has
+        (VALID_TEXT.replace("\n", " \n12 13 ", 1), make_hints(), "in line 2"),
+        (VALID_TEXT.replace("\n", "\n\n", 1), make_hints(), "in line 2"),
+        (VALID_TEXT.replace(".000\n", ".0.0\n", 1), make_hints(), "in line 1"),
+        ("", make_hints(), "0 numbers in line 1"),
+        ("1 2 3\n" * 8, make_hints(), "3 numbers in line 1"),
+        ("1 2 3 4\n" * 8 + "1 2 3 4 5 6\n", make_hints(), "6 numbers after lines of 4 in line 9"),
+        ("1" * 70_000, make_hints(), "more than 65536 bytes in line 1"),
+        (VALID_TEXT, make_hints(n_samples=90), "200 numbers a line"),
+        (VALID_TEXT, make_hints(encoding="down"), "200 numbers a line"),
+        (VALID_TEXT, make_hints(sampling="real"), "real samples"),
+        (VALID_TEXT, make_hints(n_rx=2), "of 2 receivers"),
+        (VALID_TEXT, make_hints(9), "8 chirps"),
     ],
 )
-def test_a_recording_that_cannot_be_right_is_refused(tmp_path, text, what, named):
+def test_rejects_invalid_recording(tmp_path, text, hints, message):
     with pytest.raises(RecordingError) as error:
-        read(tmp_path, text, what)
+        read_contents(tmp_path, text, hints)
 
-    assert named in error.value.mistakes[0].value
+    assert message in error.value.mistakes[0].value
 
 
-def test_a_file_is_known_by_its_lines(tmp_path):
+def test_recognises_file_by_its_lines(tmp_path):
     file = tmp_path / "anything"
-    for text, fit in (
-        (GOOD, MatchQuality.LIKELY),
-        (GOOD[:-300], MatchQuality.LIKELY),
-        (GOOD * 20, MatchQuality.LIKELY),  # longer than what is looked at
+    for text, quality in (
+        (VALID_TEXT, MatchQuality.LIKELY),
+        (VALID_TEXT[:-300], MatchQuality.LIKELY),
+        (VALID_TEXT * 20, MatchQuality.LIKELY),  # longer than the bytes that recognise() reads
         ("1 2 3 4\n" * 8, MatchQuality.POSSIBLE),
         ("1 2 3\n" * 8, MatchQuality.NO),
-        (GOOD.replace(" ", " 4096 ", 1), MatchQuality.NO),
-        (GOOD.replace(" ", " 0.5 ", 1), MatchQuality.NO),
+        (VALID_TEXT.replace(" ", " 4096 ", 1), MatchQuality.NO),
+        (VALID_TEXT.replace(" ", " 0.5 ", 1), MatchQuality.NO),
         ("frame: 1\n", MatchQuality.NO),
         ("\x00\x01" * 300, MatchQuality.NO),
         ("", MatchQuality.NO),
     ):
         file.write_text(text)
-        assert Urad().recognise(file) == fit
+        assert Urad().recognise(file) == quality
     assert Urad().recognise(tmp_path) == MatchQuality.NO
 
 
 @settings(max_examples=150)
 @given(st.data())
-def test_no_bytes_do_anything_but_decode_or_be_refused(tmp_path_factory, data):
-    text = bytearray(GOOD.encode())
+def test_fuzzed_bytes_decode_or_raise_recording_error(tmp_path_factory, data):
+    text = bytearray(VALID_TEXT.encode())
     for _ in range(data.draw(st.integers(1, 3))):
-        at = data.draw(st.integers(0, len(text)))
-        gone = data.draw(st.integers(0, 1000))
-        text[at : at + gone] = data.draw(
+        start = data.draw(st.integers(0, len(text)))
+        n_removed = data.draw(st.integers(0, 1000))
+        text[start : start + n_removed] = data.draw(
             st.binary(max_size=6) | st.sampled_from([b"\n", b" ", b".", b"-1", b"1e3", b"nan"])
         )
-    file = tmp_path_factory.mktemp("fuzz")
+    folder = tmp_path_factory.mktemp("fuzz")
     try:
-        _, frames = read(file, bytes(text), told(2))
+        _, frames = read_contents(folder, bytes(text), make_hints(2))
     except RecordingError:
         return
     assert abs(frames.real).max() <= 1
     assert abs(frames.imag).max() <= 1
-    Urad().recognise(file / "IQ.txt")
+    Urad().recognise(folder / "IQ.txt")

@@ -1,4 +1,4 @@
-"""Settings files of vendors: what each says of the radar, and what is said of their mistakes."""
+"""Settings files of vendors: TI .cfg, mmWave Studio and Infineon, valid and invalid."""
 
 import json
 import re
@@ -15,9 +15,9 @@ from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.recordings.settings.read import find_settings, read_radar, read_settings
 
 
-def from_text(tmp_path, text, name="settings.cfg", of=None):
+def read_settings_text(tmp_path, text, name="settings.cfg", device_name=None):
     (tmp_path / name).write_text(text)
-    return read_settings(tmp_path / name, None if of is None else device(of))
+    return read_settings(tmp_path / name, None if device_name is None else device(device_name))
 
 
 # --- TI .cfg --------------------------------------------------------------------------
@@ -40,10 +40,10 @@ sensorStart
 """
 
 
-def test_a_cfg_gives_what_the_chip_sends_and_how_it_keeps_it(tmp_path):
-    made = from_text(tmp_path, CFG)
+def test_cfg_gives_waveform_and_sample_layout(tmp_path):
+    settings = read_settings_text(tmp_path, CFG)
 
-    frame, chirp = made.radar.frame, made.radar.frame.chirp
+    frame, chirp = settings.radar.frame, settings.radar.frame.chirp
     assert chirp.start_frequency_hz == pytest.approx(77e9)
     assert chirp.slope_hz_per_s == pytest.approx(30e12)
     assert chirp.adc_start_s == pytest.approx(6e-6)
@@ -53,74 +53,78 @@ def test_a_cfg_gives_what_the_chip_sends_and_how_it_keeps_it(tmp_path):
     assert frame.interval_s == pytest.approx(70e-6)  # idle, then the ramp
     assert frame.period_s == pytest.approx(50e-3)
     assert (frame.n_chirps, frame.n_chirps_total, frame.multiplexing) == (32, 64, Tdm(order=(0, 1)))
-    assert (made.iq, made.is_interleaved, made.bits) == ("qi", False, 16)
-    assert (made.n_frames, made.receivers, made.device) == (None, (0, 1, 2, 3), "xwr1843")
+    assert (settings.iq, settings.is_interleaved, settings.bits) == ("qi", False, 16)
+    assert (settings.n_frames, settings.receivers, settings.device) == (
+        None,
+        (0, 1, 2, 3),
+        "xwr1843",
+    )
 
 
-def test_positions_are_those_of_the_antennas_that_the_masks_switch_on(tmp_path):
+def test_cfg_masks_select_antenna_positions(tmp_path):
     board = device("xwr1843")
 
-    made = from_text(tmp_path, CFG.replace("channelCfg 15 5 0", "channelCfg 6 5 0"))
+    settings = read_settings_text(tmp_path, CFG.replace("channelCfg 15 5 0", "channelCfg 6 5 0"))
 
-    assert made.radar.array == board.select_antennas(0b101, 0b0110)
-    assert made.receivers == (1, 2)
-    assert made.findings == ()
+    assert settings.radar.array == board.select_antennas(0b101, 0b0110)
+    assert settings.receivers == (1, 2)
+    assert settings.findings == ()
 
 
-def test_codes_of_back_off_and_phase_of_three_transmitters_are_numbers(tmp_path):
+def test_cfg_accepts_back_off_and_phase_codes(tmp_path):
     # 20 dB and 354.4 degrees of each, a byte each: 1315860 and 16579836.
-    coded = CFG.replace("profileCfg 0 77 10 6 60 0 0", "profileCfg 0 77 10 6 60 1315860 16579836")
+    cfg = CFG.replace("profileCfg 0 77 10 6 60 0 0", "profileCfg 0 77 10 6 60 1315860 16579836")
 
-    assert coded != CFG
-    assert from_text(tmp_path, coded).radar == from_text(tmp_path, CFG).radar
+    assert cfg != CFG
+    assert read_settings_text(tmp_path, cfg).radar == read_settings_text(tmp_path, CFG).radar
 
 
-def test_a_frame_of_a_newer_chip_says_whose_it_is(tmp_path):
-    # Its frameCfg has one number more, that of the samples.
-    newer = CFG.replace("frameCfg 0 1 32 0 50", "frameCfg 0 1 32 0 256 50")
+def test_cfg_of_newer_chip_error_names_chip(tmp_path):
+    # frameCfg of this chip has one additional number, the sample count.
+    cfg = CFG.replace("frameCfg 0 1 32 0 50", "frameCfg 0 1 32 0 256 50")
 
     with pytest.raises(InvalidFile, match="AWR2944"):
-        from_text(tmp_path, newer)
+        read_settings_text(tmp_path, cfg)
 
 
-def test_transmitters_keep_their_order_of_turns(tmp_path):
-    swapped = CFG.replace("0 0 0 0 0 4", "0 0 0 0 0 x").replace("0 0 0 0 0 1\n", "0 0 0 0 0 4\n")
+def test_cfg_keeps_tdm_order(tmp_path):
+    cfg = CFG.replace("0 0 0 0 0 4", "0 0 0 0 0 x").replace("0 0 0 0 0 1\n", "0 0 0 0 0 4\n")
 
-    made = from_text(tmp_path, swapped.replace("0 0 0 0 0 x", "0 0 0 0 0 1"))
+    settings = read_settings_text(tmp_path, cfg.replace("0 0 0 0 0 x", "0 0 0 0 0 1"))
 
-    assert made.radar.frame.multiplexing == Tdm(order=(1, 0))
-    assert made.radar.array == device("xwr1843").select_antennas(0b101, 0b1111)
+    assert settings.radar.frame.multiplexing == Tdm(order=(1, 0))
+    assert settings.radar.array == device("xwr1843").select_antennas(0b101, 0b1111)
 
 
-def test_rounds_in_a_loop_are_chirps_of_each_transmitter(tmp_path):
-    # Transmitters 1, 3, 1, 3 in a loop, 32 times, are 64 chirps of each.
-    twice = CFG.replace(
+def test_cfg_rounds_in_loop_are_chirps_per_transmitter(tmp_path):
+    # Transmitters 1, 3, 1, 3 in a loop of 32 give 64 chirps each.
+    cfg = CFG.replace(
         "frameCfg 0 1", "chirpCfg 2 2 0 0 0 0 0 1\nchirpCfg 3 3 0 0 0 0 0 4\nframeCfg 0 3"
     )
 
-    assert from_text(tmp_path, twice).radar.frame.n_chirps == 64
+    assert read_settings_text(tmp_path, cfg).radar.frame.n_chirps == 64
 
 
-def test_chirps_of_one_transmitter_need_no_multiplexing(tmp_path):
-    alone = CFG.replace("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 1")
+def test_cfg_with_single_transmitter_has_no_multiplexing(tmp_path):
+    cfg = CFG.replace("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 1")
 
-    frame = from_text(tmp_path, alone).radar.frame
+    frame = read_settings_text(tmp_path, cfg).radar.frame
 
     assert (frame.n_chirps, frame.multiplexing) == (64, None)
 
 
-# The demo sends the first chirp with both plus, the second with the later one minus.
+# The demo sends the first chirp with signs ++, the second with +-.
 BPM = CFG.replace("0 0 0 0 0 1\n", "0 0 0 0 0 5\n").replace("0 0 0 0 0 4\n", "0 0 0 0 0 5\n")
 BPM = BPM.replace("lowPower 0 0", "bpmCfg -1 1 0 1")
 
 
-def test_two_transmitters_that_send_together_with_signs_are_read(tmp_path):
-    made = from_text(tmp_path, BPM)
+def test_cfg_with_bpm_is_read(tmp_path):
+    settings = read_settings_text(tmp_path, BPM)
 
-    frame = made.radar.frame
+    frame = settings.radar.frame
     assert (frame.n_chirps, frame.n_chirps_total, frame.multiplexing) == (32, 64, Bpm(order=(0, 1)))
     assert frame.chirp_weights()[:4].tolist() == [[1, 1], [1, -1], [1, 1], [1, -1]]
-    assert made.radar.array == device("xwr1843").select_antennas(0b101, 0b1111)
+    assert settings.radar.array == device("xwr1843").select_antennas(0b101, 0b1111)
 
 
 @pytest.mark.parametrize(
@@ -134,89 +138,95 @@ def test_two_transmitters_that_send_together_with_signs_are_read(tmp_path):
         ("frameCfg 0 1", "chirpCfg 2 2 0 0 0 0 0 5\nframeCfg 0 2"),
     ],
 )
-def test_signs_on_other_chirps_than_the_two_of_a_pair_are_refused(tmp_path, old, new):
+def test_rejects_cfg_with_unsupported_bpm_chirps(tmp_path, old, new):
     assert old in BPM
     with pytest.raises(InvalidFile, match="bpmCfg: enabled 1.*the same two transmitters"):
-        from_text(tmp_path, BPM.replace(old, new))
+        read_settings_text(tmp_path, BPM.replace(old, new))
 
 
-def test_without_a_known_device_the_virtual_array_is_assumed_to_be_a_line(tmp_path):
-    made = from_text(tmp_path, CFG.replace("xWR18xx", "something"))
+def test_unknown_device_gives_uniform_linear_virtual_array(tmp_path):
+    settings = read_settings_text(tmp_path, CFG.replace("xWR18xx", "something"))
 
-    half_m = made.radar.frame.chirp.wavelength_m / 2
-    array = made.radar.array
+    half_m = settings.radar.frame.chirp.wavelength_m / 2
+    array = settings.radar.array
     virtual = sorted(tx[1] + rx[1] for tx in array.tx_m for rx in array.rx_m)
     assert virtual == pytest.approx([n * half_m for n in range(8)])
-    (assumed,) = made.findings
-    assert (assumed.level, assumed.setting) == ("note", "radar.array")
-    assert made.device is None
+    (finding,) = settings.findings
+    assert (finding.level, finding.setting) == ("note", "radar.array")
+    assert settings.device is None
 
 
-def test_a_device_that_is_given_comes_before_the_one_in_the_file(tmp_path):
-    made = from_text(
-        tmp_path, CFG.replace("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 2"), of="AWR1642"
+def test_given_device_takes_precedence_over_cfg(tmp_path):
+    settings = read_settings_text(
+        tmp_path,
+        CFG.replace("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 2"),
+        device_name="AWR1642",
     )
 
-    assert made.device == "xwr1642"
-    assert made.radar.array == device("xwr1642").select_antennas(0b11, 0b1111)
+    assert settings.device == "xwr1642"
+    assert settings.radar.array == device("xwr1642").select_antennas(0b11, 0b1111)
 
 
-def test_the_first_demos_have_no_sub_frames(tmp_path):
-    # Four numbers, of a chip whose receivers alternate.
+def test_cfg_of_first_demos_has_no_sub_frames(tmp_path):
+    # adcbufCfg has four numbers, and the receivers of this chip are interleaved.
     text = CFG.replace("adcbufCfg -1 0 1 1 1", "adcbufCfg 0 0 0 1").replace("xWR18xx", "xWR14xx")
 
-    made = from_text(tmp_path, text)
+    settings = read_settings_text(tmp_path, text)
 
-    assert (made.iq, made.is_interleaved, made.device) == ("iq", True, "xwr1443")
+    assert (settings.iq, settings.is_interleaved, settings.device) == ("iq", True, "xwr1443")
 
 
-def test_real_samples_have_no_order_of_their_parts(tmp_path):
+def test_cfg_with_real_samples_has_no_iq_order(tmp_path):
     text = CFG.replace("adcCfg 2 1", "adcCfg 0 0").replace("adcbufCfg -1 0", "adcbufCfg -1 1")
 
-    made = from_text(tmp_path, text)
+    settings = read_settings_text(tmp_path, text)
 
-    assert (made.radar.frame.chirp.sampling, made.iq, made.bits) == ("real", None, 12)
-
-
-def test_the_last_command_before_the_last_start_holds(tmp_path):
-    later = "profileCfg 0 78 20 6 60 0 0 30 1 128 5000 0 0 30\n"
-
-    made = from_text(tmp_path, CFG.replace("frameCfg", later + "frameCfg", 1) + later)
-
-    assert made.radar.frame.chirp.n_samples == 128
-    assert made.radar.frame.interval_s == pytest.approx(80e-6)
+    assert (settings.radar.frame.chirp.sampling, settings.iq, settings.bits) == ("real", None, 12)
 
 
-def test_a_flush_forgets_what_was_before(tmp_path):
+def test_cfg_last_command_before_last_start_applies(tmp_path):
+    profile = "profileCfg 0 78 20 6 60 0 0 30 1 128 5000 0 0 30\n"
+
+    settings = read_settings_text(
+        tmp_path, CFG.replace("frameCfg", profile + "frameCfg", 1) + profile
+    )
+
+    assert settings.radar.frame.chirp.n_samples == 128
+    assert settings.radar.frame.interval_s == pytest.approx(80e-6)
+
+
+def test_cfg_flush_discards_earlier_commands(tmp_path):
     with pytest.raises(InvalidFile) as error:
-        from_text(tmp_path, CFG.replace("lowPower", "flushCfg\nlowPower"))
+        read_settings_text(tmp_path, CFG.replace("lowPower", "flushCfg\nlowPower"))
 
     assert "profileCfg" in str(error.value)
     assert "missing" in str(error.value)
 
 
-def test_frames_of_one_chirp_are_the_chirps_of_one_frame(tmp_path):
-    made = from_text(tmp_path, CFG.replace("frameCfg 0 1 32 0 50", "frameCfg 0 0 1 200 1"))
+def test_cfg_single_chirp_frames_become_one_frame(tmp_path):
+    settings = read_settings_text(
+        tmp_path, CFG.replace("frameCfg 0 1 32 0 50", "frameCfg 0 0 1 200 1")
+    )
 
-    assert made.has_merged_frames
-    assert (made.radar.frame.n_chirps, made.n_frames) == (200, 1)
-    assert made.radar.frame.interval_s == pytest.approx(1e-3)
+    assert settings.has_merged_frames
+    assert (settings.radar.frame.n_chirps, settings.n_frames) == (200, 1)
+    assert settings.radar.frame.interval_s == pytest.approx(1e-3)
 
 
-def test_a_frame_of_one_sub_frame_is_a_frame(tmp_path):
-    advanced = CFG.replace("dfeDataOutputMode 1", "dfeDataOutputMode 3").replace(
+def test_cfg_single_sub_frame_is_frame(tmp_path):
+    cfg = CFG.replace("dfeDataOutputMode 1", "dfeDataOutputMode 3").replace(
         "frameCfg 0 1 32 0 50 1 0",
         "advFrameCfg 1 0 7 1 0\nsubFrameCfg 0 0 0 2 32 50 0 1 1 50",
     )
 
-    made = from_text(tmp_path, advanced)
+    settings = read_settings_text(tmp_path, cfg)
 
-    assert made.radar == from_text(tmp_path, CFG).radar
-    assert made.n_frames == 7
+    assert settings.radar == read_settings_text(tmp_path, CFG).radar
+    assert settings.n_frames == 7
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "named"),
+    ("old", "new", "line", "message"),
     [
         ("channelCfg 15 5 0", "channelCfg 15 5", 5, "2 numbers"),
         ("channelCfg 15 5 0", "channelCfg 0 5 0", 5, "rx_mask 0"),
@@ -240,70 +250,70 @@ def test_a_frame_of_one_sub_frame_is_a_frame(tmp_path):
         ("dfeDataOutputMode 1", "dfeDataOutputMode 2", 4, "mode 2"),
     ],
 )
-def test_a_wrong_command_is_named_with_its_line(tmp_path, old, new, line, named):
+def test_cfg_mistake_names_command_and_line(tmp_path, old, new, line, message):
     assert old in CFG
     with pytest.raises(InvalidFile) as error:
-        from_text(tmp_path, CFG.replace(old, new, 1))
+        read_settings_text(tmp_path, CFG.replace(old, new, 1))
 
-    wrong = [mistake for mistake in error.value.mistakes if mistake.line == line]
-    assert wrong, str(error.value)
-    assert named in wrong[0].value
-    assert wrong[0].setting in (CFG.splitlines()[line - 1].split()[0], new.split()[0])
+    mistakes = [mistake for mistake in error.value.mistakes if mistake.line == line]
+    assert mistakes, str(error.value)
+    assert message in mistakes[0].value
+    assert mistakes[0].setting in (CFG.splitlines()[line - 1].split()[0], new.split()[0])
 
 
-def test_all_mistakes_of_a_cfg_are_told_at_once(tmp_path):
+def test_cfg_error_lists_all_mistakes(tmp_path):
     text = CFG.replace("adcCfg 2 1", "adcCfg 2").replace("profileCfg 0 77", "profileCfg 0 x")
 
     with pytest.raises(InvalidFile) as error:
-        from_text(tmp_path, text.replace("frameCfg", "% frameCfg"))
+        read_settings_text(tmp_path, text.replace("frameCfg", "% frameCfg"))
 
     assert [mistake.setting for mistake in error.value.mistakes] == [
         "adcCfg", "profileCfg", "frameCfg",
     ]  # fmt: skip
 
 
-def test_two_sub_frames_are_refused(tmp_path):
-    advanced = CFG.replace("dfeDataOutputMode 1", "dfeDataOutputMode 3").replace(
+def test_rejects_cfg_with_two_sub_frames(tmp_path):
+    cfg = CFG.replace("dfeDataOutputMode 1", "dfeDataOutputMode 3").replace(
         "frameCfg 0 1 32 0 50 1 0",
         "advFrameCfg 2 0 0 1 0\nsubFrameCfg 0 0 0 2 32 50 0 1 1 50\n"
         "subFrameCfg 1 0 0 2 32 50 0 1 1 50",
     )
 
     with pytest.raises(InvalidFile, match="n_sub_frames 2"):
-        from_text(tmp_path, advanced)
+        read_settings_text(tmp_path, cfg)
 
 
-def test_transmitters_out_of_turn_are_refused(tmp_path):
+def test_rejects_cfg_with_irregular_transmitter_order(tmp_path):
     text = CFG.replace("frameCfg 0 1", "chirpCfg 2 2 0 0 0 0 0 4\nframeCfg 0 2")
 
     with pytest.raises(InvalidFile, match="order 1 3 3"):
-        from_text(tmp_path, text)
+        read_settings_text(tmp_path, text)
 
 
-def test_files_of_the_low_power_chips_are_refused_by_name(tmp_path):
+def test_rejects_cfg_of_low_power_chips(tmp_path):
     text = "% xWRL6432\nchannelCfg 7 3 0\nchirpComnCfg 8 0 0 256 1 13 3\nframeCfg 64 0 1358 1 9 0\n"
 
     with pytest.raises(InvalidFile) as error:
-        from_text(tmp_path, text)
+        read_settings_text(tmp_path, text)
 
-    (wrong,) = error.value.mistakes
-    assert (wrong.setting, wrong.line) == ("chirpComnCfg", 3)
+    (mistake,) = error.value.mistakes
+    assert (mistake.setting, mistake.line) == ("chirpComnCfg", 3)
 
 
-def test_antennas_that_the_device_has_not_are_refused(tmp_path):
+def test_rejects_cfg_with_antennas_missing_on_device(tmp_path):
     with pytest.raises(RecordingError, match="tx_mask"):
-        from_text(tmp_path, CFG, of="xwr1642")  # whose transmitters are 1 and 2
+        read_settings_text(tmp_path, CFG, device_name="xwr1642")  # it has transmitters 1 and 2
 
 
-def test_frames_of_no_chirp_are_refused(tmp_path):
+def test_rejects_cfg_without_chirps(tmp_path):
     with pytest.raises(RecordingError, match="n_chirps"):
-        from_text(tmp_path, CFG.replace("frameCfg 0 1 32", "frameCfg 0 1 0"))
+        read_settings_text(tmp_path, CFG.replace("frameCfg 0 1 32", "frameCfg 0 1 0"))
 
 
 # --- TI mmWave Studio -----------------------------------------------------------------
 
 
-def profile(**changes):
+def make_profile(**changes):
     numbers = {
         "profileId": 0,
         "startFreqConst_GHz": 77.0,
@@ -317,7 +327,7 @@ def profile(**changes):
     return {"rlProfileCfg_t": numbers | changes}
 
 
-def chirp(index, mask, **changes):
+def make_chirp(index, mask, **changes):
     numbers = {
         "chirpStartIdx": index,
         "chirpEndIdx": index,
@@ -331,7 +341,7 @@ def chirp(index, mask, **changes):
     return {"rlChirpCfg_t": numbers | changes}
 
 
-def chip(masks=("0x1", "0x4"), **changes):
+def make_chip(masks=("0x1", "0x4"), **changes):
     frame = {
         "chirpStartIdx": 0,
         "chirpEndIdx": len(masks) - 1,
@@ -343,8 +353,8 @@ def chip(masks=("0x1", "0x4"), **changes):
         "waveformType": "legacyFrameChirp",
         "rlChanCfg_t": {"rxChannelEn": "0xF", "txChannelEn": "0x7"},
         "rlAdcOutCfg_t": {"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 1}},
-        "rlProfiles": [profile()],
-        "rlChirps": [chirp(index, mask) for index, mask in enumerate(masks)],
+        "rlProfiles": [make_profile()],
+        "rlChirps": [make_chirp(index, mask) for index, mask in enumerate(masks)],
         "rlFrameCfg_t": frame,
         "rlBpmChirps": [],
     }
@@ -352,34 +362,34 @@ def chip(masks=("0x1", "0x4"), **changes):
     return {"rfConfig": radio | changes, "rawDataCaptureConfig": layout}
 
 
-def studio(*chips):
-    return json.dumps({"mmWaveDevices": list(chips or [chip()])})
+def format_studio(*chips):
+    return json.dumps({"mmWaveDevices": list(chips or [make_chip()])})
 
 
 SETUP = {"configUsed": "a.mmwave.json", "mmWaveDevice": "awr1843", "captureHardware": "DCA1000"}
 
 
-def test_what_studio_told_the_radar_is_what_the_cfg_of_the_same_radar_says(tmp_path):
-    expected = from_text(tmp_path, CFG)
+def test_studio_json_equals_cfg_of_same_radar(tmp_path):
+    expected = read_settings_text(tmp_path, CFG)
 
-    made = from_text(tmp_path, studio(), "a.mmwave.json", of="xwr1843")
+    settings = read_settings_text(tmp_path, format_studio(), "a.mmwave.json", device_name="xwr1843")
 
-    assert made.radar == expected.radar
-    assert (made.iq, made.is_interleaved, made.bits) == ("qi", False, 16)
-    assert (made.n_frames, made.receivers) == (8, (0, 1, 2, 3))
-
-
-def test_a_setup_file_names_the_settings_and_the_chip(tmp_path):
-    (tmp_path / "a.mmwave.json").write_text(studio())
-
-    made = from_text(tmp_path, json.dumps(SETUP), "a.setup.json")
-
-    assert made.path == tmp_path / "a.setup.json"
-    own = from_text(tmp_path, studio(), "a.mmwave.json", of="xwr1843")
-    assert replace(made, path=own.path) == own
+    assert settings.radar == expected.radar
+    assert (settings.iq, settings.is_interleaved, settings.bits) == ("qi", False, 16)
+    assert (settings.n_frames, settings.receivers) == (8, (0, 1, 2, 3))
 
 
-def test_one_sub_frame_is_a_frame_for_studio_too(tmp_path):
+def test_setup_file_names_settings_and_chip(tmp_path):
+    (tmp_path / "a.mmwave.json").write_text(format_studio())
+
+    settings = read_settings_text(tmp_path, json.dumps(SETUP), "a.setup.json")
+
+    assert settings.path == tmp_path / "a.setup.json"
+    expected = read_settings_text(tmp_path, format_studio(), "a.mmwave.json", device_name="xwr1843")
+    assert replace(settings, path=expected.path) == expected
+
+
+def test_studio_single_sub_frame_is_frame(tmp_path):
     sub_frame = {
         "chirpStartIdx": 0,
         "numOfChirps": 2,
@@ -388,65 +398,91 @@ def test_one_sub_frame_is_a_frame_for_studio_too(tmp_path):
         "numOfBurstLoops": 1,
         "subFramePeriodicity_msec": 50.0,
     }
-    unused = {"rlSubFrameCfg_t": dict.fromkeys(sub_frame, 0)}
+    unused_sub_frame = {"rlSubFrameCfg_t": dict.fromkeys(sub_frame, 0)}
     sequence = {
         "numOfSubFrames": 1,
         "forceProfile": 0,
         "numFrames": 8,
-        "subFrameCfg": [{"rlSubFrameCfg_t": sub_frame}, unused],
+        "subFrameCfg": [{"rlSubFrameCfg_t": sub_frame}, unused_sub_frame],
     }
-    advanced = chip(waveformType="advancedFrameChirp", rlAdvFrameCfg_t={"frameSeq": sequence})
+    advanced_chip = make_chip(
+        waveformType="advancedFrameChirp", rlAdvFrameCfg_t={"frameSeq": sequence}
+    )
 
-    made = from_text(tmp_path, studio(advanced), "a.mmwave.json")
+    settings = read_settings_text(tmp_path, format_studio(advanced_chip), "a.mmwave.json")
 
-    assert made.radar == from_text(tmp_path, studio(), "a.mmwave.json").radar
+    assert settings.radar == read_settings_text(tmp_path, format_studio(), "a.mmwave.json").radar
     sequence["numOfSubFrames"] = 2
     with pytest.raises(RecordingError, match="numOfSubFrames"):
-        from_text(tmp_path, studio(advanced), "a.mmwave.json")
+        read_settings_text(tmp_path, format_studio(advanced_chip), "a.mmwave.json")
 
 
-def test_chips_of_a_cascade_send_in_turn_with_all_their_antennas(tmp_path):
-    # Four chips, of which the second sends in the first chirp and the first in the second.
-    chips = [chip(masks) for masks in (("0x0", "0x4"), ("0x1", "0x0"), ("0", "0"), ("0", "0"))]
+def test_studio_cascade_is_tdm_over_all_chips(tmp_path):
+    # Of four chips, the second transmits in chirp 0 and the first in chirp 1.
+    chips = [make_chip(masks) for masks in (("0x0", "0x4"), ("0x1", "0x0"), ("0", "0"), ("0", "0"))]
 
-    made = from_text(tmp_path, studio(*chips), "a.mmwave.json")
+    settings = read_settings_text(tmp_path, format_studio(*chips), "a.mmwave.json")
 
-    assert made.device == "cascade"
-    assert made.radar.array == device("cascade").select_antennas(1 << 2 | 1 << 3, 2**16 - 1)
-    assert made.radar.frame.multiplexing == Tdm(order=(1, 0))
-    assert made.receivers == tuple(range(16))
+    assert settings.device == "cascade"
+    assert settings.radar.array == device("cascade").select_antennas(1 << 2 | 1 << 3, 2**16 - 1)
+    assert settings.radar.frame.multiplexing == Tdm(order=(1, 0))
+    assert settings.receivers == tuple(range(16))
 
 
 @pytest.mark.parametrize(
-    ("document", "named"),
+    ("document", "message"),
     [
         ("[" * 100_000, "nested too deeply"),
         ("{", "not JSON"),
         ('{"mmWaveDevices": []}', "no list mmWaveDevices"),
         ('{"mmWaveDevices": [3]}', "mmWaveDevices[0].rfConfig.rlChanCfg_t missing"),
-        (studio(chip(rlProfiles=[profile(numAdcSamples="many")])), 'numAdcSamples = "many"'),
-        (studio(chip(rlProfiles=[profile(numAdcSamples=1e999)])), "numAdcSamples = Infinity"),
-        (studio(chip(rlProfiles=[profile(numAdcSamples=10**400)])), "numAdcSamples = 1000"),
-        (studio(chip(rlProfiles=[profile(startFreqConst_GHz=None)])), "GHz = null"),
-        (studio(chip(rlProfiles=[profile(startFreqConst_GHz=[[]])])), "GHz = a list"),
-        (studio(chip(rlAdcOutCfg_t={"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 3}})), "OutFmt = 3"),
-        (studio(chip(rlBpmChirps=[{"rlBpmChirpCfg_t": {}}])), "rlBpmChirps"),
-        (studio(chip(["0x3"])), "transmitters 1+2 at once"),
-        (studio(chip(["0x0"])), "chirp 0 without transmitter"),
-        (studio(chip(["-1"])), "chirp 0 without transmitter"),
-        (studio(chip(rlChirps=[chirp(0, "1")])), "differ or are not set"),
-        (studio(chip(rlChirps=[chirp(0, "1"), chirp(1, "2", idleTimeVar_usec=1)])), "differ"),
-        (studio(chip(rlProfiles=[profile(freqSlopeConst_MHz_usec=-30)])), "slope_hz_per_s"),
-        (studio(chip(["0x1"]), chip(["0x9"])), "chirp 0 without transmitter"),
+        (
+            format_studio(make_chip(rlProfiles=[make_profile(numAdcSamples="many")])),
+            'numAdcSamples = "many"',
+        ),
+        (
+            format_studio(make_chip(rlProfiles=[make_profile(numAdcSamples=1e999)])),
+            "numAdcSamples = Infinity",
+        ),
+        (
+            format_studio(make_chip(rlProfiles=[make_profile(numAdcSamples=10**400)])),
+            "numAdcSamples = 1000",
+        ),
+        (
+            format_studio(make_chip(rlProfiles=[make_profile(startFreqConst_GHz=None)])),
+            "GHz = null",
+        ),
+        (
+            format_studio(make_chip(rlProfiles=[make_profile(startFreqConst_GHz=[[]])])),
+            "GHz = a list",
+        ),
+        (
+            format_studio(make_chip(rlAdcOutCfg_t={"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 3}})),
+            "OutFmt = 3",
+        ),
+        (format_studio(make_chip(rlBpmChirps=[{"rlBpmChirpCfg_t": {}}])), "rlBpmChirps"),
+        (format_studio(make_chip(["0x3"])), "transmitters 1+2 at once"),
+        (format_studio(make_chip(["0x0"])), "chirp 0 without transmitter"),
+        (format_studio(make_chip(["-1"])), "chirp 0 without transmitter"),
+        (format_studio(make_chip(rlChirps=[make_chirp(0, "1")])), "differ or are not set"),
+        (
+            format_studio(
+                make_chip(rlChirps=[make_chirp(0, "1"), make_chirp(1, "2", idleTimeVar_usec=1)])
+            ),
+            "differ",
+        ),
+        (
+            format_studio(make_chip(rlProfiles=[make_profile(freqSlopeConst_MHz_usec=-30)])),
+            "slope_hz_per_s",
+        ),
+        (format_studio(make_chip(["0x1"]), make_chip(["0x9"])), "chirp 0 without transmitter"),
     ],
 )
-def test_settings_of_studio_that_are_not_right_are_named_with_what_is_wrong(
-    tmp_path, document, named
-):
+def test_invalid_studio_json_error_names_mistake(tmp_path, document, message):
     with pytest.raises(RecordingError) as error:
-        from_text(tmp_path, document, "a.mmwave.json" if "mmW" in document else "a.json")
+        read_settings_text(tmp_path, document, "a.mmwave.json" if "mmW" in document else "a.json")
 
-    assert named in str(error.value)
+    assert message in str(error.value)
     assert str(tmp_path) in str(error.value)
 
 
@@ -454,17 +490,17 @@ def test_settings_of_studio_that_are_not_right_are_named_with_what_is_wrong(
     "name", ["/etc/hostname", "../a.mmwave.json", "sub/a.mmwave.json", "C:\\a.json", "..", "",
              "missing.mmwave.json", "\ud800", "x" * 254, "link.mmwave.json", "b.setup.json", None],
 )  # fmt: skip
-def test_a_setup_file_names_only_what_lies_beside_it(tmp_path, name):
+def test_setup_file_refers_only_to_own_folder(tmp_path, name):
     (tmp_path / "sub").mkdir()
     for path in (tmp_path / "a.mmwave.json", tmp_path / "sub" / "a.mmwave.json"):
-        path.write_text(studio())
-    beside = tmp_path / "sub"
-    (beside / "link.mmwave.json").symlink_to(tmp_path / "a.mmwave.json")
-    (beside / "a.mmwave.json").unlink()
+        path.write_text(format_studio())
+    folder = tmp_path / "sub"
+    (folder / "link.mmwave.json").symlink_to(tmp_path / "a.mmwave.json")
+    (folder / "a.mmwave.json").unlink()
     text = json.dumps(SETUP | {"configUsed": name})
 
     with pytest.raises(RecordingError) as error:
-        from_text(beside, text, "b.setup.json")
+        read_settings_text(folder, text, "b.setup.json")
 
     assert "configUsed" in str(error.value)
     assert "beside it" in str(error.value)
@@ -482,37 +518,45 @@ API:SensorStart,0,
 """
 
 
-def log(chip="AR1243", bits=2, form=1, interleave=0):
+def format_log(chip="AR1243", bits=2, form=1, interleave=0):
     return LOG.format(chip=chip, bits=bits, form=form, interleave=interleave)
 
 
-def test_a_log_of_transmitters_that_take_turns_has_their_multiplexing(tmp_path):
-    made = from_text(tmp_path, log(), "LogFile.txt")
+def test_studio_log_with_tdm_gives_multiplexing(tmp_path):
+    settings = read_settings_text(tmp_path, format_log(), "LogFile.txt")
 
-    assert made.radar.frame.multiplexing == Tdm(order=(0, 1))
-    assert (made.radar.frame.n_chirps, made.radar.frame.n_chirps_total) == (32, 64)
-    assert made.radar.array == device("AWR1243").select_antennas(0b101, 0b1111)
-    assert (made.device, made.is_interleaved, made.receivers) == ("xwr1443", True, (0, 1, 2, 3))
-
-
-def test_the_transmitters_of_a_chirp_in_a_log_are_a_mask(tmp_path):
-    # 2 is the second transmitter, and no flag of the first.
-    made = from_text(tmp_path, log().replace("0,0,0,0,0,4,0,", "0,0,0,0,0,2,0,"), "LogFile.txt")
-
-    assert made.radar.frame.multiplexing == Tdm(order=(0, 1))
-    assert made.radar.array == device("AWR1243").select_antennas(0b011, 0b1111)
+    assert settings.radar.frame.multiplexing == Tdm(order=(0, 1))
+    assert (settings.radar.frame.n_chirps, settings.radar.frame.n_chirps_total) == (32, 64)
+    assert settings.radar.array == device("AWR1243").select_antennas(0b101, 0b1111)
+    assert (settings.device, settings.is_interleaved, settings.receivers) == (
+        "xwr1443",
+        True,
+        (0, 1, 2, 3),
+    )
 
 
-def test_a_log_says_how_the_samples_were_kept(tmp_path):
-    real = from_text(tmp_path, log("other chip", bits=0, form=0, interleave=1), "LogFile.txt")
+def test_studio_log_transmitters_are_mask(tmp_path):
+    # Mask 2 selects the second transmitter.
+    settings = read_settings_text(
+        tmp_path, format_log().replace("0,0,0,0,0,4,0,", "0,0,0,0,0,2,0,"), "LogFile.txt"
+    )
 
-    assert (real.radar.frame.chirp.sampling, real.iq) == ("real", None)
-    assert (real.bits, real.is_interleaved, real.device) == (12, False, None)
-    assert [finding.setting for finding in real.findings] == ["radar.array"]
+    assert settings.radar.frame.multiplexing == Tdm(order=(0, 1))
+    assert settings.radar.array == device("AWR1243").select_antennas(0b011, 0b1111)
+
+
+def test_studio_log_gives_sample_format(tmp_path):
+    settings = read_settings_text(
+        tmp_path, format_log("other chip", bits=0, form=0, interleave=1), "LogFile.txt"
+    )
+
+    assert (settings.radar.frame.chirp.sampling, settings.iq) == ("real", None)
+    assert (settings.bits, settings.is_interleaved, settings.device) == (12, False, None)
+    assert [finding.setting for finding in settings.findings] == ["radar.array"]
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "named"),
+    ("old", "new", "message"),
     [
         ("0,0,0,0,0,1,0,", "0,0,0,0,0,3,0,", "transmitters 1+2 at once"),
         ("0,0,0,0,0,1,0,", "0,0,0,0,0,0,0,", "chirp 0 without transmitter"),
@@ -524,18 +568,18 @@ def test_a_log_says_how_the_samples_were_kept(tmp_path):
         ("FrameConfig,0,1,8,32", "FrameConfig,0,1,8,0", "n_chirps"),
     ],
 )
-def test_a_log_of_what_is_not_read_says_so(tmp_path, old, new, named):
-    assert old in log()
+def test_unsupported_studio_log_error_names_mistake(tmp_path, old, new, message):
+    assert old in format_log()
     with pytest.raises(RecordingError) as error:
-        from_text(tmp_path, log().replace(old, new, 1), "LogFile.txt")
+        read_settings_text(tmp_path, format_log().replace(old, new, 1), "LogFile.txt")
 
-    assert named in str(error.value)
+    assert message in str(error.value)
 
 
 # --- Infineon -------------------------------------------------------------------------
 
 
-def infineon(**changes):
+def format_infineon(**changes):
     shape = {
         "start_frequency_Hz": 60_000_000_000,
         "end_frequency_Hz": 61_000_000_000,
@@ -552,22 +596,26 @@ def infineon(**changes):
 
 
 @pytest.mark.parametrize("mode", ["tdm", 1])
-def test_two_transmitters_of_infineon_take_turns(tmp_path, mode):
-    made = from_text(tmp_path, infineon(mimo_mode=mode, tx_antennas=[1, 2]), "config.json")
+def test_two_infineon_transmitters_are_tdm(tmp_path, mode):
+    settings = read_settings_text(
+        tmp_path, format_infineon(mimo_mode=mode, tx_antennas=[1, 2]), "config.json"
+    )
 
-    frame = made.radar.frame
+    frame = settings.radar.frame
     assert frame.multiplexing == Tdm(order=(0, 1))
     assert (frame.n_chirps, frame.n_chirps_total) == (16, 32)
-    assert len(made.radar.array.tx_m) == 2
-    assert [finding.setting for finding in made.findings] == ["radar.array"]
+    assert len(settings.radar.array.tx_m) == 2
+    assert [finding.setting for finding in settings.findings] == ["radar.array"]
 
 
-def test_antennas_of_infineon_are_known_once_the_device_is(tmp_path):
-    made = from_text(tmp_path, infineon(), "config.json", of="BGT60TR13C")
+def test_device_gives_infineon_antennas(tmp_path):
+    settings = read_settings_text(
+        tmp_path, format_infineon(), "config.json", device_name="BGT60TR13C"
+    )
 
-    assert made.radar.array == device("bgt60tr13c").select_antennas(0b1, 0b101)
-    assert (made.device, made.bits, made.receivers) == ("bgt60tr13c", 12, (0, 2))
-    assert made.findings == ()
+    assert settings.radar.array == device("bgt60tr13c").select_antennas(0b1, 0b101)
+    assert (settings.device, settings.bits, settings.receivers) == ("bgt60tr13c", 12, (0, 2))
+    assert settings.findings == ()
 
 
 @pytest.mark.parametrize(
@@ -584,19 +632,19 @@ def test_antennas_of_infineon_are_known_once_the_device_is(tmp_path):
         {"num_chirps_per_frame": 0},
     ],
 )
-def test_settings_of_infineon_that_are_not_read_are_refused(tmp_path, changes):
+def test_rejects_unsupported_infineon_settings(tmp_path, changes):
     with pytest.raises(RecordingError) as error:
-        from_text(tmp_path, infineon(**changes), "config.json")
+        read_settings_text(tmp_path, format_infineon(**changes), "config.json")
 
     assert "config.json" in str(error.value)
 
 
-# --- Which file belongs to a recording ------------------------------------------------
+# --- Search for the settings of a recording -------------------------------------------
 
 
-def test_a_setup_and_the_settings_it_names_are_one_candidate(tmp_path):
+def test_setup_and_its_settings_are_one_candidate(tmp_path):
     recording = tmp_path / "adc_data.bin"
-    (tmp_path / "walk.mmwave.json").write_text(studio())
+    (tmp_path / "walk.mmwave.json").write_text(format_studio())
     assert find_settings(recording) == tmp_path / "walk.mmwave.json"
     (tmp_path / "walk.setup.json").write_text(
         json.dumps(SETUP | {"configUsed": "walk.mmwave.json"})
@@ -605,8 +653,8 @@ def test_a_setup_and_the_settings_it_names_are_one_candidate(tmp_path):
     assert find_settings(recording) == tmp_path / "walk.setup.json"
 
 
-def test_settings_named_after_the_recording_may_be_either_of_a_pair(tmp_path):
-    (tmp_path / "run.mmwave.json").write_text(studio())
+def test_either_file_of_settings_pair_may_have_name_of_recording(tmp_path):
+    (tmp_path / "run.mmwave.json").write_text(format_studio())
     (tmp_path / "day.setup.json").write_text(json.dumps(SETUP | {"configUsed": "run.mmwave.json"}))
     (tmp_path / "other.cfg").write_text(CFG)
 
@@ -615,8 +663,8 @@ def test_settings_named_after_the_recording_may_be_either_of_a_pair(tmp_path):
         find_settings(tmp_path / "walk.bin")
 
 
-def test_a_setup_file_of_another_folder_leaves_the_settings_themselves(tmp_path):
-    (tmp_path / "a.mmwave.json").write_text(studio())
+def test_setup_file_of_other_folder_is_ignored(tmp_path):
+    (tmp_path / "a.mmwave.json").write_text(format_studio())
     (tmp_path / "a.setup.json").write_text(
         json.dumps(SETUP | {"configUsed": "C:\\captures\\a.mmwave.json"})
     )
@@ -624,46 +672,46 @@ def test_a_setup_file_of_another_folder_leaves_the_settings_themselves(tmp_path)
     assert find_settings(tmp_path / "a.bin") == tmp_path / "a.mmwave.json"
 
 
-def test_a_cfg_is_known_by_its_commands(tmp_path):
+def test_recognises_cfg_by_commands(tmp_path):
     (tmp_path / "radar.cfg").write_text(CFG)
     (tmp_path / "tool.cfg").write_text("[section]\nkey = 1\n")
 
     assert find_settings(tmp_path / "capture.bin") == tmp_path / "radar.cfg"
 
 
-def test_links_that_leave_the_folder_are_left_alone(tmp_path):
-    inside, outside = tmp_path / "inside", tmp_path / "outside"
-    inside.mkdir()
-    outside.mkdir()
-    (outside / "radar.cfg").write_text(CFG)
-    (inside / "capture.cfg").symlink_to(outside / "radar.cfg")
-    (inside / "round.cfg").symlink_to(inside / "round.cfg")
+def test_links_out_of_folder_are_ignored(tmp_path):
+    recording_folder, external_folder = tmp_path / "inside", tmp_path / "outside"
+    recording_folder.mkdir()
+    external_folder.mkdir()
+    (external_folder / "radar.cfg").write_text(CFG)
+    (recording_folder / "capture.cfg").symlink_to(external_folder / "radar.cfg")
+    (recording_folder / "round.cfg").symlink_to(recording_folder / "round.cfg")
 
     with pytest.raises(RecordingError, match="no settings in the recording"):
-        find_settings(inside / "capture.bin")
+        find_settings(recording_folder / "capture.bin")
 
-    (inside / "radar.cfg").write_text(CFG)
-    (inside / "capture_1.cfg").symlink_to(inside / "radar.cfg")
-    assert find_settings(inside / "capture_1.bin").name == "capture_1.cfg"
+    (recording_folder / "radar.cfg").write_text(CFG)
+    (recording_folder / "capture_1.cfg").symlink_to(recording_folder / "radar.cfg")
+    assert find_settings(recording_folder / "capture_1.bin").name == "capture_1.cfg"
 
 
-def test_the_content_decides_over_the_ending(tmp_path):
-    for name, text in [("a.txt", CFG), ("b.txt", studio()), ("c.dat", infineon())]:
+def test_settings_content_takes_precedence_over_suffix(tmp_path):
+    for name, text in [("a.txt", CFG), ("b.txt", format_studio()), ("c.dat", format_infineon())]:
         (tmp_path / name).write_text(text)
         assert read_radar(tmp_path / name).frame.period_s in (50e-3, 0.1)
 
 
-# --- Anything at all ------------------------------------------------------------------
+# --- Random and corrupted settings ----------------------------------------------------
 
-ODD = st.sampled_from(
+ODD_VALUES = st.sampled_from(
     ["0", "-1", "1e999", "nan", "inf", "1" * 40, "0x10", "4096", "65536", "0.5", "x", "", "1_0",
      "\u0661", "\0", "1 2"]
 )  # fmt: skip
-WHOLE = {
+VALID_FILES = {
     "settings.cfg": CFG,
-    "LogFile.txt": log(),
-    "a.mmwave.json": studio(),
-    "config.json": infineon(),
+    "LogFile.txt": format_log(),
+    "a.mmwave.json": format_studio(),
+    "config.json": format_infineon(),
     "radar.yaml": CFG,
 }
 
@@ -673,39 +721,42 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("odd")
 
 
-def read_or_refuse(folder, name, text):
-    """Read a text, or be refused by one of the errors that say why."""
+def assert_settings_or_error(folder, name, text):
+    """Fail unless a text gives complete settings or one of the documented errors."""
     (folder / name).write_bytes(text.encode("utf-8", errors="surrogatepass"))
     try:
-        made = read_settings(folder / name)
+        loaded_settings = read_settings(folder / name)
     except (RecordingError, InvalidFile) as error:
         assert str(error)
     else:
-        assert made.radar.frame.n_chirps_total > 0
-        assert len(made.receivers or made.radar.array.rx_m) == made.radar.array.n_rx
+        assert loaded_settings.radar.frame.n_chirps_total > 0
+        assert (
+            len(loaded_settings.receivers or loaded_settings.radar.array.rx_m)
+            == loaded_settings.radar.array.n_rx
+        )
 
 
 @settings(max_examples=300)
-@given(data=st.data(), name=st.sampled_from(sorted(WHOLE)))
-def test_any_damage_is_read_or_refused(folder, data, name):
-    words = re.split(r"(?<=[\s,:])|(?=[\s,:])", WHOLE[name])
+@given(data=st.data(), name=st.sampled_from(sorted(VALID_FILES)))
+def test_corrupted_settings_are_read_or_rejected(folder, data, name):
+    words = re.split(r"(?<=[\s,:])|(?=[\s,:])", VALID_FILES[name])
     for _ in range(data.draw(st.integers(1, 4))):
         index = data.draw(st.integers(0, len(words) - 1))
-        words[index] = data.draw(ODD)
+        words[index] = data.draw(ODD_VALUES)
     text = "".join(words)
     cut = data.draw(st.integers(0, len(text)))
 
-    read_or_refuse(folder, name, text[:cut] if cut % 3 == 0 else text)
+    assert_settings_or_error(folder, name, text[:cut] if cut % 3 == 0 else text)
 
 
 @settings(max_examples=100)
-@given(text=st.text(max_size=200), name=st.sampled_from(sorted(WHOLE)))
-def test_any_text_is_read_or_refused(folder, text, name):
-    read_or_refuse(folder, name, text)
+@given(text=st.text(max_size=200), name=st.sampled_from(sorted(VALID_FILES)))
+def test_random_text_is_read_or_rejected(folder, text, name):
+    assert_settings_or_error(folder, name, text)
 
 
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | ODD,
+JSON_VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | ODD_VALUES,
     lambda inner: (
         st.lists(inner, max_size=3)
         | st.dictionaries(st.sampled_from(["rfConfig", "fmt", "frameSeq", "a"]), inner)
@@ -716,25 +767,27 @@ JSON = st.recursive(
 
 @settings(max_examples=200)
 @given(data=st.data())
-def test_any_json_in_the_place_of_any_part_is_read_or_refused(folder, data):
-    document = json.loads(data.draw(st.sampled_from([studio(), infineon(), json.dumps(SETUP)])))
-    thing = document
+def test_random_json_value_is_read_or_rejected(folder, data):
+    document = json.loads(
+        data.draw(st.sampled_from([format_studio(), format_infineon(), json.dumps(SETUP)]))
+    )
+    node = document
     while True:
-        keys = list(thing) if isinstance(thing, dict) else list(range(len(thing)))
+        keys = list(node) if isinstance(node, dict) else list(range(len(node)))
         key = data.draw(st.sampled_from(keys))
-        deeper = isinstance(thing[key], dict | list) and thing[key]
-        if not deeper or data.draw(st.integers(0, 3)) == 0:
-            thing[key] = data.draw(JSON)
+        is_container = isinstance(node[key], dict | list) and node[key]
+        if not is_container or data.draw(st.integers(0, 3)) == 0:
+            node[key] = data.draw(JSON_VALUES)
             break
-        thing = thing[key]
+        node = node[key]
 
-    read_or_refuse(folder, "any.json", json.dumps(document))
+    assert_settings_or_error(folder, "any.json", json.dumps(document))
 
 
-def test_deep_nesting_is_refused_wherever_it_stands(tmp_path):
-    deep = "[" * 900 + "]" * 900  # within what the parser takes, beyond what may be shown
+def test_deeply_nested_json_is_read_or_rejected(tmp_path):
+    nested_lists = "[" * 900 + "]" * 900  # accepted by the parser, too deep to print
 
-    for text in (studio(), infineon(), json.dumps(SETUP)):
+    for text in (format_studio(), format_infineon(), json.dumps(SETUP)):
         for key in re.findall(r'"(\w+)": (?=[^{\[])', text):
-            damaged = re.sub(rf'"{key}": [^,}}\]]+', f'"{key}": {deep}', text)
-            read_or_refuse(tmp_path, "deep.json", damaged)
+            nested_text = re.sub(rf'"{key}": [^,}}\]]+', f'"{key}": {nested_lists}', text)
+            assert_settings_or_error(tmp_path, "deep.json", nested_text)

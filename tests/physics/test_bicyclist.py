@@ -1,4 +1,4 @@
-"""A bicyclist who rides."""
+"""Bicyclist body: wheels, pedals, rider, cross section and settings."""
 
 import numpy as np
 import pytest
@@ -11,118 +11,133 @@ from dechirp.scene.skeleton import SEGMENT_JOINTS, Joint
 from dechirp.scene.target import Target
 from dechirp.scene.trajectories import fit_paths
 
-RIDER = slice(0, 35)
-PEDALS = slice(59, 61)
-WHEELS = slice(61, None)
+RIDER_POINTS = slice(0, 35)
+PEDAL_POINTS = slice(59, 61)
+WHEEL_POINTS = slice(61, None)
 STEP_S = 1e-5
 
 
-def velocities_m_per_s(body, times_s):
-    """Of the scatterers over the ground, (n_times, n_scatterers, 3)."""
-    ahead_m, behind_m = (body.offsets_m(times_s + way * STEP_S) for way in (1, -1))
-    return (ahead_m - behind_m) / (2 * STEP_S) + (body.speed_m_per_s, 0, 0)
+def scatterer_velocities_m_per_s(body, times_s):
+    """Return the velocities of the scatterers over ground, (n_times, n_scatterers, 3)."""
+    next_m, previous_m = (body.offsets_m(times_s + sign * STEP_S) for sign in (1, -1))
+    return (next_m - previous_m) / (2 * STEP_S) + (body.speed_m_per_s, 0, 0)
 
 
 @pytest.mark.parametrize(("speed", "radius_m"), [(5.0, 0.34), (8.0, 0.25)])
-def test_wheels_roll_from_standing_to_twice_the_speed(speed, radius_m):
+def test_wheel_points_move_between_zero_and_twice_the_speed(speed, radius_m):
     body = Bicyclist(speed_m_per_s=speed, wheel_radius_m=radius_m)
     times_s = np.linspace(0, 2 * np.pi * radius_m / speed, 321)
-    forward = velocities_m_per_s(body, times_s)[:, WHEELS, 0]
+    forward = scatterer_velocities_m_per_s(body, times_s)[:, WHEEL_POINTS, 0]
 
-    # Points pass the top and the ground in one of 321 times, within 0.6 degrees.
+    # Scatterers pass the top and the ground at one of 321 times, within 0.6 degrees.
     assert forward.min() == pytest.approx(0, abs=1e-3 * speed)
     assert forward.max() == pytest.approx(2 * speed, rel=1e-3)
-    assert body.offsets_m(times_s)[:, WHEELS, 2].min() == pytest.approx(0, abs=1e-4)
-    assert body.offsets_m(times_s)[:, WHEELS, 2].max() == pytest.approx(2 * radius_m, rel=1e-3)
-    # One spoke is as the next a sixteenth of a turn later.
+    assert body.offsets_m(times_s)[:, WHEEL_POINTS, 2].min() == pytest.approx(0, abs=1e-4)
+    assert body.offsets_m(times_s)[:, WHEEL_POINTS, 2].max() == pytest.approx(
+        2 * radius_m, rel=1e-3
+    )
+    # Each spoke takes the place of the next one after a sixteenth of a turn.
     sixteenth_s = 2 * np.pi * radius_m / speed / 16
-    spokes_m = body.offsets_m(np.array([0.0, sixteenth_s]))[:, WHEELS].reshape(2, 2, 16, 3, 3)
+    spokes_m = body.offsets_m(np.array([0.0, sixteenth_s]))[:, WHEEL_POINTS].reshape(2, 2, 16, 3, 3)
     assert spokes_m[1] == pytest.approx(np.roll(spokes_m[0], -1, axis=1), abs=1e-12)
 
 
-def test_what_is_on_top_of_a_wheel_goes_ahead():
+def test_top_of_wheel_moves_forward():
     body = Bicyclist(speed_m_per_s=5.0)
-    velocities = velocities_m_per_s(body, np.zeros(1))[0, WHEELS]
-    heights_m = body.offsets_m(np.zeros(1))[0, WHEELS, 2]
+    velocities = scatterer_velocities_m_per_s(body, np.zeros(1))[0, WHEEL_POINTS]
+    heights_m = body.offsets_m(np.zeros(1))[0, WHEEL_POINTS, 2]
 
     assert velocities[:, 0] == pytest.approx(5.0 * heights_m / 0.34, abs=1e-6)
 
 
-def test_pedals_turn_at_the_cadence_of_the_gear():
+def test_pedals_rotate_at_cadence():
     body = Bicyclist(speed_m_per_s=6.0, development_m=4.0, phase_rad=0.3)
     times_s = np.linspace(0, 0.5, 30)
     offsets_m = body.offsets_m(times_s)
 
     assert body.cadence_hz == 1.5
-    # The rider repeats after a turn and pedals with the other leg half a turn later.
-    again_m = body.offsets_m(times_s + 1 / 1.5)
-    assert again_m[:, : WHEELS.start] == pytest.approx(offsets_m[:, : WHEELS.start], abs=1e-12)
-    half_m = body.offsets_m(times_s + 0.5 / 1.5)[:, PEDALS]
-    assert half_m[:, ::-1] * (1, -1, 1) == pytest.approx(offsets_m[:, PEDALS], abs=1e-12)
-    # About the crank axle, 0.097 of the height long, to the front when on top.
-    radii_m = np.linalg.norm(offsets_m[:, PEDALS][..., [0, 2]] - (0, 0.27), axis=-1)
+    # The pose repeats after one turn, and with exchanged legs after half a turn.
+    next_turn_m = body.offsets_m(times_s + 1 / 1.5)
+    assert next_turn_m[:, : WHEEL_POINTS.start] == pytest.approx(
+        offsets_m[:, : WHEEL_POINTS.start], abs=1e-12
+    )
+    half_turn_m = body.offsets_m(times_s + 0.5 / 1.5)[:, PEDAL_POINTS]
+    assert half_turn_m[:, ::-1] * (1, -1, 1) == pytest.approx(offsets_m[:, PEDAL_POINTS], abs=1e-12)
+    # The pedals circle around the crank axle at 0.097 of the height, and move forward at the top.
+    radii_m = np.linalg.norm(offsets_m[:, PEDAL_POINTS][..., [0, 2]] - (0, 0.27), axis=-1)
     assert radii_m == pytest.approx(np.full((30, 2), 0.097 * 1.75), rel=1e-12)
-    on_top = Bicyclist(speed_m_per_s=6.0, development_m=4.0)
-    forward = velocities_m_per_s(on_top, np.zeros(1))[0, PEDALS, 0] - 6.0
+    top_position = Bicyclist(speed_m_per_s=6.0, development_m=4.0)
+    forward = scatterer_velocities_m_per_s(top_position, np.zeros(1))[0, PEDAL_POINTS, 0] - 6.0
     assert forward == pytest.approx(2 * np.pi * 1.5 * 0.097 * 1.75 * np.array([1, -1]), rel=1e-6)
 
 
 @pytest.mark.parametrize("height_m", [1.2, 1.75, 2.0])
-def test_the_rider_pedals_with_the_legs_alone(height_m):
+def test_only_legs_of_rider_move(height_m):
     body = Bicyclist(speed_m_per_s=5.0, height_m=height_m)
     times_s = np.linspace(0, 1 / body.cadence_hz, 200)
-    moves_m = np.ptp(body.offsets_m(times_s)[:, RIDER], axis=0).max(axis=-1)
+    moves_m = np.ptp(body.offsets_m(times_s)[:, RIDER_POINTS], axis=0).max(axis=-1)
 
-    of_legs = (SEGMENT_JOINTS >= Joint.LEFT_HIP).all(axis=1)
-    of_hips = np.isin(SEGMENT_JOINTS[:, 0], (Joint.LEFT_HIP,)) & np.isin(
+    is_leg = (SEGMENT_JOINTS >= Joint.LEFT_HIP).all(axis=1)
+    is_hip = np.isin(SEGMENT_JOINTS[:, 0], (Joint.LEFT_HIP,)) & np.isin(
         SEGMENT_JOINTS[:, 1], (Joint.RIGHT_HIP,)
     )
-    assert moves_m[~of_legs].max() == 0
-    assert moves_m[of_legs & ~of_hips].min() > 0.02
-    # Feet go with the pedals, on circles.
-    feet_m = body.offsets_m(times_s)[:, RIDER][:, SEGMENT_JOINTS[:, 0] == Joint.LEFT_HEEL]
-    apart_m = feet_m - body.offsets_m(times_s)[:, PEDALS][:, :1]
-    assert np.ptp(apart_m, axis=0).max() < 1e-12
-    # Thighs and shanks keep their lengths: three points on each are a third apart.
+    assert moves_m[~is_leg].max() == 0
+    assert moves_m[is_leg & ~is_hip].min() > 0.02
+    # The feet follow the pedals on circles.
+    feet_m = body.offsets_m(times_s)[:, RIDER_POINTS][:, SEGMENT_JOINTS[:, 0] == Joint.LEFT_HEEL]
+    pedal_offset_m = feet_m - body.offsets_m(times_s)[:, PEDAL_POINTS][:, :1]
+    assert np.ptp(pedal_offset_m, axis=0).max() < 1e-12
+    # Thighs and shanks keep their lengths: the three points on each are a third of it apart.
     for joint, share in ((Joint.LEFT_HIP, 0.245), (Joint.RIGHT_KNEE, 0.246)):
-        chosen = (SEGMENT_JOINTS[:, 0] == joint) & ~of_hips
-        limb_m = body.offsets_m(times_s)[:, RIDER][:, chosen]
+        is_limb = (SEGMENT_JOINTS[:, 0] == joint) & ~is_hip
+        limb_m = body.offsets_m(times_s)[:, RIDER_POINTS][:, is_limb]
         lengths_m = np.linalg.norm(limb_m[:, 2] - limb_m[:, 0], axis=-1) * 1.5
         assert lengths_m == pytest.approx(np.full(200, share * height_m), rel=1e-9)
-    # Knees are ahead of the line from hip to ankle.
+    # The knees are in front of the line from hip to ankle.
     thigh_m, shank_m = (
-        body.offsets_m(times_s)[:, RIDER][:, (SEGMENT_JOINTS[:, 0] == joint) & ~of_hips][
+        body.offsets_m(times_s)[:, RIDER_POINTS][:, (SEGMENT_JOINTS[:, 0] == joint) & ~is_hip][
             ..., [0, 2]
         ]
         for joint in (Joint.LEFT_HIP, Joint.LEFT_KNEE)
     )
-    along, after = thigh_m[:, 2] - thigh_m[:, 0], shank_m[:, 2] - shank_m[:, 0]
-    assert np.all(along[:, 0] * after[:, 1] - along[:, 1] * after[:, 0] < 0)
+    thigh_direction_m, shank_direction_m = (
+        thigh_m[:, 2] - thigh_m[:, 0],
+        shank_m[:, 2] - shank_m[:, 0],
+    )
+    assert np.all(
+        thigh_direction_m[:, 0] * shank_direction_m[:, 1]
+        - thigh_direction_m[:, 1] * shank_direction_m[:, 0]
+        < 0
+    )
 
 
-def test_who_does_not_pedal_rolls():
+def test_coasting_bicyclist_rotates_wheels_only():
     body = Bicyclist(speed_m_per_s=15.0, development_m=None)
     offsets_m = body.offsets_m(np.array([0.0, 0.01]))
 
     assert body.cadence_hz == 0
-    assert (offsets_m[0, : WHEELS.start] == offsets_m[1, : WHEELS.start]).all()
-    assert abs(np.diff(offsets_m[:, WHEELS], axis=0)).max() > 0.1
+    assert (offsets_m[0, : WHEEL_POINTS.start] == offsets_m[1, : WHEEL_POINTS.start]).all()
+    assert abs(np.diff(offsets_m[:, WHEEL_POINTS], axis=0)).max() > 0.1
     assert Bicyclist(speed_m_per_s=0).is_rigid and not body.is_rigid
 
 
-def test_a_bicyclist_shares_its_cross_section_among_its_parts(radar):
+def test_cross_section_is_divided_among_parts(radar):
     body = Bicyclist(speed_m_per_s=5.0, n_spokes=20, rcs_m2=0.5)
     shares = body.cross_sections_m2() / 0.5
 
     assert shares.sum() == pytest.approx(1, rel=1e-12)
-    assert shares[RIDER].sum() == pytest.approx(0.5, rel=1e-12)
-    assert shares[WHEELS].sum() == pytest.approx(0.3, rel=1e-12)
-    assert body.n_scatterers() == WHEELS.start + 2 * 3 * 20 == body.offsets_m(np.zeros(1)).shape[1]
+    assert shares[RIDER_POINTS].sum() == pytest.approx(0.5, rel=1e-12)
+    assert shares[WHEEL_POINTS].sum() == pytest.approx(0.3, rel=1e-12)
+    assert (
+        body.n_scatterers()
+        == WHEEL_POINTS.start + 2 * 3 * 20
+        == body.offsets_m(np.zeros(1)).shape[1]
+    )
     target = Target(position_m=(20, 0, -0.6), velocity_m_per_s=(5, 0, 0), body=body)
     assert len(fit_paths(dc.Scene(targets=[target]), radar.frame, 0.3)) <= 4
 
 
-def test_settings_files_say_how_a_bicyclist_rides():
+def test_settings_file_round_trips_bicyclist():
     for gear, development_m in (("4.5 m", 4.5), ("null", None)):
         text = f"""\
 position: [20 m, 3 m, -0.6 m]
@@ -137,7 +152,7 @@ body: {{kind: bicyclist, speed: 18 km/h, wheel_radius: 330 mm, n_spokes: 24, dev
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("settings", "message"),
     [
         ({"height_m": -1.7}, "Bicyclist.height_m: -1.7"),
         ({"speed_m_per_s": -5}, "Bicyclist.speed_m_per_s: -5"),
@@ -151,6 +166,6 @@ body: {{kind: bicyclist, speed: 18 km/h, wheel_radius: 330 mm, n_spokes: 24, dev
         ({"rcs_m2": -1}, "Bicyclist.rcs_m2: -1"),
     ],
 )
-def test_a_bicyclist_that_cannot_be_is_refused(given, message):
+def test_rejects_invalid_bicyclist(settings, message):
     with pytest.raises(dc.InvalidSetting, match=message):
-        Bicyclist(**{"speed_m_per_s": 5.0, **given})
+        Bicyclist(**{"speed_m_per_s": 5.0, **settings})

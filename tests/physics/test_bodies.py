@@ -1,4 +1,4 @@
-"""Bodies of many scatterers, and how much they reflect."""
+"""Bodies of several scatterers: motion, point clouds, aspect-dependent cross sections, settings."""
 
 from dataclasses import replace
 
@@ -23,66 +23,68 @@ from dechirp.scene.truth import truth
 from dechirp.scene.waypoints import Waypoint
 
 
-def point(**of):
-    return Scatterer(**{"position_m": (1, 0.5, 0.3), "rcs_m2": 0.1, **of})
+def make_scatterer(**fields):
+    return Scatterer(**{"position_m": (1, 0.5, 0.3), "rcs_m2": 0.1, **fields})
 
 
 def offsets_m(scatterer, times_s):
     return Points(scatterers=(scatterer,)).offsets_m(np.asarray(times_s))[:, 0]
 
 
-def test_the_top_of_a_wheel_goes_forward_and_comes_round():
-    rim = point(
+def test_rotation_moves_top_of_wheel_forward_on_a_circle():
+    rim = make_scatterer(
         position_m=(1, 0.8, 0.6), rotation=Rotation(center_m=(1, 0.5, 0.3), rate_rad_per_s=50)
     )
     times_s = np.linspace(0, 2 * np.pi / 50, 9)
-    way_m = offsets_m(rim, times_s)
+    path_m = offsets_m(rim, times_s)
 
-    # A quarter of a turn on it is ahead of the axle, then below it, then behind it.
-    assert way_m[2] == pytest.approx((1.3, 0.8, 0.3), abs=1e-12)
-    assert way_m[4] == pytest.approx((1, 0.8, 0), abs=1e-12)
-    assert way_m[6] == pytest.approx((0.7, 0.8, 0.3), abs=1e-12)
-    assert way_m[8] == pytest.approx(way_m[0], abs=1e-12)
-    radii_m = np.hypot(way_m[:, 0] - 1, way_m[:, 2] - 0.3)
+    # After a quarter turn the point is in front of the axle, then below, then behind.
+    assert path_m[2] == pytest.approx((1.3, 0.8, 0.3), abs=1e-12)
+    assert path_m[4] == pytest.approx((1, 0.8, 0), abs=1e-12)
+    assert path_m[6] == pytest.approx((0.7, 0.8, 0.3), abs=1e-12)
+    assert path_m[8] == pytest.approx(path_m[0], abs=1e-12)
+    radii_m = np.hypot(path_m[:, 0] - 1, path_m[:, 2] - 0.3)
     assert radii_m == pytest.approx(np.full(9, 0.3), abs=1e-12)
 
 
-def test_a_rotor_turns_about_its_axis_however_long():
+def test_rotation_normalises_its_axis():
     for axis in ((0, 0, 1), (0, 0, 1e6), (0, 0, 1e-6)):
-        turn = Rotation(center_m=(0, 0, 0), axis=axis, rate_rad_per_s=np.pi)
-        found = offsets_m(point(position_m=(0.2, 0, 0.7), rotation=turn), [0.5])
-        assert found[0] == pytest.approx((0, 0.2, 0.7), abs=1e-12)
+        rotation = Rotation(center_m=(0, 0, 0), axis=axis, rate_rad_per_s=np.pi)
+        positions_m = offsets_m(make_scatterer(position_m=(0.2, 0, 0.7), rotation=rotation), [0.5])
+        assert positions_m[0] == pytest.approx((0, 0.2, 0.7), abs=1e-12)
 
 
-def test_an_arm_swings_about_its_middle():
-    swing = Oscillation(amplitude_m=(0.3, 0, -0.1), frequency_hz=2, phase_rad=np.pi / 2)
-    found = offsets_m(point(oscillation=swing), [0, 0.125, 0.25])
+def test_oscillation_is_cosine_about_rest_position():
+    oscillation = Oscillation(amplitude_m=(0.3, 0, -0.1), frequency_hz=2, phase_rad=np.pi / 2)
+    positions_m = offsets_m(make_scatterer(oscillation=oscillation), [0, 0.125, 0.25])
 
-    for place_m, times in zip(found, (1, 0, -1), strict=True):
-        assert place_m == pytest.approx((1 + 0.3 * times, 0.5, 0.3 - 0.1 * times), abs=1e-12)
+    for position_m, phase_cosine in zip(positions_m, (1, 0, -1), strict=True):
+        assert position_m == pytest.approx(
+            (1 + 0.3 * phase_cosine, 0.5, 0.3 - 0.1 * phase_cosine), abs=1e-12
+        )
 
 
-def test_a_part_may_turn_and_swing():
-    turn, swing = (
+def test_rotation_and_oscillation_combine():
+    rotation, oscillation = (
         Rotation(center_m=(0, 0, 0), rate_rad_per_s=3),
         Oscillation(amplitude_m=(0, 0, 0.1), frequency_hz=1),
     )
-    both = offsets_m(point(rotation=turn, oscillation=swing), [0.1, 0.7])
-    apart = offsets_m(point(rotation=turn), [0.1, 0.7]) + offsets_m(
-        point(oscillation=swing), [0.1, 0.7]
+    combined_m = offsets_m(make_scatterer(rotation=rotation, oscillation=oscillation), [0.1, 0.7])
+    separate_sum_m = offsets_m(make_scatterer(rotation=rotation), [0.1, 0.7]) + offsets_m(
+        make_scatterer(oscillation=oscillation), [0.1, 0.7]
     )
 
-    assert both == pytest.approx(apart - (1, 0.5, 0.3), abs=1e-12)
+    assert combined_m == pytest.approx(separate_sum_m - (1, 0.5, 0.3), abs=1e-12)
 
 
-PLACES_M = np.array([(1.0, 2.0, 3.0), (-4.0, 5.0, -6.0)])
+POSITIONS_M = np.array([(1.0, 2.0, 3.0), (-4.0, 5.0, -6.0)])
 
 
-def test_a_cloud_is_its_points():
-    cloud = PointCloud(positions_m=PLACES_M, rcs_m2=np.array([0.5, 2.0]))
+def test_point_cloud_equals_body_of_points():
+    cloud = PointCloud(positions_m=POSITIONS_M, rcs_m2=np.array([0.5, 2.0]))
     points = Points(
         scatterers=[
-            Scatterer(position_m=p, rcs_m2=s) for p, s in zip(PLACES_M, (0.5, 2), strict=True)
+            Scatterer(position_m=p, rcs_m2=s) for p, s in zip(POSITIONS_M, (0.5, 2), strict=True)
         ]
     )
     times_s = np.array([0.0, 1.0])
@@ -90,23 +92,23 @@ def test_a_cloud_is_its_points():
     assert (cloud.offsets_m(times_s) == points.offsets_m(times_s)).all()
     assert (cloud.cross_sections_m2() == points.cross_sections_m2()).all()
     assert cloud.is_rigid and points.is_rigid
-    assert cloud == PointCloud(positions_m=PLACES_M.tolist(), rcs_m2=(0.5, 2))
+    assert cloud == PointCloud(positions_m=POSITIONS_M.tolist(), rcs_m2=(0.5, 2))
 
 
-def test_a_cloud_does_not_change_with_the_arrays_it_was_made_of():
-    places_m, rcs_m2 = PLACES_M.copy(), np.array([0.5, 2.0])
-    cloud = PointCloud(positions_m=places_m, rcs_m2=rcs_m2)
-    places_m[:], rcs_m2[:] = 0, 0
+def test_point_cloud_copies_its_arrays():
+    positions_m, rcs_m2 = POSITIONS_M.copy(), np.array([0.5, 2.0])
+    cloud = PointCloud(positions_m=positions_m, rcs_m2=rcs_m2)
+    positions_m[:], rcs_m2[:] = 0, 0
 
-    assert cloud.offsets_m(np.zeros(1))[0].tolist() == PLACES_M.tolist()
+    assert cloud.offsets_m(np.zeros(1))[0].tolist() == POSITIONS_M.tolist()
     with pytest.raises(ValueError, match="read-only"):
         cloud.offsets_m(np.zeros(1))[0, 0] = 1
     with pytest.raises(ValueError, match="read-only"):
         cloud.cross_sections_m2()[0] = 1
 
 
-def test_scatterers_are_counted_through_target_by_target():
-    body = PointCloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+def test_scatterers_are_ordered_by_target():
+    body = PointCloud(positions_m=POSITIONS_M, rcs_m2=(0.5, 2))
     scene = Scene(
         targets=[
             Target(position_m=(10, 0, 0), rcs_m2=7),
@@ -118,48 +120,48 @@ def test_scatterers_are_counted_through_target_by_target():
     assert scene.owners.tolist() == [0, 1, 1, 2]
     assert scatterer_cross_sections_m2(scene, 0.0, 0.0039).tolist() == [7, 0.5, 2, 9]
     assert target_cross_sections_m2(scene, [0.0, 1.0], 0.0039).tolist() == [[7, 2.5, 9]] * 2
-    # Its x axis points left: x becomes y, and y becomes -x.
+    # The body x axis points left: x becomes y, and y becomes -x.
     assert scene.positions_m([0.0])[0] == pytest.approx(
         np.array([(10, 0, 0), (18, 1, 3), (15, -4, -6), (30, 0, 0)]), abs=1e-12
     )
 
 
-TABLE = RcsTable(
+ASPECT_TABLE = RcsTable(
     azimuth_rad=(-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi), rcs_m2=((1, 100, 10, 50, 1),)
 )
 
 
 @pytest.mark.parametrize(
-    ("of", "rcs_m2"),
+    ("settings", "rcs_m2"),
     [
-        ({"heading_rad": np.pi}, 10),  # it comes
-        ({}, 1),  # it shows its tail
-        ({"heading_rad": np.pi / 2}, 50),  # it goes left, and has the radar on its left
+        ({"heading_rad": np.pi}, 10),  # front aspect
+        ({}, 1),  # rear aspect
+        ({"heading_rad": np.pi / 2}, 50),  # drives to the left: left aspect
         ({"heading_rad": -np.pi / 2}, 100),
         ({"velocity_m_per_s": (-3, 0, 0)}, 10),
-        ({"heading_rad": 3 * np.pi / 4}, np.sqrt(10 * 50)),  # half way, in decibels
+        ({"heading_rad": 3 * np.pi / 4}, np.sqrt(10 * 50)),  # midpoint in decibels
         ({"heading_rad": -np.pi / 4}, np.sqrt(1 * 100)),
     ],
 )
-def test_a_cross_section_over_aspect_is_what_the_target_shows_to_the_radar(of, rcs_m2):
-    scene = Scene(targets=[Target(position_m=(20, 0, 0), rcs_table=TABLE, **of)])
+def test_cross_section_depends_on_aspect_angle(settings, rcs_m2):
+    scene = Scene(targets=[Target(position_m=(20, 0, 0), rcs_table=ASPECT_TABLE, **settings)])
 
     assert scatterer_cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(rcs_m2, rel=1e-9)
 
 
-def test_the_aspect_is_towards_where_the_radar_is_and_not_where_it_looks():
-    target = Target(position_m=(0, 20, 0), rcs_table=TABLE, heading_rad=np.pi / 2)
+def test_aspect_angle_depends_on_radar_position_not_orientation():
+    target = Target(position_m=(0, 20, 0), rcs_table=ASPECT_TABLE, heading_rad=np.pi / 2)
     for yaw_rad in (0.0, 1.0, np.pi / 2):
         scene = Scene(targets=[target], ego=Ego(yaw_rad=yaw_rad))
         assert scatterer_cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(1, rel=1e-9)
-    # Driven past it: the radar is 20 m ahead of it, to its left.
-    past = Scene(targets=[target], ego=Ego(velocity_m_per_s=(-20, 40, 0)))
-    assert scatterer_cross_sections_m2(past, 1.0, 0.0039)[0] == pytest.approx(
+    # The radar has passed the target: it is 20 m ahead and to its left.
+    passed_scene = Scene(targets=[target], ego=Ego(velocity_m_per_s=(-20, 40, 0)))
+    assert scatterer_cross_sections_m2(passed_scene, 1.0, 0.0039)[0] == pytest.approx(
         np.sqrt(10 * 50), rel=1e-9
     )
 
 
-def test_the_aspect_changes_with_elevation():
+def test_cross_section_depends_on_elevation_aspect():
     table = RcsTable(
         azimuth_rad=(0,), elevation_rad=(-np.pi / 2, 0, np.pi / 2), rcs_m2=((1,), (10,), (1000,))
     )
@@ -168,53 +170,53 @@ def test_the_aspect_changes_with_elevation():
         assert scatterer_cross_sections_m2(scene, 0.0, 0.0039)[0] == pytest.approx(rcs_m2, rel=1e-9)
 
 
-def test_a_cross_section_over_aspect_changes_along_a_curve():
+def test_cross_section_varies_along_curved_path():
     points = [
         Waypoint(time_s=1, position_m=(20, 10, 0)),
         Waypoint(time_s=2, position_m=(30, 15, 0)),
     ]
-    target = Target(position_m=(25, 0, 0), rcs_table=TABLE, waypoints=points)
+    target = Target(position_m=(25, 0, 0), rcs_table=ASPECT_TABLE, waypoints=points)
     scene = Scene(targets=[target])
-    over_time = target_cross_sections_m2(scene, [0.0, 0.5, 2.0], 0.0039)[:, 0]
+    cross_sections_m2 = target_cross_sections_m2(scene, [0.0, 0.5, 2.0], 0.0039)[:, 0]
 
-    one_by_one = [
+    expected_m2 = [
         scatterer_cross_sections_m2(scene, time_s, 0.0039)[0] for time_s in (0.0, 0.5, 2.0)
     ]
-    assert over_time == pytest.approx(one_by_one, rel=1e-12)
-    assert np.ptp(over_time) > 1
+    assert cross_sections_m2 == pytest.approx(expected_m2, rel=1e-12)
+    assert np.ptp(cross_sections_m2) > 1
 
 
-def test_the_truth_has_the_cross_section_of_all_scatterers_at_each_time(radar):
+def test_truth_snr_uses_total_cross_section_at_each_frame(radar):
     radar = replace(radar, frame=replace(radar.frame, period_s=1.0))
-    body = PointCloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+    body = PointCloud(positions_m=POSITIONS_M, rcs_m2=(0.5, 2))
     passing = Target(
-        position_m=(20, 5, 0), velocity_m_per_s=(0, -8, 0), rcs_table=TABLE, heading_rad=0.0
+        position_m=(20, 5, 0), velocity_m_per_s=(0, -8, 0), rcs_table=ASPECT_TABLE, heading_rad=0.0
     )
     scene = Scene(targets=[Target(position_m=(20, 0, 0), body=body), passing])
-    known = truth(scene, radar, n_frames=3)
+    expected = truth(scene, radar, n_frames=3)
 
     echo_w = received_power_w(radar, range_m=20.0, rcs_m2=2.5)
     noise_w = received_power_w(radar, range_m=20.0, rcs_m2=1.0)
-    of_body = truth(scene, radar, n_frames=3, noise_power_w=float(noise_w)).snr[0]
-    assert of_body.values == pytest.approx(echo_w / noise_w * radar.integration_gain, rel=1e-9)
-    rcs_m2 = target_cross_sections_m2(scene, known.time.values, 0.0039)[:, 1]
-    ratios = known.snr[1] * known.range[1] ** 4 / rcs_m2
+    body_snr = truth(scene, radar, n_frames=3, noise_power_w=float(noise_w)).snr[0]
+    assert body_snr.values == pytest.approx(echo_w / noise_w * radar.integration_gain, rel=1e-9)
+    rcs_m2 = target_cross_sections_m2(scene, expected.time.values, 0.0039)[:, 1]
+    ratios = expected.snr[1] * expected.range[1] ** 4 / rcs_m2
     assert ratios.values == pytest.approx(np.full(3, ratios.values[0]), rel=1e-9)
 
 
-def test_white_noise_stands_below_the_echo_of_all_scatterers(radar):
-    body = PointCloud(positions_m=PLACES_M, rcs_m2=(0.5, 2))
+def test_white_noise_refers_to_echo_of_all_scatterers(radar):
+    body = PointCloud(positions_m=POSITIONS_M, rcs_m2=(0.5, 2))
     noise = dc.impairments.WhiteNoise(snr=4)
     for target, rcs_m2 in (
         (Target(position_m=(20, 0, 0), body=body), 2.5),
-        (Target(position_m=(20, 0, 0), rcs_table=TABLE), 1),
+        (Target(position_m=(20, 0, 0), rcs_table=ASPECT_TABLE), 1),
     ):
         echo_w = received_power_w(radar, range_m=20.0, rcs_m2=rcs_m2)
         noise_w = noise.noise_power_w(Scene(targets=[target]), radar)
         assert noise_w == pytest.approx(echo_w / 4, rel=1e-9)
 
 
-WHOLE = """\
+SCENE_YAML = """\
 ego: {position: [1 m, 0 m, 0.5 m], yaw: 10 deg, pitch: -2 deg, roll: 1 deg,
       velocity: [20 m/s, 0 m/s, 0 m/s], turn_rate: 5 deg/s}
 targets:
@@ -237,8 +239,8 @@ targets:
 """
 
 
-def test_settings_files_say_all_of_a_scene():
-    scene = parse_settings(WHOLE, Scene)
+def test_settings_file_round_trips_scene():
+    scene = parse_settings(SCENE_YAML, Scene)
     car, heap, van = scene.targets
 
     assert scene.ego.turn_rate_rad_per_s == pytest.approx(np.radians(5), rel=1e-15)
@@ -252,7 +254,7 @@ def test_settings_files_say_all_of_a_scene():
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong", "setting", "line"),
+    ("valid_text", "invalid_text", "setting", "line"),
     [
         ("{time: 2 s,", "{time: 0.5 s,", "targets.car.waypoints.1.time", 6),
         ("rate: 90 deg/s", "rate: 90 deg", "targets.car.body.scatterers.0.rotation.rate", 12),
@@ -263,9 +265,9 @@ def test_settings_files_say_all_of_a_scene():
         ("fluctuation: swerling-3", "rcs: 20 dBsm", "targets.car.body", 8),
     ],
 )
-def test_a_mistake_in_a_scene_is_told_with_its_place(right, wrong, setting, line):
+def test_scene_mistake_is_reported_with_setting_and_line(valid_text, invalid_text, setting, line):
     with pytest.raises(InvalidFile) as error:
-        parse_settings(WHOLE.replace(right, wrong), Scene)
+        parse_settings(SCENE_YAML.replace(valid_text, invalid_text), Scene)
 
     (mistake,) = error.value.mistakes
     assert (mistake.setting, mistake.line) == (setting, line)
@@ -284,7 +286,7 @@ def test_a_mistake_in_a_scene_is_told_with_its_place(right, wrong, setting, line
         ([(0, 0, "x")], [1], "PointCloud.positions_m"),
     ],
 )
-def test_a_cloud_of_what_is_no_place_is_refused(positions_m, rcs_m2, message):
+def test_rejects_invalid_point_cloud(positions_m, rcs_m2, message):
     with pytest.raises(dc.InvalidSetting, match=message):
         PointCloud(positions_m=positions_m, rcs_m2=rcs_m2)
 
@@ -295,10 +297,10 @@ def test_a_cloud_of_what_is_no_place_is_refused(positions_m, rcs_m2, message):
         (lambda: Points(scatterers=()), "Points.scatterers"),
         (lambda: Points(scatterers=[(1, 2, 3)]), "Points.scatterers"),
         (lambda: Points(scatterers=np.array(1.0)), "Points.scatterers"),
-        (lambda: point(position_m=(1, 2)), "Scatterer.position_m"),
-        (lambda: point(rcs_m2=0), "Scatterer.rcs_m2"),
-        (lambda: point(rotation=10.0), "Scatterer.rotation: 10.0; .* a Rotation"),
-        (lambda: point(oscillation=[1, 2]), "Scatterer.oscillation: .* Oscillation"),
+        (lambda: make_scatterer(position_m=(1, 2)), "Scatterer.position_m"),
+        (lambda: make_scatterer(rcs_m2=0), "Scatterer.rcs_m2"),
+        (lambda: make_scatterer(rotation=10.0), "Scatterer.rotation: 10.0; .* a Rotation"),
+        (lambda: make_scatterer(oscillation=[1, 2]), "Scatterer.oscillation: .* Oscillation"),
         (
             lambda: Rotation(center_m=(0, 0, 0), axis=(0, 0, 0), rate_rad_per_s=1),
             "Rotation.axis: .*a vector of positive length",
@@ -310,43 +312,43 @@ def test_a_cloud_of_what_is_no_place_is_refused(positions_m, rcs_m2, message):
             "a thousandth of the speed of light",
         ),
         (
-            lambda: point(rotation=Rotation(center_m=(9, 0, 0), rate_rad_per_s=9e4)),
+            lambda: make_scatterer(rotation=Rotation(center_m=(9, 0, 0), rate_rad_per_s=9e4)),
             "Scatterer.rotation: .* m/s on its circle",
         ),
     ],
 )
-def test_a_part_that_cannot_be_is_refused(make, message):
+def test_rejects_invalid_scatterer(make, message):
     with pytest.raises(dc.InvalidSetting, match=message):
         make()
 
 
 @pytest.mark.parametrize(
-    ("given", "named"),
+    ("settings", "message"),
     [
-        ({"rcs_m2": 5, "rcs_table": TABLE}, "rcs_table: given in addition to rcs_m2"),
+        ({"rcs_m2": 5, "rcs_table": ASPECT_TABLE}, "rcs_table: given in addition to rcs_m2"),
         (
-            {"rcs_m2": 5, "body": PointCloud(positions_m=PLACES_M, rcs_m2=(1, 1))},
+            {"rcs_m2": 5, "body": PointCloud(positions_m=POSITIONS_M, rcs_m2=(1, 1))},
             "body: given in addition to",
         ),
         (
-            {"rcs_table": TABLE, "body": PointCloud(positions_m=PLACES_M, rcs_m2=(1, 1))},
+            {"rcs_table": ASPECT_TABLE, "body": PointCloud(positions_m=POSITIONS_M, rcs_m2=(1, 1))},
             "rcs_table: given in addition to body",
         ),
     ],
 )
-def test_a_target_has_one_kind_of_cross_section(given, named):
-    with pytest.raises(dc.InvalidSetting, match=rf"Target\.{named}"):
-        Target(position_m=(10, 0, 0), **given)
+def test_rejects_target_with_two_cross_section_models(settings, message):
+    with pytest.raises(dc.InvalidSetting, match=rf"Target\.{message}"):
+        Target(position_m=(10, 0, 0), **settings)
 
 
-def test_a_table_of_aspects_out_of_order_is_refused():
+def test_rejects_unsorted_aspect_table():
     with pytest.raises(dc.InvalidSetting, match=r"RcsTable\.azimuth_rad\.2"):
         RcsTable(azimuth_rad=(0, 1, 0.5), rcs_m2=((1, 1, 1),))
 
 
 @frozen_dataclass
-class Guest(Body):
-    """What another package may have made of a body."""
+class ThirdPartyBody(Body):
+    """Represent a body of another package."""
 
     rcs: tuple[float, ...]
 
@@ -366,8 +368,8 @@ class Guest(Body):
         ((1.0, 1.0), r"positions of the shape \(2, 1, 3\); expected finite positions"),
     ],
 )
-def test_a_body_that_is_no_body_is_refused_by_the_name_of_its_target(radar, rcs, message):
-    scene = Scene(targets=[Target(name="bus", position_m=(10, 0, 0), body=Guest(rcs=rcs))])
+def test_invalid_third_party_body_is_rejected_with_target_name(radar, rcs, message):
+    scene = Scene(targets=[Target(name="bus", position_m=(10, 0, 0), body=ThirdPartyBody(rcs=rcs))])
     with pytest.raises(dc.InvalidSetting, match=rf"^scene\.targets\.bus\.body: .*{message}"):
         dc.truth(scene, radar)
         scene.positions_m([0.0, 1.0])

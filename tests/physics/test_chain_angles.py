@@ -1,4 +1,4 @@
-"""What the chain makes of an array: angles with every detection, in Python and in tables."""
+"""Angles of detections in the processing chain, in results, tables and reports."""
 
 import json
 import re
@@ -8,7 +8,7 @@ from io import StringIO
 import numpy as np
 import pytest
 from rich.console import Console
-from test_angle_of_moving_targets import HALF_M, at, mimo
+from test_angle_motion_compensation import HALF_M, make_mimo_radar, make_target
 
 import dechirp as dc
 from dechirp.cli.run_output import detections_table
@@ -28,26 +28,27 @@ from dechirp.processing.near_field import far_field_range_m
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.report.page import render_report
-from dechirp.results.tables import json_text
+from dechirp.results.text_files import json_text
 from dechirp.theory.direction_bounds import unit_vectors
 
-TDM = dc.multiplexing.Tdm(order=(0, 1, 2))
+TDM_CODE = dc.multiplexing.Tdm(order=(0, 1, 2))
 ANGLES = ("azimuth", "elevation", "azimuth_std", "elevation_std")
 
 
-def test_a_row_of_elements_tells_azimuth_and_no_elevation(radar):
-    radar = mimo(radar, TDM)
-    found = dc.detect(dc.simulate(dc.Scene(targets=[at(-20, 3)]), radar, seed=1), radar)
+def test_linear_array_yields_azimuth_without_elevation(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    scene = dc.Scene(targets=[make_target(-20, 3)])
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
 
-    assert np.degrees(found.azimuth.item()) == pytest.approx(-20, abs=0.1)
-    assert np.isnan(found.elevation.item()) and np.isnan(found.elevation_std.item())
+    assert np.degrees(detections.azimuth.item()) == pytest.approx(-20, abs=0.1)
+    assert np.isnan(detections.elevation.item()) and np.isnan(detections.elevation_std.item())
     for name in ANGLES:
-        assert found[name].units == "rad"
-    assert found.ambiguity_number.units == found.ambiguity_confidence.units == "1"
+        assert detections[name].units == "rad"
+    assert detections.ambiguity_number.units == detections.ambiguity_confidence.units == "1"
 
 
-def test_a_plane_tells_azimuth_and_elevation(radar):
-    radar = mimo(radar, TDM)
+def test_planar_array_yields_azimuth_and_elevation(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
     array = dc.Array(
         tx_m=[(0, 0, 0), (0, 4 * HALF_M, 0), (0, 0, 2 * HALF_M)], rx_m=radar.array.rx_m
     )
@@ -56,21 +57,21 @@ def test_a_plane_tells_azimuth_and_elevation(radar):
     scene = dc.Scene(targets=[target])
     truth = dc.truth(scene, radar).isel(target=0, frame=0)
 
-    found = dc.detect(dc.simulate(scene, radar, seed=1), radar).isel(detection=0)
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar).isel(detection=0)
 
     # Five standard errors, and 0.02 degrees for the near field.
     for name in ("azimuth", "elevation"):
-        allowed = 5 * float(found[f"{name}_std"]) + 3e-4
-        assert float(found[name]) == pytest.approx(float(truth[name]), abs=allowed)
+        allowed = 5 * float(detections[f"{name}_std"]) + 3e-4
+        assert float(detections[name]) == pytest.approx(float(truth[name]), abs=allowed)
 
 
 @pytest.mark.parametrize("azimuth_deg", [-55, 0, 50])
-@pytest.mark.parametrize("middle_m", [-0.08, 0.0, 0.05])
-def test_ranges_are_from_the_origin_wherever_the_array_is(radar, azimuth_deg, middle_m):
-    radar = mimo(radar, TDM)
-    moved = tuple((0, y + middle_m, 0) for _, y, _ in radar.array.rx_m)
-    tx_moved = tuple((0, y + middle_m, 0) for _, y, _ in radar.array.tx_m)
-    radar = replace(radar, array=dc.Array(tx_m=tx_moved, rx_m=moved))
+@pytest.mark.parametrize("centre_m", [-0.08, 0.0, 0.05])
+def test_range_refers_to_origin_for_offset_array(radar, azimuth_deg, centre_m):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    rx_m = tuple((0, y + centre_m, 0) for _, y, _ in radar.array.rx_m)
+    tx_m = tuple((0, y + centre_m, 0) for _, y, _ in radar.array.tx_m)
+    radar = replace(radar, array=dc.Array(tx_m=tx_m, rx_m=rx_m))
     azimuth = np.radians(azimuth_deg)
     target = dc.Target(
         position_m=(40 * np.cos(azimuth), 40 * np.sin(azimuth), 0),
@@ -80,10 +81,10 @@ def test_ranges_are_from_the_origin_wherever_the_array_is(radar, azimuth_deg, mi
     scene = dc.Scene(targets=[target])
     true_m = float(dc.truth(scene, radar).range.squeeze())
 
-    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-    strongest = found.isel(detection=int(np.argmax(found.snr.values)))
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+    strongest = detections.isel(detection=int(np.argmax(detections.snr.values)))
 
-    # Five standard errors; the middle of the array is up to 80 mm nearer or farther.
+    # Five standard errors; the array centre is up to 80 mm nearer or farther.
     error_m = float(strongest.range) - true_m
     assert abs(error_m) < 5 * float(strongest.range_std) + 1e-4
 
@@ -93,7 +94,7 @@ LINE_TX_M = [(0, 4 * HALF_M * k, 0) for k in range(3)]
 
 
 @pytest.mark.parametrize(
-    ("tx_m", "middle_m", "upright"),
+    ("tx_m", "centre_m", "is_vertical"),
     [
         (PLANE_TX_M, (0.1, 0.3, -0.2), False),
         (PLANE_TX_M, (0.0, -0.3, 0.1), False),
@@ -101,67 +102,76 @@ LINE_TX_M = [(0, 4 * HALF_M * k, 0) for k in range(3)]
         (LINE_TX_M, (0.1, 0.0, 0.3), True),
     ],
 )
-def test_places_are_from_the_origin_however_far_off_the_array_is(radar, tx_m, middle_m, upright):
-    turn = [0, 2, 1] if upright else [0, 1, 2]
-    radar, middle = mimo(radar, TDM), np.array(middle_m)
+def test_range_and_angles_refer_to_origin_for_distant_array(radar, tx_m, centre_m, is_vertical):
+    axis_order = [0, 2, 1] if is_vertical else [0, 1, 2]
+    radar, centre = make_mimo_radar(radar, TDM_CODE), np.array(centre_m)
     is_plane = tx_m is PLANE_TX_M
-    tx, rx = (np.array(of)[:, turn] for of in (tx_m, radar.array.rx_m))
-    array = dc.Array(tx_m=tx - tx.mean(axis=0) + middle, rx_m=rx - rx.mean(axis=0) + middle)
+    tx, rx = (np.array(antennas_m)[:, axis_order] for antennas_m in (tx_m, radar.array.rx_m))
+    array = dc.Array(tx_m=tx - tx.mean(axis=0) + centre, rx_m=rx - rx.mean(axis=0) + centre)
     radar = replace(radar, array=array)
-    # On the level of a line, from its middle: the other angle is 0, as it is taken to be.
+    # The target is level with the array centre, so the unresolved angle is 0 as assumed.
     position = (7, -3, 1) if is_plane else (7, -3, 0)
-    target = dc.Target(position_m=tuple(np.array(position)[turn]), rcs_m2=1000)
+    target = dc.Target(position_m=tuple(np.array(position)[axis_order]), rcs_m2=1000)
     scene = dc.Scene(targets=[target])
     truth = dc.truth(scene, radar).isel(target=0, frame=0)
 
-    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-    found = found.isel(detection=int(np.argmax(found.snr.values)))
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+    detections = detections.isel(detection=int(np.argmax(detections.snr.values)))
 
-    # Five standard errors, and the bend of a wave over 23 mm of array: D^2 / 8 R of path, over D
-    # where transmitters are not even about their middle, which is 0.4 m from the origin: without
-    # it ranges would be 0.1 m off, and angles 2 degrees.
-    bent = 4e-4 if is_plane else 1e-5
-    assert abs(found.range - truth.range) < 5 * found.range_std + 0.4 * bent
-    for name, is_told in (("azimuth", not upright), ("elevation", upright or is_plane)):
-        assert np.isfinite(found[name]) == is_told
-        if is_told:
-            assert abs(found[name] - truth[name]) < 5 * found[f"{name}_std"] + bent
+    # Five standard errors, and the curvature of the wave over 23 mm of array: path D^2 / (8 R),
+    # over D where transmitters are not symmetric about their centre, which is 0.4 m from the
+    # origin. Without the correction, ranges are 0.1 m and angles 2 degrees off.
+    curvature_error = 4e-4 if is_plane else 1e-5
+    assert abs(detections.range - truth.range) < 5 * detections.range_std + 0.4 * curvature_error
+    for name, is_resolved in (("azimuth", not is_vertical), ("elevation", is_vertical or is_plane)):
+        assert np.isfinite(detections[name]) == is_resolved
+        if is_resolved:
+            assert (
+                abs(detections[name] - truth[name])
+                < 5 * detections[f"{name}_std"] + curvature_error
+            )
 
 
-def test_ranges_and_directions_go_to_the_origin_and_back(radar):
-    radar = mimo(radar, TDM)
+def test_move_to_origin_is_inverted_by_range_from_phase_centre(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
     tx_m = [(0.1 + x, 0.3 + y, z - 0.2) for x, y, z in PLANE_TX_M]
     radar = replace(radar, array=replace(radar.array, tx_m=tx_m))
     rng = np.random.default_rng(1)
     azimuth, elevation = rng.uniform(-1, 1, (2, 6))
     azimuth[:2], elevation[1:3] = np.nan, np.nan
-    fold = np.array([0, 0, 0, 0, np.nan, 0])
-    seen_m = np.array([8.0, 3.0, 2.0, 5.0, 4.0, -0.1])
+    ambiguity_number = np.array([0, 0, 0, 0, np.nan, 0])
+    range_m = np.array([8.0, 3.0, 2.0, 5.0, 4.0, -0.1])
 
-    middle = phase_centres_m(azimuth, elevation, fold, radar)
-    placed = move_to_origin(seen_m, azimuth, elevation, middle)
+    centres_m = phase_centres_m(azimuth, elevation, ambiguity_number, radar)
+    from_origin = move_to_origin(range_m, azimuth, elevation, centres_m)
 
-    np.testing.assert_allclose(range_from_phase_centre_m(middle, *placed), seen_m, rtol=1e-13)
-    # No angle, no fold or no place: as it was.
-    for was, now in zip((seen_m, azimuth, elevation), placed, strict=True):
-        np.testing.assert_array_equal(now[[1, 4, 5]], was[[1, 4, 5]])
-        np.testing.assert_array_equal(np.isnan(now), np.isnan(was))
-    at_m = radar.element_positions_m.mean(axis=0) / 2 + 5 * unit_vectors(azimuth[3], elevation[3])
-    np.testing.assert_allclose(placed[0][3] * unit_vectors(placed[1][3], placed[2][3]), at_m)
+    np.testing.assert_allclose(
+        range_from_phase_centre_m(centres_m, *from_origin), range_m, rtol=1e-13
+    )
+    # Rows without angle, ambiguity number or position stay unchanged.
+    for original, result in zip((range_m, azimuth, elevation), from_origin, strict=True):
+        np.testing.assert_array_equal(result[[1, 4, 5]], original[[1, 4, 5]])
+        np.testing.assert_array_equal(np.isnan(result), np.isnan(original))
+    target_m = radar.element_positions_m.mean(axis=0) / 2 + 5 * unit_vectors(
+        azimuth[3], elevation[3]
+    )
+    np.testing.assert_allclose(
+        from_origin[0][3] * unit_vectors(from_origin[1][3], from_origin[2][3]), target_m
+    )
 
 
-def test_one_element_tells_no_angle_and_is_not_asked_by_default(reference, clean):
-    found = dc.detect(clean, reference.radar)
+def test_single_element_has_no_angle_estimation_by_default(reference, clean):
+    detections = dc.detect(clean, reference.radar)
 
     assert dc.Chain().fit_to_radar(reference.radar).angle is None
     for name in (*ANGLES, "ambiguity_number", "ambiguity_confidence"):
-        assert np.isnan(found[name]).all()
+        assert np.isnan(detections[name]).all()
 
 
-def test_one_element_that_is_asked_for_angles_is_refused(radar, reference, clean):
-    with pytest.raises(dc.InvalidSetting, match="chain.angle: 1 virtual element") as wrong:
+def test_rejects_angle_estimation_with_single_element(radar, reference, clean):
+    with pytest.raises(dc.InvalidSetting, match="chain.angle: 1 virtual element") as error:
         dc.detect(clean, reference.radar, dc.Chain(angle=Bartlett()))
-    assert wrong.value.mistakes[0].setting == "chain.angle"
+    assert error.value.mistakes[0].setting == "chain.angle"
     with pytest.raises(dc.InvalidSetting, match="chain.angle"):
         replace(reference, chain=dc.Chain(angle=Bartlett()))
     with pytest.raises(dc.InvalidSetting, match=r"Chain.angle.* family"):
@@ -169,195 +179,218 @@ def test_one_element_that_is_asked_for_angles_is_refused(radar, reference, clean
 
 
 ROW_M = [(0, HALF_M * k, 0) for k in range(12)]
-UNEVEN_M = [(0, 0, 0), (0, HALF_M, 0), (0, 2.37 * HALF_M, 0)]
+NONUNIFORM_ROW_M = [(0, 0, 0), (0, HALF_M, 0), (0, 2.37 * HALF_M, 0)]
 
 
 @pytest.mark.parametrize(
     ("angle", "rx_m", "setting"),
     [
-        # Windows of eight elements part seven sources.
+        # Subarrays of eight elements resolve seven sources.
         (Music(n_sources=9), ROW_M, "chain.angle.n_sources"),
-        (Esprit(), UNEVEN_M, "chain.angle.kind"),
+        (Esprit(), NONUNIFORM_ROW_M, "chain.angle.kind"),
         (Monopulse(), [(0, 0, 0), (HALF_M, HALF_M, 0)], "chain.angle"),
     ],
 )
-def test_what_an_array_does_not_allow_is_refused_with_the_scenario(reference, angle, rx_m, setting):
+def test_scenario_rejects_angle_method_unsuited_to_array(reference, angle, rx_m, setting):
     radar = replace(reference.radar, array=dc.Array(rx_m=rx_m))
-    with pytest.raises(dc.InvalidSetting) as wrong:
+    with pytest.raises(dc.InvalidSetting) as error:
         replace(reference, radar=radar, chain=dc.Chain(angle=angle))
-    assert wrong.value.mistakes[0].setting == setting
+    assert error.value.mistakes[0].setting == setting
 
 
-def test_a_frame_without_detections_has_no_angles(radar):
-    radar = mimo(radar, TDM)
-    cube = dc.simulate(dc.Scene(targets=[at(0, 3)]), radar, seed=1)
+def test_frame_without_detections_has_no_angles(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    cube = dc.simulate(dc.Scene(targets=[make_target(0, 3)]), radar, seed=1)
     for n_sources in (1, 2):
         chain = dc.Chain(angle=MaximumLikelihood(n_sources=n_sources))
         assert dc.detect(cube * 0, radar, chain).sizes["detection"] == 0
 
 
-def test_codes_that_do_not_part_the_transmitters_tell_no_angle(radar):
-    radar = mimo(radar, PhaseCode(phases_rad=[[0, 1, 2], [0, 1, 2]]))
+def test_nonorthogonal_code_allows_no_angle_estimation(radar):
+    radar = make_mimo_radar(radar, PhaseCode(phases_rad=[[0, 1, 2], [0, 1, 2]]))
     assert dc.Chain().fit_to_radar(radar).angle is None
     with pytest.warns(dc.PhysicsWarning, match="not orthogonal"):
-        cube = dc.simulate(dc.Scene(targets=[at(0, 3)]), radar, seed=1)
+        cube = dc.simulate(dc.Scene(targets=[make_target(0, 3)]), radar, seed=1)
     with pytest.raises(dc.InvalidSetting, match="chain.angle: a code of 3 transmitters"):
         dc.detect(cube, radar, dc.Chain(angle=Bartlett()))
 
 
-def test_two_sources_in_a_cell_are_two_rows_that_share_the_ratio(radar):
-    radar = mimo(radar, TDM)
-    scene = dc.Scene(targets=[at(-20, 0), at(25, 0), replace(at(0, 5), position_m=(45, 0, 0))])
+def test_two_sources_in_one_cell_are_two_rows_that_divide_snr(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    scene = dc.Scene(
+        targets=[
+            make_target(-20, 0),
+            make_target(25, 0),
+            replace(make_target(0, 5), position_m=(45, 0, 0)),
+        ]
+    )
     cube = dc.simulate(scene, radar, seed=1)
-    one = dc.detect(cube, radar, dc.Chain(angle=Bartlett()))
-    two = dc.detect(cube, radar, dc.Chain(angle=MaximumLikelihood(n_sources=2)))
+    single_source = dc.detect(cube, radar, dc.Chain(angle=Bartlett()))
+    two_sources = dc.detect(cube, radar, dc.Chain(angle=MaximumLikelihood(n_sources=2)))
 
-    near = two.isel(detection=np.flatnonzero(abs(two.range - 20) < 1))
-    assert near.sizes["detection"] == 2
-    assert sorted(np.degrees(near.azimuth.values)) == pytest.approx([-20, 25], abs=0.2)
-    of_one = one.isel(detection=int(abs(one.range.values - 20).argmin()))
-    assert near.snr.sum() == pytest.approx(of_one.snr.item())
-    assert (np.diff(near.snr) <= 0).all()
-    # Each row has the standard error of its own share.
-    assert (near.range_std.values >= of_one.range_std.item()).all()
-    # Of a fold that is not known ranges are from the middle of the array, for both alike.
-    assert near.range.values == pytest.approx(np.full(2, of_one.range.item()))
+    pair = two_sources.isel(detection=np.flatnonzero(abs(two_sources.range - 20) < 1))
+    assert pair.sizes["detection"] == 2
+    assert sorted(np.degrees(pair.azimuth.values)) == pytest.approx([-20, 25], abs=0.2)
+    single = single_source.isel(detection=int(abs(single_source.range.values - 20).argmin()))
+    assert pair.snr.sum() == pytest.approx(single.snr.item())
+    assert (np.diff(pair.snr) <= 0).all()
+    # Each row has the standard error of its own share of the SNR.
+    assert (pair.range_std.values >= single.range_std.item()).all()
+    # With an unknown ambiguity number, both ranges refer to the array centre.
+    assert pair.range.values == pytest.approx(np.full(2, single.range.item()))
 
 
-def test_a_calibration_is_applied_to_angles_and_ranges(radar):
-    radar = mimo(radar, TDM)
+def test_calibration_applies_to_angles_and_ranges(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
     rng = np.random.default_rng(3)
     gain = np.exp(1j * rng.uniform(-np.pi, np.pi, 12))
-    cube = dc.simulate(dc.Scene(targets=[at(20, 0)]), radar, seed=1)
-    spoilt = cube.copy()
-    spoilt.values[0] /= np.tile(gain.reshape(3, 4), (32, 1))[:, :, None]
+    cube = dc.simulate(dc.Scene(targets=[make_target(20, 0)]), radar, seed=1)
+    uncalibrated_cube = cube.copy()
+    uncalibrated_cube.values[0] /= np.tile(gain.reshape(3, 4), (32, 1))[:, :, None]
     calibration = Calibration(
         elements=[(tx, rx) for tx in range(3) for rx in range(4)],
-        gain=[(one.real, one.imag) for one in gain],
+        gain=[(element_gain.real, element_gain.imag) for element_gain in gain],
         range_offset_m=0.25,
     )
 
-    found = dc.detect(spoilt, replace(radar, calibration=calibration)).isel(detection=0)
-    plain = dc.detect(cube, radar).isel(detection=0)
-    wrong = dc.detect(spoilt, radar).isel(detection=0)
+    detections = dc.detect(uncalibrated_cube, replace(radar, calibration=calibration)).isel(
+        detection=0
+    )
+    expected = dc.detect(cube, radar).isel(detection=0)
+    uncalibrated = dc.detect(uncalibrated_cube, radar).isel(detection=0)
 
-    assert np.degrees(found.azimuth - plain.azimuth) == pytest.approx(0, abs=1e-3)
-    assert (plain.range - found.range).item() == pytest.approx(0.25)
-    assert found.ambiguity_number == plain.ambiguity_number == 0
-    assert abs(np.degrees(wrong.azimuth - plain.azimuth)) > 1
+    assert np.degrees(detections.azimuth - expected.azimuth) == pytest.approx(0, abs=1e-3)
+    assert (expected.range - detections.range).item() == pytest.approx(0.25)
+    assert detections.ambiguity_number == expected.ambiguity_number == 0
+    assert abs(np.degrees(uncalibrated.azimuth - expected.azimuth)) > 1
 
 
-def test_lost_chirps_leave_angles_finite(radar):
-    radar = mimo(radar, TDM)
-    cube = dc.simulate(dc.Scene(targets=[at(20, 3)]), radar, seed=1)
-    # A run of chirps, and one transmitter for all of the frame.
-    for lost in (slice(10, 40), slice(1, None, 3)):
-        gappy = cube.copy()
-        gappy.values[0, lost] = 0
-        found = dc.detect(gappy, radar)
-        strongest = found.isel(detection=int(found.snr.values.argmax()))
+def test_lost_chirps_keep_angles_finite(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    cube = dc.simulate(dc.Scene(targets=[make_target(20, 3)]), radar, seed=1)
+    # A block of chirps, and one transmitter for the whole frame.
+    for lost_chirps in (slice(10, 40), slice(1, None, 3)):
+        incomplete_cube = cube.copy()
+        incomplete_cube.values[0, lost_chirps] = 0
+        detections = dc.detect(incomplete_cube, radar)
+        strongest = detections.isel(detection=int(detections.snr.values.argmax()))
 
         assert np.isfinite(strongest.azimuth) and np.isfinite(strongest.azimuth_std)
         assert np.degrees(strongest.azimuth.item()) == pytest.approx(20, abs=3)
 
 
-def test_samples_that_are_not_finite_are_refused(radar):
-    radar = mimo(radar, TDM)
-    cube = dc.simulate(dc.Scene(targets=[at(20, 3)]), radar, seed=1)
+def test_rejects_nonfinite_samples(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    cube = dc.simulate(dc.Scene(targets=[make_target(20, 3)]), radar, seed=1)
     cube.values[0, 5, 2, 7] = np.nan
 
     with pytest.raises(dc.InvalidSetting, match="not finite"):
         dc.detect(cube, radar)
 
 
-def test_tables_have_degrees_and_whole_folds_and_null_for_none(radar):
-    radar = mimo(radar, TDM)
-    found = dc.detect(dc.simulate(dc.Scene(targets=[at(-20, 3)]), radar, seed=1), radar)
-    (row,) = json.loads(json_text(dataset_to_records(found)))
+def test_table_has_degrees_integer_ambiguity_number_and_null(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    scene = dc.Scene(targets=[make_target(-20, 3)])
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+    (row,) = json.loads(json_text(dataset_to_records(detections)))
 
     assert list(row) == list(COLUMNS)
-    assert row["azimuth_deg"] == pytest.approx(np.degrees(found.azimuth.item()))
-    assert row["azimuth_std_deg"] == pytest.approx(np.degrees(found.azimuth_std.item()))
+    assert row["azimuth_deg"] == pytest.approx(np.degrees(detections.azimuth.item()))
+    assert row["azimuth_std_deg"] == pytest.approx(np.degrees(detections.azimuth_std.item()))
     assert row["elevation_deg"] is None and row["elevation_std_deg"] is None
     assert (row["ambiguity_number"], type(row["ambiguity_number"])) == (0, int)
-    assert dataset_to_columns(found.assign(ambiguity_number=found.ambiguity_number * np.nan))[
-        "ambiguity_number"
-    ] == [None]
+    assert dataset_to_columns(
+        detections.assign(ambiguity_number=detections.ambiguity_number * np.nan)
+    )["ambiguity_number"] == [None]
 
 
-def test_detections_belong_to_targets_in_their_direction(radar):
-    # Receivers in a row: of two sources in a cell, turns tell no certain fold.
-    radar = mimo(radar, TDM)
+def test_associates_detections_with_targets_by_azimuth(radar):
+    # One transmitter is used: TDM does not resolve the ambiguity of two sources in a cell.
+    radar = make_mimo_radar(radar, TDM_CODE)
     rx_m = [(0, HALF_M * k, 0) for k in range(12)]
     frame = replace(radar.frame, multiplexing=None)
     radar = replace(radar, frame=frame, array=dc.Array(rx_m=rx_m))
-    left, right = at(30, 0), at(-30, 0)
-    scene = dc.Scene(targets=[replace(left, name="left"), replace(right, name="right")])
+    left_target, right_target = make_target(30, 0), make_target(-30, 0)
+    scene = dc.Scene(
+        targets=[replace(left_target, name="left"), replace(right_target, name="right")]
+    )
     truth = dc.truth(scene, radar)
     chain = dc.Chain(angle=MaximumLikelihood(n_sources=2))
-    found = dc.detect(dc.simulate(scene, radar, seed=1), radar, chain)
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar, chain)
 
-    matched = associate_detections(found, truth, radar, scene)
+    matches = associate_detections(detections, truth, radar, scene)
 
-    assert found.sizes["detection"] == 2
-    expected = [0 if azimuth > 0 else 1 for azimuth in found.azimuth.values]
-    assert matched.target.tolist() == expected
-    assert np.degrees(matched.azimuth_error_rad) == pytest.approx(np.zeros(2), abs=0.2)
-    assert np.isnan(matched.elevation_error_rad).all()
+    assert detections.sizes["detection"] == 2
+    expected = [0 if azimuth > 0 else 1 for azimuth in detections.azimuth.values]
+    assert matches.target.tolist() == expected
+    assert np.degrees(matches.azimuth_error_rad) == pytest.approx(np.zeros(2), abs=0.2)
+    assert np.isnan(matches.elevation_error_rad).all()
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.core.findings.PhysicsWarning")
-def test_errors_of_folded_targets_are_against_what_was_told_of_them(radar):
-    radar = mimo(radar, TDM)
+def test_errors_of_aliased_targets_refer_to_reported_ambiguity(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
     speed = 1.4 * radar.frame.max_velocity_m_per_s
-    scene = dc.Scene(targets=[at(20, speed)])
+    scene = dc.Scene(targets=[make_target(20, speed)])
     truth = dc.truth(scene, radar)
-    found = dc.detect(dc.simulate(scene, radar, seed=1), radar)
-    alone = replace(radar, array=replace(radar.array, rx_m=[(0, 0, 0)]))
-    untold = dc.detect(dc.simulate(scene, alone, seed=1), alone)
+    detections = dc.detect(dc.simulate(scene, radar, seed=1), radar)
+    single_receiver_radar = replace(radar, array=replace(radar.array, rx_m=[(0, 0, 0)]))
+    ambiguous_detections = dc.detect(
+        dc.simulate(scene, single_receiver_radar, seed=1), single_receiver_radar
+    )
 
-    assert found.ambiguity_number.item() == 1 and np.isnan(untold.ambiguity_number.item())
-    for detections, of in ((found, radar), (untold, alone)):
-        matched = associate_detections(detections, truth, of, scene)
-        assert matched.target.tolist() == [0]
-        assert abs(matched.range_error_m[0]) < 0.01
-        assert abs(matched.velocity_error_m_per_s[0]) < 0.05
-    assert untold.velocity.item() < 0 < found.velocity.item()
+    assert detections.ambiguity_number.item() == 1 and np.isnan(
+        ambiguous_detections.ambiguity_number.item()
+    )
+    for case_detections, case_radar in (
+        (detections, radar),
+        (ambiguous_detections, single_receiver_radar),
+    ):
+        matches = associate_detections(case_detections, truth, case_radar, scene)
+        assert matches.target.tolist() == [0]
+        assert abs(matches.range_error_m[0]) < 0.01
+        assert abs(matches.velocity_error_m_per_s[0]) < 0.05
+    assert ambiguous_detections.velocity.item() < 0 < detections.velocity.item()
 
 
-def test_the_page_shows_angles_beside_the_truth_in_degrees(radar):
-    radar = mimo(radar, TDM)
-    scenario = dc.Scenario(radar=radar, scene=dc.Scene(targets=[at(-20, 3)]))
+def test_report_shows_angles_and_errors_in_degrees(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    scenario = dc.Scenario(radar=radar, scene=dc.Scene(targets=[make_target(-20, 3)]))
     result = dc.run(scenario)
     page = render_report(result, yaml="name: scenario\n")
 
     assert '<th class="num">Azimuth (°)</th><th class="num">SNR (dB)</th>' in page
     assert '<th class="num">Azimuth error (°)</th>' in page
     assert "Elevation error" not in page
-    (one,) = (float(np.degrees(value)) for value in result.detections.azimuth.values)
-    assert re.search(f"\N{MINUS SIGN}{int(100 * abs(one)) / 100}[0-9]* ±\N{NO-BREAK SPACE}", page)
+    (azimuth_deg,) = (float(np.degrees(value)) for value in result.detections.azimuth.values)
+    assert re.search(
+        f"\N{MINUS SIGN}{int(100 * abs(azimuth_deg)) / 100}[0-9]* ±\N{NO-BREAK SPACE}", page
+    )
 
 
-@pytest.mark.parametrize(("range_m", "is_told"), [(4.0, True), (20.0, False)])
-def test_what_is_in_the_near_field_is_told(radar, range_m, is_told):
-    # 11 elements in 93 mm: 2 D^2 / lambda is 4.5 m, where the ends of the array see a wave
-    # 22.5 degrees behind the middle.
+@pytest.mark.parametrize(("range_m", "is_warned"), [(4.0, True), (20.0, False)])
+def test_warns_of_target_in_near_field(radar, range_m, is_warned):
+    # The far field of 11 elements in 93 mm begins at 2 D^2 / lambda = 4.5 m, where the wave lags by
+    # 22.5 degrees at the ends of the array.
     array = dc.Array(rx_m=[(0, 9.3e-3 * k, 0) for k in range(11)])
     radar = replace(radar, array=array)
-    result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene(targets=[at(5, 2, range_m)])))
+    result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene(targets=[make_target(5, 2, range_m)])))
 
-    found = [finding.value for finding in result.findings if "near field" in finding.value]
+    detections = [finding.value for finding in result.findings if "near field" in finding.value]
     assert far_field_range_m(radar) == pytest.approx(4.47, abs=0.02)
-    assert bool(found) == is_told
-    late = np.hypot(4.47, 0.0465) - 4.47
-    assert 360 * late / 3.87e-3 == pytest.approx(22.5, abs=0.3)
+    assert bool(detections) == is_warned
+    path_difference_m = np.hypot(4.47, 0.0465) - 4.47
+    assert 360 * path_difference_m / 3.87e-3 == pytest.approx(22.5, abs=0.3)
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 132])
-def test_the_terminal_shows_angles_within_its_width(radar, width):
-    radar = mimo(radar, TDM)
+def test_terminal_table_shows_azimuth_within_its_width(radar, width):
+    radar = make_mimo_radar(radar, TDM_CODE)
     radar = replace(radar, hardware=replace(radar.hardware, transmit_power_w=0.01))
-    targets = [replace(at(-20, 3), name="car"), replace(at(31, -2, 45.0), name="truck")]
+    targets = [
+        replace(make_target(-20, 3), name="car"),
+        replace(make_target(31, -2, 45.0), name="truck"),
+    ]
     result = dc.run(dc.Scenario(radar=radar, scene=dc.Scene(targets=targets), n_frames=3))
 
     screen = StringIO()
@@ -366,17 +399,17 @@ def test_the_terminal_shows_angles_within_its_width(radar, width):
 
     assert max(map(len, lines)) <= width
     assert not any("…" in line for line in lines)
-    assert any("range, m" in line and "target" in line for line in lines)
+    assert any("Range (m)" in line and "target" in line for line in lines)
     azimuth = re.compile("\N{MINUS SIGN}(20|19)[.][0-9]{2} ± 0[.]0[0-9]")
     beside_truth = re.compile(azimuth.pattern + " +\N{MINUS SIGN}20[.]00")
     assert any(azimuth.search(line) for line in lines) == (width >= 80)
     assert any(beside_truth.search(line) for line in lines) == (width >= 100)
-    assert any("SNR, dB" in line for line in lines) == (width >= 100)
+    assert any("SNR (dB)" in line for line in lines) == (width >= 100)
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 132])
-def test_the_terminal_shows_elevations_that_a_plane_tells(radar, width):
-    radar = mimo(radar, TDM)
+def test_terminal_table_shows_elevation_of_planar_array(radar, width):
+    radar = make_mimo_radar(radar, TDM_CODE)
     array = dc.Array(
         tx_m=[(0, 0, 0), (0, 4 * HALF_M, 0), (0, 0, 2 * HALF_M)], rx_m=radar.array.rx_m
     )
@@ -390,15 +423,15 @@ def test_the_terminal_shows_elevations_that_a_plane_tells(radar, width):
     lines = screen.getvalue().splitlines()
 
     assert max(map(len, lines)) <= width
-    # 8.2 degrees up, to a tenth.
+    # The elevation is 8.2 degrees, to a tenth.
     elevation = re.compile("8[.][12][0-9]* ± 0[.]0[0-9]")
     assert any(elevation.search(line) for line in lines) == (width >= 80)
     assert any("target" in line for line in lines)
 
 
-def test_a_frame_in_which_nothing_is_has_no_rows(radar):
-    radar = mimo(radar, TDM)
-    found = dc.detect(dc.simulate(dc.Scene(), radar, impairments=()), radar)
+def test_empty_scene_yields_no_detections(radar):
+    radar = make_mimo_radar(radar, TDM_CODE)
+    detections = dc.detect(dc.simulate(dc.Scene(), radar, impairments=()), radar)
 
-    assert found.sizes["detection"] == 0
-    assert set(found) >= {*ANGLES, "ambiguity_number", "ambiguity_confidence"}
+    assert detections.sizes["detection"] == 0
+    assert set(detections) >= {*ANGLES, "ambiguity_number", "ambiguity_confidence"}

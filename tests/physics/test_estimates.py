@@ -1,4 +1,4 @@
-"""Range and velocity at the Cramer-Rao bound, with errors that are what they say."""
+"""Range and velocity estimates: Cramer-Rao bound, standard errors and bias."""
 
 from dataclasses import replace
 
@@ -12,32 +12,32 @@ from dechirp.processing.refine import refine_tones
 from dechirp.radar.estimation_bounds import crlb_standard_errors
 from dechirp.theory.bounds import frequency_variance, noncoherent_effective_snr
 from nightly import NIGHTLY
-from noise import looks, noisy
+from noise_cubes import add_noise, iter_noisy_trials
 
 
-def errors(clean, radar, truth, snr_db, n_trials, seed):
-    """Errors, standard errors and ratios of the strongest detection, (n_trials,) each."""
+def estimate_errors(clean, radar, truth, snr_db, n_trials, seed):
+    """Return errors, standard errors and SNRs of the strongest detection, (n_trials,) each."""
     names = ("range", "velocity", "range_std", "velocity_std", "snr")
     rows = []
-    for cube in looks(clean, snr_db, np.random.default_rng(seed), n_trials):
-        found = detect_columns([cube], radar)
-        rows.append([found[name][0] for name in names])
-    range_m, velocity, *others = np.array(rows).T
-    return range_m - truth.range.item(0), velocity - truth.velocity.item(0), *others
+    for cube in iter_noisy_trials(clean, snr_db, np.random.default_rng(seed), n_trials):
+        detections = detect_columns([cube], radar)
+        rows.append([detections[name][0] for name in names])
+    range_m, velocity, *remaining_columns = np.array(rows).T
+    return range_m - truth.range.item(0), velocity - truth.velocity.item(0), *remaining_columns
 
 
-# 2,300 trials at night: the mean of squared normal errors over their variance has a standard
-# error of 2.9 %, so that 0.85 to 1.15 is five of them; the root-mean-square 1.5 %, the mean
-# 2.1 % of the bound. 700 by day: 5.3 %, 2.7 % and 3.8 %.
-N_TRIALS, OFF = (2300, 0.15) if NIGHTLY else (700, 0.28)
+# 2,300 trials in nightly runs: the mean of squared normal errors over their variance has a standard
+# error of 2.9 %, so that 0.85 to 1.15 is five of them; the root-mean-square has 1.5 %, the mean
+# 2.1 % of the bound. 700 trials otherwise: 5.3 %, 2.7 % and 3.8 %.
+N_TRIALS, SQUARE_TOLERANCE = (2300, 0.15) if NIGHTLY else (700, 0.28)
 
 
 @pytest.mark.parametrize("snr_db", [-24, -10, 0])
-def test_estimates_of_the_reference_target_reach_the_bound(reference, clean, snr_db):
+def test_reference_target_estimates_reach_crlb(reference, clean, snr_db):
     radar = reference.radar
     truth = dc.truth(reference.scene, radar)
     snr = 10 ** (snr_db / 10) * radar.integration_gain
-    range_m, velocity, range_std, velocity_std, found_snr = errors(
+    range_m, velocity, range_std, velocity_std, found_snr = estimate_errors(
         clean, radar, truth, snr_db, N_TRIALS, seed=31 - snr_db
     )
 
@@ -49,13 +49,13 @@ def test_estimates_of_the_reference_target_reach_the_bound(reference, clean, snr
     ):
         assert np.sqrt(np.mean(error**2)) <= 1.15 * bound
         assert abs(np.mean(error)) < 0.3 * bound
-        assert np.mean(error**2 / std**2) == pytest.approx(1, abs=OFF)
+        assert np.mean(error**2 / std**2) == pytest.approx(1, abs=SQUARE_TOLERANCE)
     assert to_decibels(np.mean(found_snr)) == pytest.approx(to_decibels(snr), abs=0.3)
 
 
 @pytest.mark.parametrize("sampling", ["complex", "real"])
 @pytest.mark.parametrize("n_rx", [1, 4])
-def test_several_receivers_and_real_samples_reach_their_bounds_too(radar, sampling, n_rx):
+def test_estimates_reach_crlb_for_several_receivers_and_real_samples(radar, sampling, n_rx):
     chirp = replace(radar.frame.chirp, sampling=sampling)
     frame = replace(radar.frame, chirp=chirp, n_chirps=64)
     array = dc.Array(rx_m=[(0, 0.0019 * k, 0) for k in range(n_rx)])
@@ -65,11 +65,11 @@ def test_several_receivers_and_real_samples_reach_their_bounds_too(radar, sampli
     truth = dc.truth(scene, radar)
     snr_db = -10
     snr = 10 ** (snr_db / 10) * radar.integration_gain
-    range_m, velocity, range_std, velocity_std, found_snr = errors(
+    range_m, velocity, range_std, velocity_std, found_snr = estimate_errors(
         clean, radar, truth, snr_db, 600, seed=41
     )
-    # 600 trials: 5.8 % for squares, 2.9 % for the root-mean-square, 4.1 % of the bound for
-    # the mean; five of each.
+    # 600 trials have standard errors of 5.8 % for squares, 2.9 % for the root-mean-square and 4.1 %
+    # of the bound for the mean; five of each are allowed.
     for error, std, bound in zip(
         (range_m, velocity),
         (range_std, velocity_std),
@@ -84,7 +84,7 @@ def test_several_receivers_and_real_samples_reach_their_bounds_too(radar, sampli
 
 @pytest.mark.parametrize("snr_db", [15, 20, 30])
 @pytest.mark.parametrize("n_channels", [1, 4, 12])
-def test_the_sum_of_the_powers_of_channels_has_the_variance_of_its_ratio(n_channels, snr_db):
+def test_noncoherent_sum_reaches_variance_of_effective_snr(n_channels, snr_db):
     rng = np.random.default_rng(100 * n_channels + snr_db)
     n_chirps, n_samples, snr = 24, 20, 10 ** (snr_db / 10)
     m, n = np.arange(n_chirps)[:, None, None], np.arange(n_samples)
@@ -92,7 +92,7 @@ def test_the_sum_of_the_powers_of_channels_has_the_variance_of_its_ratio(n_chann
     amplitude = np.sqrt(snr / (n_channels * n_chirps * n_samples)) * phases
     squared = []
     for _ in range(2300):
-        # The start is where the peak of a map is, up to a fifth of a bin off.
+        # The start is the peak of a map, up to a fifth of a bin off.
         slow, fast = np.array([0.7, 1.1]) + 2 * np.pi * rng.uniform(-0.2, 0.2, 2) / (24, 20)
         samples = amplitude * np.exp(1j * (slow * m + fast * n))
         noise = rng.standard_normal((2, *samples.shape)) / np.sqrt(2)
@@ -108,12 +108,12 @@ def test_the_sum_of_the_powers_of_channels_has_the_variance_of_its_ratio(n_chann
             ]
         )
 
-    # Both axes together have 4,600 squares of unit normal numbers: 2.1 %, five of which are
-    # 0.1. What is left of higher orders, 5 % of the variance at 15 dB, is not seen at 20.
+    # Both axes have 4,600 squared standard normal numbers: 2.1 %, five of which are 0.1. Higher
+    # orders, 5 % of the variance at 15 dB, are negligible at 20 dB.
     assert 0.85 < np.mean(squared) < 1.15
 
 
-def test_errors_of_weak_targets_before_twelve_channels_are_as_told(radar):
+def test_standard_errors_of_weak_targets_on_twelve_channels_are_correct(radar):
     frame = replace(radar.frame, chirp=replace(radar.frame.chirp, n_samples=64), n_chirps=32)
     array = dc.Array(rx_m=[(0, 0.0019 * (k - 5.5), 0) for k in range(12)])
     radar = replace(radar, frame=frame, array=array)
@@ -124,48 +124,53 @@ def test_errors_of_weak_targets_before_twelve_channels_are_as_told(radar):
         angle=None, cfar=dc.Cfar(estimator=dc.cfar.CellAveraging(), false_alarm_probability=1e-3)
     )
     squared, n_lost = [], 0
-    for cube in looks(clean, snr_db, rng, 1200):
-        found = detect_columns([cube], radar, chain)
-        off = [found[name] - truth[name].item() for name in ("range", "velocity")]
-        near = abs(off[0]) < frame.chirp.range_resolution_m
-        near &= abs(off[1]) < frame.velocity_resolution_m_per_s
-        if not near.any():
-            n_lost += 1  # the map's windows leave 16.4 dB of 20
+    for cube in iter_noisy_trials(clean, snr_db, rng, 1200):
+        detections = detect_columns([cube], radar, chain)
+        errors = [detections[name] - truth[name].item() for name in ("range", "velocity")]
+        is_near = abs(errors[0]) < frame.chirp.range_resolution_m
+        is_near &= abs(errors[1]) < frame.velocity_resolution_m_per_s
+        if not is_near.any():
+            n_lost += 1  # the windows of the map reduce 20 dB to 16.4 dB
             continue
-        at = int(np.flatnonzero(near)[0])
-        std = found["range_std"], found["velocity_std"]
-        squared.append([float(o[at] / s[at]) ** 2 for o, s in zip(off, std, strict=True)])
+        index = int(np.flatnonzero(is_near)[0])
+        std = detections["range_std"], detections["velocity_std"]
+        squared.append(
+            [
+                float(error[index] / deviation[index]) ** 2
+                for error, deviation in zip(errors, std, strict=True)
+            ]
+        )
 
-    # 1,200 trials: 4.1 % for each, 2.9 % for both. The noise of the channels is 12 % of the
-    # variance; a start halfway between bins once left tones where they were, 4 in 1,000.
+    # 1,200 trials have standard errors of 4.1 % for each axis and 2.9 % for both. The channel noise
+    # is 12 % of the variance; a start halfway between bins once left 4 in 1,000 tones unrefined.
     assert n_lost < 12
     assert np.mean(squared) == pytest.approx(1, abs=0.15)
 
 
 @pytest.mark.parametrize("velocity", [-20.0, -3.0, 0.0, 11.0, 25.0])
 @pytest.mark.parametrize("range_m", [3.3, 20.0, 61.7])
-def test_without_noise_range_and_velocity_are_exact(radar, range_m, velocity):
+def test_range_and_velocity_are_exact_at_high_snr(radar, range_m, velocity):
     target = dc.Target(position_m=(range_m, 0, 0), velocity_m_per_s=(velocity, 0, 0))
     scene = dc.Scene(targets=[target])
     cube = dc.simulate(scene, radar, impairments=[dc.impairments.WhiteNoise(snr=1e4)], seed=1)
     truth = dc.truth(scene, radar)
 
-    found = dc.detect(cube, radar).isel(detection=0)
+    detection = dc.detect(cube, radar).isel(detection=0)
 
-    # 85 dB after integration: the bounds are 5 um and 8 um/s, and half the path to the second
-    # receiver differs by up to 0.03 mm. An echo that comes nearer grows, so that the range is
-    # weighted towards the near end of its walk w in the frame, by w^2 / 6R.
+    # The bounds are 5 um and 8 um/s at 85 dB after integration, and half the path to the second
+    # receiver differs by up to 0.03 mm. An approaching echo becomes stronger, so the range is
+    # weighted towards the near end of its walk w in the frame, by w^2 / (6 R).
     walk_m = velocity * radar.frame.duration_s
-    assert float(found.range) == pytest.approx(
+    assert float(detection.range) == pytest.approx(
         float(truth.range[0, 0]), abs=6e-5 + 1.2 * walk_m**2 / (6 * range_m)
     )
-    assert float(found.velocity) == pytest.approx(float(truth.velocity[0, 0]), abs=5e-4)
+    assert float(detection.velocity) == pytest.approx(float(truth.velocity[0, 0]), abs=5e-4)
 
 
-def test_a_weak_target_is_not_pulled_by_the_sidelobes_of_a_strong_one(reference):
+def test_sidelobes_of_strong_target_do_not_bias_weak_target(reference):
     radar = reference.radar
     cell = radar.frame.chirp.range_resolution_m
-    weak_m = 50 + 16.5 * cell  # outside the training ring of the truck
+    weak_m = 50 + 16.5 * cell  # outside the training window of the truck
     targets = [
         dc.Target(name="truck", position_m=(50, 0, 0), rcs_m2=1000),
         dc.Target(name="bike", position_m=(weak_m, 0, 0), rcs_m2=1),
@@ -173,26 +178,26 @@ def test_a_weak_target_is_not_pulled_by_the_sidelobes_of_a_strong_one(reference)
     scene = dc.Scene(targets=targets)
     with pytest.warns(dc.PhysicsWarning):
         clean = dc.simulate(scene, radar, impairments=())
-    cube = noisy(clean, 10, np.random.default_rng(51))
+    cube = add_noise(clean, 10, np.random.default_rng(51))
 
-    found = dc.detect(cube, radar)
-    bike = found.isel(detection=int(np.argmin(abs(found.range.values - weak_m))))
-    # Alone it would have a standard error of 7 mm at 34 dB. In the unwindowed samples the
-    # sidelobe of the truck is 0.6 of its amplitude, and would pull it by a tenth of a cell.
+    detections = dc.detect(cube, radar)
+    bike = detections.isel(detection=int(np.argmin(abs(detections.range.values - weak_m))))
+    # The standard error without the truck is 7 mm at 34 dB. The truck's sidelobe in unwindowed
+    # samples is 0.6 of the amplitude of the bike, a bias of a tenth of a cell.
     assert float(bike.range) == pytest.approx(weak_m, abs=5 * 0.0075)
 
 
-def test_a_fast_strong_target_does_not_pull_one_80_db_below_it():
-    """The sidelobes of a target that walks through range walk with it."""
+def test_fast_strong_target_does_not_bias_target_80_db_weaker():
+    """Include range walk: the sidelobes of a fast target walk with it."""
     n_chirps, n_samples, growth = 128, 256, 2.6e-5
     bins = 2 * np.pi / np.array([n_chirps, n_samples])
     slow = 0.5 - np.array([0, 9.6]) * bins[0]
     fast = 0.7 + np.array([0, 19.5]) * bins[1]
     m, n = np.arange(n_chirps)[:, None, None], np.arange(n_samples)
     samples = 0
-    for amplitude, over_chirps, over_samples in zip((1, 1e-4), slow, fast, strict=True):
-        walk = growth * over_chirps * (m - (n_chirps - 1) / 2) * (n - (n_samples - 1) / 2)
-        samples += amplitude * np.exp(1j * (over_chirps * m + over_samples * n + walk))
+    for amplitude, slow_rad, fast_rad in zip((1, 1e-4), slow, fast, strict=True):
+        walk = growth * slow_rad * (m - (n_chirps - 1) / 2) * (n - (n_samples - 1) / 2)
+        samples += amplitude * np.exp(1j * (slow_rad * m + fast_rad * n + walk))
 
     tones = refine_tones(
         samples.astype(np.complex64),
@@ -202,16 +207,16 @@ def test_a_fast_strong_target_does_not_pull_one_80_db_below_it():
         growth=growth,
     )
 
-    # It walks by 0.1 rad at the corners. What it walks within a block of samples is left, some
-    # hundredths of its sidelobe; all of the walk would pull the weak one by a quarter of a bin.
-    off = np.array([(tones.slow - slow)[1], (tones.fast - fast)[1]]) / bins
-    assert abs(off).max() < 0.03
+    # The walk is 0.1 rad at the corners. The walk within a block of samples remains, some
+    # hundredths of the sidelobe; the full walk biases the weak target by a quarter of a bin.
+    error_bins = np.array([(tones.slow - slow)[1], (tones.fast - fast)[1]]) / bins
+    assert abs(error_bins).max() < 0.03
     assert abs(tones.amplitude[1, 0]) == pytest.approx(1e-4, rel=0.02)
 
 
 @pytest.mark.parametrize("bins", [(None, None), (400, 65), (777, 200)], ids=str)
 @pytest.mark.parametrize("velocity", [-27.0, -1.0, 27.0])
-def test_odd_numbers_of_chirps_samples_and_bins_move_nothing(radar, bins, velocity):
+def test_odd_numbers_of_chirps_samples_and_bins_cause_no_bias(radar, bins, velocity):
     chirp = replace(radar.frame.chirp, n_samples=255)
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=63))
     scene = dc.Scene(
@@ -221,11 +226,11 @@ def test_odd_numbers_of_chirps_samples_and_bins_move_nothing(radar, bins, veloci
     truth = dc.truth(scene, radar)
     chain = dc.Chain(n_range_bins=bins[0], n_velocity_bins=bins[1])
 
-    found = dc.detect(cube, radar, chain).isel(detection=0)
+    detection = dc.detect(cube, radar, chain).isel(detection=0)
 
-    # 65 dB after integration; five standard errors of one trial, and the half path to the
-    # second receiver.
-    range_error = float(found.range) - float(truth.range[0, 0])
-    assert abs(range_error) < 5 * float(found.range_std) + 6e-5
-    velocity_error = float(found.velocity) - float(truth.velocity[0, 0])
-    assert abs(velocity_error) < 5 * float(found.velocity_std)
+    # Five standard errors of one trial at 65 dB after integration, and half the path to the second
+    # receiver.
+    range_error = float(detection.range) - float(truth.range[0, 0])
+    assert abs(range_error) < 5 * float(detection.range_std) + 6e-5
+    velocity_error = float(detection.velocity) - float(truth.velocity[0, 0])
+    assert abs(velocity_error) < 5 * float(detection.velocity_std)

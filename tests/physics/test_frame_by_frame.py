@@ -1,4 +1,4 @@
-"""Frames of a scene one at a time: each is that of the whole, but for its own chance."""
+"""Frame-by-frame simulation: equality with full cubes and independent noise."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ SCENE = dc.Scene(
 )
 
 
-def radar_of(interval_s: object = 15e-6) -> dc.Radar:
+def make_radar(interval_s: object = 15e-6) -> dc.Radar:
     return dc.Radar(
         frame=dc.Frame(chirp=SHORT_CHIRP, n_chirps=12, interval_s=interval_s, period_s=20e-3),
         array=dc.Array(tx_m=[(0, 0, 0)], rx_m=[(0, 0, 0), (0, 2e-3, 0)]),
@@ -29,27 +29,27 @@ def radar_of(interval_s: object = 15e-6) -> dc.Radar:
 
 @pytest.mark.parametrize("interval_s", [15e-6, (15e-6, 17e-6)])
 @pytest.mark.parametrize("impairments", [(), (IMBALANCE,)], ids=["none", "imbalance"])
-def test_without_chance_a_frame_is_to_the_bit_that_of_the_whole(interval_s, impairments):
-    radar = radar_of(interval_s)
-    whole = dc.simulate(SCENE, radar, impairments=impairments, n_frames=4)
+def test_noise_free_frame_is_bit_identical_to_frame_of_full_cube(interval_s, impairments):
+    radar = make_radar(interval_s)
+    full_cube = dc.simulate(SCENE, radar, impairments=impairments, n_frames=4)
     frames = FrameSimulator(SCENE, radar, impairments=impairments, n_frames=4)
     for number in (3, 0, 2, 1):
-        alone = frames.simulate_frame(number, np.random.default_rng(number))
-        xr.testing.assert_identical(alone, whole.isel(frame=[number]))
+        frame_cube = frames.simulate_frame(number, np.random.default_rng(number))
+        xr.testing.assert_identical(frame_cube, full_cube.isel(frame=[number]))
 
 
-def test_the_first_has_the_noise_of_a_frame_simulated_alone_and_others_their_own():
-    radar = radar_of()
+def test_frame_noise_depends_on_its_generator_only():
+    radar = make_radar()
     frames = FrameSimulator(SCENE, radar, n_frames=2)
     first = frames.simulate_frame(0, np.random.default_rng(7))
     xr.testing.assert_identical(first, dc.simulate(SCENE, radar, seed=7))
-    again = frames.simulate_frame(1, np.random.default_rng(8))
-    np.testing.assert_array_equal(again, frames.simulate_frame(1, np.random.default_rng(8)))
-    assert not np.any(again.values == frames.simulate_frame(1, np.random.default_rng(9)).values)
+    second = frames.simulate_frame(1, np.random.default_rng(8))
+    np.testing.assert_array_equal(second, frames.simulate_frame(1, np.random.default_rng(8)))
+    assert not np.any(second.values == frames.simulate_frame(1, np.random.default_rng(9)).values)
 
 
 @pytest.mark.parametrize("number", [-1, 2, 1.0])
-def test_a_frame_that_the_scene_has_not_is_refused(number):
-    frames = FrameSimulator(SCENE, radar_of(), n_frames=2)
+def test_rejects_frame_number_out_of_range(number):
+    frames = FrameSimulator(SCENE, make_radar(), n_frames=2)
     with pytest.raises(dc.DechirpError, match=r"number"):
         frames.simulate_frame(number, np.random.default_rng(0))

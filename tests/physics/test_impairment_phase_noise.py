@@ -1,4 +1,4 @@
-"""Phase noise: its mask, its skirts on echoes, and what the delay takes away."""
+"""Phase noise: mask, skirts of echoes, cancellation by delay and rejected masks."""
 
 from dataclasses import replace
 
@@ -11,94 +11,96 @@ from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.simulation.echo_groups import SampleWindow, sample_window
 from dechirp.simulation.impairments.phase_noise import PhaseNoise
 
-# As of a 77 GHz synthesiser, flat in the loop and falling outside it.
+# A typical 77 GHz synthesiser, flat within the loop bandwidth and falling outside.
 MASK = PhaseNoise(
     offset_hz=(1e4, 1e5, 1e6, 3e6, 5e6), level_per_hz=(1e-8, 10**-8.5, 10**-9.2, 1e-11, 10**-11.5)
 )
 
 
-def many(radar, n_chirps):
-    """The same radar with so many chirps and one receiver."""
+def replace_chirp_count(radar, n_chirps):
+    """Return the radar with another number of chirps and one receiver."""
     return replace(
         radar, frame=replace(radar.frame, n_chirps=n_chirps), array=dc.Array(rx_m=[(0, 0, 0)])
     )
 
 
-def still(*ranges_m):
+def make_static_scene(*ranges_m):
     return dc.Scene(targets=[dc.Target(name=str(r), position_m=(r, 0, 0)) for r in ranges_m])
 
 
-def density(samples, rate_hz):
-    """Frequencies and two-sided power density, averaged over chirps, from Hann windows."""
-    taper = np.hanning(samples.shape[-1] + 1)[:-1]
-    power = np.mean(abs(np.fft.fft(samples * taper)) ** 2, axis=0) / (rate_hz * np.sum(taper**2))
+def estimate_density(samples, rate_hz):
+    """Return frequencies and two-sided power density, averaged over chirps with Hann windows."""
+    window = np.hanning(samples.shape[-1] + 1)[:-1]
+    power = np.mean(abs(np.fft.fft(samples * window)) ** 2, axis=0) / (rate_hz * np.sum(window**2))
     return np.fft.fftfreq(samples.shape[-1], 1 / rate_hz), power
 
 
-def third_octaves(offset_hz, lowest_hz, highest_hz):
-    """Places of the offsets within each third of an octave that has some."""
+def iterate_third_octaves(offset_hz, lowest_hz, highest_hz):
+    """Yield the indices of offsets in each third of an octave that contains some."""
     edges = np.arange(np.log2(lowest_hz), np.log2(highest_hz), 1 / 3)
     for low, high in zip(2 ** edges[:-1], 2 ** edges[1:], strict=True):
-        inside = np.flatnonzero((offset_hz >= low) & (offset_hz < high))
-        if inside.size:
-            yield inside
+        indices = np.flatnonzero((offset_hz >= low) & (offset_hz < high))
+        if indices.size:
+            yield indices
 
 
-def test_the_phase_has_twice_the_mask_as_its_one_sided_density():
+def test_one_sided_phase_density_is_twice_the_mask():
     rate_hz = 10e6
-    long = SampleWindow(0, 0.0, np.zeros(1), 0.0, 2**20, rate_hz)
-    phase_rad = MASK.phase_error_rad(long, None, np.random.default_rng(1)).reshape(-1, 2048)
+    window = SampleWindow(0, 0.0, np.zeros(1), 0.0, 2**20, rate_hz)
+    phase_rad = MASK.phase_error_rad(window, None, np.random.default_rng(1)).reshape(-1, 2048)
 
-    frequency_hz, power = density(phase_rad, rate_hz)
+    frequency_hz, power = estimate_density(phase_rad, rate_hz)
 
-    kept = frequency_hz > 20e3
-    for band in third_octaves(frequency_hz * kept, 40e3, 4.8e6):
+    is_included = frequency_hz > 20e3
+    for band in iterate_third_octaves(frequency_hz * is_included, 40e3, 4.8e6):
         expected = MASK.interpolate_mask(frequency_hz[band]).mean()
-        # 512 pieces and more: 0.2 dB. The window widens what falls steeply a little.
+        # At least 512 segments: 0.2 dB. The window widens steep slopes slightly.
         assert to_decibels(power[band].mean() / expected) == pytest.approx(0, abs=0.6)
 
 
 @pytest.mark.parametrize("range_m", [8.0, 30.0, 70.0])
-def test_skirts_are_the_mask_times_what_the_delay_leaves(radar, range_m):
-    radar, scene = many(radar, 1500), still(range_m)
+def test_echo_skirts_follow_mask_and_delay_factor(radar, range_m):
+    radar, scene = replace_chirp_count(radar, 1500), make_static_scene(range_m)
     cube = dc.simulate(scene, radar, impairments=[MASK], seed=3).values[0, :, 0]
     clean = dc.simulate(scene, radar, impairments=()).values[0, :, 0]
 
-    frequency_hz, power = density(cube / clean - 1, radar.frame.chirp.sample_rate_hz)
+    frequency_hz, power = estimate_density(cube / clean - 1, radar.frame.chirp.sample_rate_hz)
 
     delay_s = 2 * range_m / SPEED_OF_LIGHT
-    compared = 0
+    n_bands = 0
     for side in (1, -1):
-        left = 4 * np.sin(np.pi * frequency_hz * delay_s) ** 2
-        for band in third_octaves(side * frequency_hz, 120e3, 4.9e6):
-            if (left[band] > 0.1).all():
+        delay_factor = 4 * np.sin(np.pi * frequency_hz * delay_s) ** 2
+        for band in iterate_third_octaves(side * frequency_hz, 120e3, 4.9e6):
+            if (delay_factor[band] > 0.1).all():
                 level = MASK.interpolate_mask(abs(frequency_hz[band]))
-                # 1500 chirps: 0.11 dB for a single bin.
-                over_db = to_decibels(power[band].mean() / np.mean(level * left[band]))
+                # 1500 chirps have a standard error of 0.11 dB for a single bin.
+                over_db = to_decibels(power[band].mean() / np.mean(level * delay_factor[band]))
                 assert over_db == pytest.approx(0, abs=0.5)
-                compared += 1
-    assert compared >= 6
+                n_bands += 1
+    assert n_bands >= 6
 
 
-def test_two_targets_have_skirts_of_their_own_delays(radar):
-    # The near one is 40 dB stronger: its skirt is what is seen beside it.
-    radar, scene = many(radar, 1500), still(6.0, 60.0)
+def test_skirts_of_two_targets_follow_their_own_delays(radar):
+    # The near target is 40 dB stronger: its skirt dominates.
+    radar, scene = replace_chirp_count(radar, 1500), make_static_scene(6.0, 60.0)
     cube = dc.simulate(scene, radar, impairments=[MASK], seed=3).values[0, :, 0]
     clean = dc.simulate(scene, radar, impairments=()).values[0, :, 0]
-    alone = dc.simulate(still(6.0), radar, impairments=()).values[0, :, 0]
+    near_echo = dc.simulate(make_static_scene(6.0), radar, impairments=()).values[0, :, 0]
 
-    frequency_hz, power = density((cube - clean) / alone, radar.frame.chirp.sample_rate_hz)
+    frequency_hz, power = estimate_density(
+        (cube - clean) / near_echo, radar.frame.chirp.sample_rate_hz
+    )
 
-    left = 4 * np.sin(np.pi * frequency_hz * 12 / SPEED_OF_LIGHT) ** 2
+    delay_factor = 4 * np.sin(np.pi * frequency_hz * 12 / SPEED_OF_LIGHT) ** 2
     for side in (1, -1):
-        for band in third_octaves(side * frequency_hz, 1.3e6, 4.9e6):
+        for band in iterate_third_octaves(side * frequency_hz, 1.3e6, 4.9e6):
             level = MASK.interpolate_mask(abs(frequency_hz[band]))
-            over_db = to_decibels(power[band].mean() / np.mean(level * left[band]))
+            over_db = to_decibels(power[band].mean() / np.mean(level * delay_factor[band]))
             assert over_db == pytest.approx(0, abs=0.5)
 
 
-def test_receivers_and_targets_share_one_process(radar):
-    # Half a wavelength apart; the targets at one range in two directions.
+def test_receivers_and_targets_share_one_phase_noise_process(radar):
+    # Receivers are half a wavelength apart; targets are at one range in two directions.
     scene = dc.Scene(
         targets=[
             dc.Target(name="left", position_m=(30, 3, 0)),
@@ -115,57 +117,69 @@ def test_receivers_and_targets_share_one_process(radar):
     np.testing.assert_allclose(first, second, atol=1e-4 * abs(first - 1).max())
 
 
-def test_the_process_goes_on_from_chirp_to_chirp(radar):
+def test_phase_noise_is_continuous_between_chirps(radar):
     frame = radar.frame
     pause = round((frame.interval_s - frame.chirp.adc_start_s) * frame.chirp.sample_rate_hz)
-    longer = sample_window(radar, 0).widen(0, pause)
+    extended_window = sample_window(radar, 0).widen(0, pause)
 
-    phase_rad = MASK.phase_error_rad(longer, radar, np.random.default_rng(0))
+    phase_rad = MASK.phase_error_rad(extended_window, radar, np.random.default_rng(0))
 
     step = round(frame.interval_s * frame.chirp.sample_rate_hz)
-    shared = longer.n_times - step
-    assert shared > 0
-    np.testing.assert_array_equal(phase_rad[:-1, step:], phase_rad[1:, :shared])
+    n_shared = extended_window.n_times - step
+    assert n_shared > 0
+    np.testing.assert_array_equal(phase_rad[:-1, step:], phase_rad[1:, :n_shared])
 
 
-def test_frames_have_noise_of_their_own(radar):
-    cube = dc.simulate(still(30.0), radar, impairments=[MASK], n_frames=2, seed=1).values[:, :, 0]
-    clean = dc.simulate(still(30.0), radar, impairments=(), n_frames=2).values[:, :, 0]
+def test_phase_noise_is_independent_between_frames(radar):
+    cube = dc.simulate(
+        make_static_scene(30.0), radar, impairments=[MASK], n_frames=2, seed=1
+    ).values[:, :, 0]
+    clean = dc.simulate(make_static_scene(30.0), radar, impairments=(), n_frames=2).values[:, :, 0]
 
     first, second = (cube / clean - 1).reshape(2, -1)
 
-    alike = abs(np.vdot(first, second)) / np.linalg.norm(first) / np.linalg.norm(second)
-    assert alike < 0.02
+    correlation = abs(np.vdot(first, second)) / np.linalg.norm(first) / np.linalg.norm(second)
+    assert correlation < 0.02
 
 
-def test_slow_noise_cancels(radar):
-    # 0.1 rad within 10 kHz, of which 0.3 us leave 2e-3 of it at the most.
-    slow = PhaseNoise(offset_hz=(1e3, 1e4, 1e5), level_per_hz=(1e-6, 1e-6, 1e-12))
+def test_low_offset_noise_cancels_in_echo(radar):
+    # 0.1 rad within 10 kHz; a delay of 0.3 us reduces it to at most 2e-3 of that.
+    low_offset_noise = PhaseNoise(offset_hz=(1e3, 1e4, 1e5), level_per_hz=(1e-6, 1e-6, 1e-12))
     delay_s = 90 / SPEED_OF_LIGHT
-    long = SampleWindow(0, 0.0, np.zeros(1), 0.0, 2**16, 10e6)
-    whole_rad = slow.phase_error_rad(long, radar, np.random.default_rng(0)).std()
+    window = SampleWindow(0, 0.0, np.zeros(1), 0.0, 2**16, 10e6)
+    total_rad = low_offset_noise.phase_error_rad(window, radar, np.random.default_rng(0)).std()
 
-    cube = dc.simulate(still(45.0), many(radar, 512), impairments=[slow], dtype=np.complex128)
-    clean = dc.simulate(still(45.0), many(radar, 512), impairments=(), dtype=np.complex128)
+    cube = dc.simulate(
+        make_static_scene(45.0),
+        replace_chirp_count(radar, 512),
+        impairments=[low_offset_noise],
+        dtype=np.complex128,
+    )
+    clean = dc.simulate(
+        make_static_scene(45.0),
+        replace_chirp_count(radar, 512),
+        impairments=(),
+        dtype=np.complex128,
+    )
 
-    left_rad = float(abs(cube / clean - 1).values.std())
-    assert whole_rad > 0.1
-    assert left_rad < 0.01
+    residual_rad = float(abs(cube / clean - 1).values.std())
+    assert total_rad > 0.1
+    assert residual_rad < 0.01
     measured_rad = float(np.sqrt(np.mean(abs(cube / clean - 1).values ** 2)))
-    assert measured_rad == pytest.approx(slow.residual_rms_rad(delay_s, 5e6), rel=0.1)
+    assert measured_rad == pytest.approx(low_offset_noise.residual_rms_rad(delay_s, 5e6), rel=0.1)
 
 
-def test_leakage_keeps_no_noise(radar):
-    # 3 cm: 0.2 ns leave 6e-3 of what is at 5 MHz.
-    near = dc.simulate(still(0.03), radar, impairments=[MASK], dtype=np.complex128)
-    clean = dc.simulate(still(0.03), radar, impairments=(), dtype=np.complex128)
+def test_phase_noise_cancels_in_leakage(radar):
+    # A range of 3 cm, 0.2 ns, reduces noise at 5 MHz to 6e-3.
+    leakage = dc.simulate(make_static_scene(0.03), radar, impairments=[MASK], dtype=np.complex128)
+    clean = dc.simulate(make_static_scene(0.03), radar, impairments=(), dtype=np.complex128)
 
-    left_db = to_decibels(float(np.mean(abs(near / clean - 1).values ** 2)))
+    residual_db = to_decibels(float(np.mean(abs(leakage / clean - 1).values ** 2)))
     far_rad = MASK.residual_rms_rad(60 / SPEED_OF_LIGHT, 5e6)
-    assert left_db < 2 * to_decibels(far_rad) - 40
+    assert residual_db < 2 * to_decibels(far_rad) - 40
 
 
-def test_levels_lie_on_straight_lines_of_decibels_over_log_frequency():
+def test_mask_is_linear_in_decibels_over_log_frequency():
     mask = PhaseNoise(offset_hz=(1e5, 1e7), level_per_hz=(1e-8, 1e-12))
 
     levels = mask.interpolate_mask(np.array([1e3, 1e5, 1e6, 1e7, 1e9]))
@@ -174,7 +188,7 @@ def test_levels_lie_on_straight_lines_of_decibels_over_log_frequency():
 
 
 @pytest.mark.parametrize(
-    ("field", "wrong", "message"),
+    ("field", "invalid_value", "message"),
     [
         ("offset_hz", (1e6, 1e5), r"offset_hz.1: 100000 Hz, after 1e\+06 Hz"),
         ("offset_hz", (1e5, 1e5), r"offset_hz.1: 100000 Hz, after"),
@@ -188,17 +202,17 @@ def test_levels_lie_on_straight_lines_of_decibels_over_log_frequency():
         ("level_per_hz", 1e-8, r"level_per_hz"),
     ],
 )
-def test_what_is_no_mask_is_refused(field, wrong, message):
-    given = {"offset_hz": (1e5, 1e6), "level_per_hz": (1e-8, 1e-10), field: wrong}
+def test_rejects_invalid_mask(field, invalid_value, message):
+    settings = {"offset_hz": (1e5, 1e6), "level_per_hz": (1e-8, 1e-10), field: invalid_value}
     with pytest.raises(InvalidSetting, match=message):
-        PhaseNoise(**given)
+        PhaseNoise(**settings)
 
 
-def test_a_mask_beyond_the_samples_warns(radar):
+def test_warns_of_mask_above_sample_bandwidth(radar):
     with pytest.warns(dc.PhysicsWarning, match=r"phase-noise.offset: from 2e\+07 Hz on"):
-        PhaseNoise(offset_hz=(2e7,), level_per_hz=(1e-12,)).check(still(30.0), radar)
+        PhaseNoise(offset_hz=(2e7,), level_per_hz=(1e-12,)).check(make_static_scene(30.0), radar)
 
 
-def test_noise_that_leaves_no_echo_warns(radar):
+def test_warns_of_phase_noise_that_destroys_echo(radar):
     with pytest.warns(dc.PhysicsWarning, match=r"phase-noise.level: phase noise of .* rad rms"):
-        PhaseNoise(offset_hz=(1e6,), level_per_hz=(1e-6,)).check(still(30.0), radar)
+        PhaseNoise(offset_hz=(1e6,), level_per_hz=(1e-6,)).check(make_static_scene(30.0), radar)

@@ -1,4 +1,4 @@
-"""A ripple on the ramp: paired echoes at their level, on both sides of each echo."""
+"""Sinusoidal ramp nonlinearity: level and delay dependence of paired echoes."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,13 @@ from scipy.special import j0, j1
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
-from dechirp.simulation.impairments.sinusoidal_nonlinearity import SinusoidalNonlinearity
+from dechirp.simulation.impairments.sweep_nonlinearity import SinusoidalNonlinearity
 
 BIN_HZ = 10e6 / 256
 
 
-def pairs_db(radar, ranges_m, ripple, *, bins):
-    """Level of the paired echoes beside each of some echoes, below it and above it, in dB."""
+def measure_paired_echoes_db(radar, ranges_m, ripple, *, bins):
+    """Return the levels of the paired echoes below and above each echo in dB."""
     cubes = [
         dc.simulate(
             dc.Scene(targets=[dc.Target(position_m=(r, 0, 0)) for r in ranges_m]),
@@ -26,10 +26,10 @@ def pairs_db(radar, ranges_m, ripple, *, bins):
     levels = []
     for r in ranges_m:
         beat_hz = radar.frame.chirp.beat_frequency_hz(r)
-        around = [beat_hz + k * BIN_HZ for k in (-bins, 0, bins)]
+        frequencies_hz = [beat_hz + k * BIN_HZ for k in (-bins, 0, bins)]
         times_s = np.arange(256) / 10e6
-        tones = np.exp(-2j * np.pi * np.multiply.outer(around, times_s)) * np.hanning(256)
-        # Other echoes leak a little, with the ripple and without.
+        tones = np.exp(-2j * np.pi * np.multiply.outer(frequencies_hz, times_s)) * np.hanning(256)
+        # Other echoes leak slightly, with and without the ripple.
         low, carrier, high = abs(tones @ (cubes[1] - [0, 1][bins == 0] * cubes[0]))
         levels.append((2 * to_decibels(low / carrier), 2 * to_decibels(high / carrier)))
     return levels
@@ -37,11 +37,11 @@ def pairs_db(radar, ranges_m, ripple, *, bins):
 
 @pytest.mark.parametrize("range_m", [3.0, 20.0, 60.0])
 @pytest.mark.parametrize(("deviation_hz", "bins"), [(20e3, 24), (300e3, 40)])
-def test_paired_echoes_are_at_their_level(radar, range_m, deviation_hz, bins):
+def test_paired_echo_level_matches_bessel_ratio(radar, range_m, deviation_hz, bins):
     rate_hz = bins * BIN_HZ
     ripple = SinusoidalNonlinearity(deviation_hz=deviation_hz, rate_hz=rate_hz, start_phase_rad=1)
 
-    ((below_db, above_db),) = pairs_db(radar, [range_m], ripple, bins=bins)
+    ((below_db, above_db),) = measure_paired_echoes_db(radar, [range_m], ripple, bins=bins)
 
     delay_s = 2 * range_m / SPEED_OF_LIGHT
     beta = 2 * deviation_hz / rate_hz * np.sin(np.pi * rate_hz * delay_s)
@@ -50,7 +50,7 @@ def test_paired_echoes_are_at_their_level(radar, range_m, deviation_hz, bins):
     assert above_db == pytest.approx(expected_db, abs=0.2)
 
 
-def test_each_of_several_echoes_has_the_pairs_of_its_own_delay(radar):
+def test_paired_echoes_follow_delay_of_each_target(radar):
     ranges_m, bins = (6.0, 35.0, 62.0), 20
     ripple = SinusoidalNonlinearity(deviation_hz=60e3, rate_hz=bins * BIN_HZ)
 
@@ -64,26 +64,27 @@ def test_each_of_several_echoes_has_the_pairs_of_its_own_delay(radar):
 
     expected = 0
     for target in scene.targets:
-        alone = dc.simulate(
+        echo = dc.simulate(
             dc.Scene(targets=[target]), radar, impairments=(), dtype=np.complex128
         ).values[0, 0, 0]
         delay_s = 2 * target.position_m[0] / SPEED_OF_LIGHT
         beta = 2 * 60e3 / ripple.rate_hz * np.sin(np.pi * ripple.rate_hz * delay_s)
-        swing = np.cos(2 * np.pi * ripple.rate_hz * (times_s - delay_s / 2))
-        expected = expected + alone * np.exp(1j * beta * swing)
+        modulation = np.cos(2 * np.pi * ripple.rate_hz * (times_s - delay_s / 2))
+        expected = expected + echo * np.exp(1j * beta * modulation)
 
-    # Paired echoes are 20 to 40 dB below the echoes: they are right to 0.1 dB.
+    # Paired echoes are 20 to 40 dB below the echoes and accurate to 0.1 dB.
     assert abs(cube - expected).max() < 5e-4 * abs(expected).max()
 
 
-def test_a_rate_above_half_the_sample_rate_is_refused(radar):
+def test_rejects_rate_above_half_the_sample_rate(radar):
     with pytest.raises(InvalidSetting, match=r"rate: 5 MHz; expected below 5 MHz"):
         SinusoidalNonlinearity(deviation_hz=1e3, rate_hz=5e6).check(None, radar)
 
 
 @pytest.mark.parametrize(
-    ("field", "wrong"), [("deviation_hz", -1.0), ("rate_hz", 0.0), ("start_phase_rad", np.nan)]
+    ("field", "invalid_value"),
+    [("deviation_hz", -1.0), ("rate_hz", 0.0), ("start_phase_rad", np.nan)],
 )
-def test_numbers_that_make_no_sinusoid_are_refused(field, wrong):
+def test_rejects_invalid_ripple(field, invalid_value):
     with pytest.raises(InvalidSetting, match=field):
-        SinusoidalNonlinearity(**{"deviation_hz": 1e3, "rate_hz": 1e6, field: wrong})
+        SinusoidalNonlinearity(**{"deviation_hz": 1e3, "rate_hz": 1e6, field: invalid_value})

@@ -1,4 +1,4 @@
-"""Where targets are: poses, arcs, parabolas and waypoints, and paths as polynomials."""
+"""Motion of targets and radar: poses, arcs, parabolas, waypoints and path polynomials."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from dechirp.scene.trajectories import fit_paths
 from dechirp.scene.truth import truth
 from dechirp.scene.waypoints import Waypoint
 
-IN_A_BEND = Ego(
+TURNING_EGO = Ego(
     position_m=(3, -2, 0.5),
     yaw_rad=0.3,
     pitch_rad=0.05,
@@ -26,7 +26,7 @@ IN_A_BEND = Ego(
     velocity_m_per_s=(18, 4, -0.2),
     turn_rate_rad_per_s=0.6,
 )
-SWERVING = (
+SWERVE_WAYPOINTS = (
     Waypoint(time_s=0.5, position_m=(28, 5, 0)),
     Waypoint(time_s=1.2, position_m=(35, 2, 0.2)),
     Waypoint(time_s=2.0, position_m=(38, 9, 0.1)),
@@ -49,40 +49,42 @@ WALKER = (
 BOX = tuple(Scatterer(position_m=(x, y, 0.4), rcs_m2=1) for x in (-1, 0, 3.5) for y in (-0.9, 0.9))
 
 
-def one(**of):
-    """A scene of one target, and the radar's motion."""
-    ego = of.pop("ego", Ego())
-    return Scene(targets=[Target(name="car", **{"position_m": (25, 3, 0.2), **of})], ego=ego)
+def build_scene(**target_settings):
+    """Build a scene of one target named car, with optional ego motion."""
+    ego = target_settings.pop("ego", Ego())
+    return Scene(
+        targets=[Target(name="car", **{"position_m": (25, 3, 0.2), **target_settings})], ego=ego
+    )
 
 
-def at(scene, time_s):
+def compute_positions_m(scene, time_s):
     return scene.positions_m([time_s])[0]
 
 
-def test_a_radar_that_turns_goes_along_an_arc():
-    # Gauss's quadrature of the velocity, 40 points over 5 rad: as exact as doubles are.
+def test_turning_radar_follows_arc():
+    # Gauss-Legendre quadrature of the velocity, 40 points over 5 rad: exact to double precision.
     x, weights = np.polynomial.legendre.leggauss(40)
     for time_s in (0.3, 2.0, 8.0):
         times_s = time_s * (x + 1) / 2
-        integral = time_s / 2 * weights @ IN_A_BEND.velocities_m_per_s(times_s)
-        assert IN_A_BEND.displacements_m(np.array([time_s]))[0] == pytest.approx(
+        integral = time_s / 2 * weights @ TURNING_EGO.velocities_m_per_s(times_s)
+        assert TURNING_EGO.displacements_m(np.array([time_s]))[0] == pytest.approx(
             integral, abs=1e-12
         )
 
 
-def test_a_bend_of_hardly_any_rate_is_a_straight_line():
-    straight = replace(IN_A_BEND, turn_rate_rad_per_s=0)
+def test_vanishing_turn_rate_gives_straight_line():
+    straight_ego = replace(TURNING_EGO, turn_rate_rad_per_s=0)
     times_s = np.array([0.0, 1.0, 100.0])
     for rate in (1e-300, 1e-15, 1e-12):
-        bend = replace(IN_A_BEND, turn_rate_rad_per_s=rate)
+        bent_ego = replace(TURNING_EGO, turn_rate_rad_per_s=rate)
         # 18.4 m/s for 100 s turned by half of 1e-10 rad: 1e-7 m aside.
-        assert bend.displacements_m(times_s) == pytest.approx(
-            straight.displacements_m(times_s), abs=1e5 * rate
+        assert bent_ego.displacements_m(times_s) == pytest.approx(
+            straight_ego.displacements_m(times_s), abs=1e5 * rate
         )
 
 
-def test_a_full_turn_comes_back_to_where_it_began():
-    ego = replace(IN_A_BEND, velocity_m_per_s=(18, 4, 0))
+def test_full_turn_returns_to_start():
+    ego = replace(TURNING_EGO, velocity_m_per_s=(18, 4, 0))
     turn_s = 2 * np.pi / ego.turn_rate_rad_per_s
 
     assert ego.displacements_m(np.array([turn_s])) == pytest.approx(np.zeros((1, 3)), abs=1e-12)
@@ -90,96 +92,104 @@ def test_a_full_turn_comes_back_to_where_it_began():
 
 
 @pytest.mark.parametrize(
-    ("pose", "seen_m"),
+    ("pose", "expected_m"),
     [
         ({}, (4, 3, 2)),
         ({"position_m": (1, 1, 1)}, (3, 2, 1)),
-        ({"yaw_rad": np.pi / 2}, (3, -4, 2)),  # looks left: what was left is ahead
-        ({"pitch_rad": np.pi / 2}, (2, 3, -4)),  # looks up: what was up is ahead
-        ({"roll_rad": np.pi / 2}, (4, 2, -3)),  # left side up: what was up is left
+        ({"yaw_rad": np.pi / 2}, (3, -4, 2)),  # boresight left: the left side is ahead
+        ({"pitch_rad": np.pi / 2}, (2, 3, -4)),  # boresight up: the zenith is ahead
+        ({"roll_rad": np.pi / 2}, (4, 2, -3)),  # left side up: the zenith is left
         ({"yaw_rad": np.pi / 2, "pitch_rad": np.pi / 2}, (2, -4, -3)),  # left, then up
     ],
 )
-def test_a_target_is_where_the_pose_of_the_radar_lets_it_be(pose, seen_m):
-    scene = one(position_m=(4, 3, 2), ego=Ego(**pose))
+def test_target_position_follows_radar_pose(pose, expected_m):
+    scene = build_scene(position_m=(4, 3, 2), ego=Ego(**pose))
 
-    assert at(scene, 0.0)[0] == pytest.approx(seen_m, abs=1e-12)
+    assert compute_positions_m(scene, 0.0)[0] == pytest.approx(expected_m, abs=1e-12)
 
 
-def test_a_radar_that_turns_left_sees_what_stands_go_right():
-    scene = one(position_m=(30, 0, 0), ego=Ego(turn_rate_rad_per_s=0.5))
-    x, y, _ = at(scene, 0.4)[0]
+def test_static_target_moves_right_for_left_turning_radar():
+    scene = build_scene(position_m=(30, 0, 0), ego=Ego(turn_rate_rad_per_s=0.5))
+    x, y, _ = compute_positions_m(scene, 0.4)[0]
 
     assert np.arctan2(y, x) == pytest.approx(-0.2, abs=1e-12)
     assert np.hypot(x, y) == pytest.approx(30, abs=1e-12)
 
 
-def test_what_a_radar_on_the_same_arc_carries_along_stays_where_it_is():
-    # A point rigid to the car at (5, 1, 0.3) of the radar: another Ego on its own arc.
-    lever = np.array([5, 1, 0.3]) @ IN_A_BEND.axes(np.zeros(1))[0].T
-    about_z = np.cross([0, 0, IN_A_BEND.turn_rate_rad_per_s], lever)
-    carried = replace(
-        IN_A_BEND,
-        position_m=tuple(IN_A_BEND.position_m + lever),
-        velocity_m_per_s=tuple(IN_A_BEND.velocity_m_per_s + about_z),
+def test_point_fixed_to_vehicle_stays_fixed_in_radar_axes():
+    # A point fixed to the vehicle at (5, 1, 0.3) from the radar: a second Ego on its own arc.
+    lever = np.array([5, 1, 0.3]) @ TURNING_EGO.axes(np.zeros(1))[0].T
+    lever_velocity = np.cross([0, 0, TURNING_EGO.turn_rate_rad_per_s], lever)
+    carried_ego = replace(
+        TURNING_EGO,
+        position_m=tuple(TURNING_EGO.position_m + lever),
+        velocity_m_per_s=tuple(TURNING_EGO.velocity_m_per_s + lever_velocity),
     )
     times_s = np.linspace(0, 6, 7)
-    apart_m = carried.displacements_m(times_s) - IN_A_BEND.displacements_m(times_s) + lever
-    seen_m = np.einsum("ti,tij->tj", apart_m, IN_A_BEND.axes(times_s))
+    separation_m = (
+        carried_ego.displacements_m(times_s) - TURNING_EGO.displacements_m(times_s) + lever
+    )
+    position_m = np.einsum("ti,tij->tj", separation_m, TURNING_EGO.axes(times_s))
 
-    assert seen_m == pytest.approx(np.tile([5, 1, 0.3], (7, 1)), abs=1e-12)
+    assert position_m == pytest.approx(np.tile([5, 1, 0.3], (7, 1)), abs=1e-12)
 
 
-def test_an_accelerated_target_goes_along_a_parabola():
-    scene = one(velocity_m_per_s=(-10, 1, 0), acceleration_m_per_s2=(3, 0, -9.81))
+def test_accelerated_target_follows_parabola():
+    scene = build_scene(velocity_m_per_s=(-10, 1, 0), acceleration_m_per_s2=(3, 0, -9.81))
 
     # 25 - 10 x 2 + 3 x 2, 3 + 2, 0.2 - 9.81 x 2.
-    assert at(scene, 2.0)[0] == pytest.approx((11, 5, -19.42), abs=1e-12)
+    assert compute_positions_m(scene, 2.0)[0] == pytest.approx((11, 5, -19.42), abs=1e-12)
 
 
-def test_a_path_goes_through_its_waypoints_without_jumps_up_to_the_acceleration():
-    target = Target(position_m=(25, 3, 0.2), waypoints=SWERVING)
-    for point in SWERVING:
-        way_m = target.displacements_m(np.array([point.time_s]))[0]
-        assert target.position_m + way_m == pytest.approx(point.position_m, abs=1e-12)
+def test_path_passes_waypoints_with_continuous_acceleration():
+    target = Target(position_m=(25, 3, 0.2), waypoints=SWERVE_WAYPOINTS)
+    for point in SWERVE_WAYPOINTS:
+        displacement_m = target.displacements_m(np.array([point.time_s]))[0]
+        assert target.position_m + displacement_m == pytest.approx(point.position_m, abs=1e-12)
     step_s = 1e-5
-    for knot_s in (0.5, 1.2, 2.0):  # the last as well: straight on with acceleration 0
-        before, here, after = target.velocities_at_m_per_s(knot_s + step_s * np.arange(-1, 2))
-        # Accelerations to both sides differ by the third derivative, 500 m/s^3, times 1e-5 s.
-        assert (after - here) / step_s == pytest.approx((here - before) / step_s, abs=2e-2)
-    (start, soon) = target.velocities_at_m_per_s(np.array([0.0, step_s]))
-    assert (soon - start) / step_s == pytest.approx(np.zeros(3), abs=2e-2)
-    end, later = target.velocities_at_m_per_s(np.array([2.0, 7.0]))
-    assert later == pytest.approx(end, abs=1e-12)
-    last_m = np.array(SWERVING[-1].position_m) + 5 * end
+    for knot_s in (0.5, 1.2, 2.0):  # the last one, too: straight line with acceleration 0
+        velocity_before, velocity_at_knot, velocity_after = target.velocities_at_m_per_s(
+            knot_s + step_s * np.arange(-1, 2)
+        )
+        # Accelerations on both sides differ by the third derivative, 500 m/s^3, times 1e-5 s.
+        assert (velocity_after - velocity_at_knot) / step_s == pytest.approx(
+            (velocity_at_knot - velocity_before) / step_s, abs=2e-2
+        )
+    (start_velocity, next_velocity) = target.velocities_at_m_per_s(np.array([0.0, step_s]))
+    assert (next_velocity - start_velocity) / step_s == pytest.approx(np.zeros(3), abs=2e-2)
+    end_velocity, late_velocity = target.velocities_at_m_per_s(np.array([2.0, 7.0]))
+    assert late_velocity == pytest.approx(end_velocity, abs=1e-12)
+    last_m = np.array(SWERVE_WAYPOINTS[-1].position_m) + 5 * end_velocity
     assert target.position_m + target.displacements_m(np.array([7.0]))[0] == pytest.approx(
         last_m, abs=1e-9
     )
 
 
-def test_the_velocity_of_a_path_is_how_fast_it_goes():
-    target = Target(position_m=(25, 3, 0.2), waypoints=SWERVING)
+def test_path_velocity_is_derivative_of_displacement():
+    target = Target(position_m=(25, 3, 0.2), waypoints=SWERVE_WAYPOINTS)
     times_s, step_s = np.linspace(0.1, 2.5, 13), 1e-6
-    ahead, behind = (
+    ahead_m, behind_m = (
         target.displacements_m(times_s + step_s),
         target.displacements_m(times_s - step_s),
     )
 
-    # Roundings of 40 m over 2 us.
-    numeric = (ahead - behind) / (2 * step_s)
+    # Rounding errors of 40 m over 2 us.
+    numeric = (ahead_m - behind_m) / (2 * step_s)
     assert target.velocities_at_m_per_s(times_s) == pytest.approx(numeric, abs=1e-8)
 
 
-def test_waypoints_at_equal_steps_are_a_straight_line_at_constant_speed():
+def test_collinear_waypoints_give_constant_velocity():
     points = [Waypoint(time_s=t, position_m=(25 + 8 * t, 3 - 2 * t, 0.2)) for t in (0.7, 1.0, 3.0)]
-    for given in (points, points[:1]):
-        bent = one(waypoints=given)
-        straight = one(velocity_m_per_s=(8, -2, 0))
+    for waypoints in (points, points[:1]):
+        waypoint_scene = build_scene(waypoints=waypoints)
+        straight_scene = build_scene(velocity_m_per_s=(8, -2, 0))
         for time_s in (0.0, 0.2, 0.9, 2.0, 10.0):
-            assert at(bent, time_s) == pytest.approx(at(straight, time_s), abs=1e-12)
+            assert compute_positions_m(waypoint_scene, time_s) == pytest.approx(
+                compute_positions_m(straight_scene, time_s), abs=1e-12
+            )
 
 
-AHEAD = Points(scatterers=(Scatterer(position_m=(1, 0, 0), rcs_m2=1),))
+NOSE_POINT = Points(scatterers=(Scatterer(position_m=(1, 0, 0), rcs_m2=1),))
 
 
 @pytest.mark.parametrize(
@@ -187,44 +197,52 @@ AHEAD = Points(scatterers=(Scatterer(position_m=(1, 0, 0), rcs_m2=1),))
     [
         ({}, 1.0, (1, 0)),
         ({"velocity_m_per_s": (0, -3, 0)}, 1.0, (0, -1)),
-        ({"velocity_m_per_s": (0, 0, 5)}, 1.0, (1, 0)),  # a lift
+        ({"velocity_m_per_s": (0, 0, 5)}, 1.0, (1, 0)),  # vertical motion
         ({"velocity_m_per_s": (0, -3, 0), "heading_rad": np.pi}, 1.0, (-1, 0)),
-        ({"acceleration_m_per_s2": (0, 2, 0)}, 0.0, (0, 1)),  # about to go
-        # It brakes, and backs up after 2 s.
+        ({"acceleration_m_per_s2": (0, 2, 0)}, 0.0, (0, 1)),  # at rest, accelerating
+        # Braking, and reversing after 2 s.
         ({"velocity_m_per_s": (4, 0, 0), "acceleration_m_per_s2": (-2, 0, 0)}, 5.0, (1, 0)),
         ({"velocity_m_per_s": (3, 0, 0), "acceleration_m_per_s2": (0, 2, 0)}, 2.0, (0.6, 0.8)),
-        ({"waypoints": SWERVING[:1]}, 0.3, (np.sqrt(9 / 13), np.sqrt(4 / 13))),
+        ({"waypoints": SWERVE_WAYPOINTS[:1]}, 0.3, (np.sqrt(9 / 13), np.sqrt(4 / 13))),
     ],
 )
-def test_a_body_faces_where_it_goes_or_as_it_is_told(motion, time_s, nose):
-    body, origin = one(body=AHEAD, **motion), one(**motion)
+def test_body_heading_follows_motion_or_setting(motion, time_s, nose):
+    body, origin = build_scene(body=NOSE_POINT, **motion), build_scene(**motion)
 
-    assert (at(body, time_s) - at(origin, time_s))[0, :2] == pytest.approx(nose, abs=1e-12)
+    assert (compute_positions_m(body, time_s) - compute_positions_m(origin, time_s))[
+        0, :2
+    ] == pytest.approx(nose, abs=1e-12)
 
 
-def test_a_body_in_a_curve_turns_with_its_path():
-    body, origin = one(body=AHEAD, waypoints=SWERVING), one(waypoints=SWERVING)
+def test_body_in_curve_turns_with_its_path():
+    body, origin = (
+        build_scene(body=NOSE_POINT, waypoints=SWERVE_WAYPOINTS),
+        build_scene(waypoints=SWERVE_WAYPOINTS),
+    )
     for time_s in (0.1, 0.8, 1.6, 3.0):
         vx, vy, _ = origin.target_velocities_m_per_s([time_s])[0, 0]
-        nose = (at(body, time_s) - at(origin, time_s))[0, :2]
+        nose = (compute_positions_m(body, time_s) - compute_positions_m(origin, time_s))[0, :2]
         assert nose == pytest.approx(np.array([vx, vy]) / np.hypot(vx, vy), abs=1e-12)
 
 
-def test_positions_are_those_of_fifty_digits():
+def test_positions_match_50_digit_reference():
     mp.mp.dps = 50
     wheel = replace(WHEEL[2], rotation=replace(WHEEL[2].rotation, axis=(0.6, 0.8, 0)))
-    scene = one(velocity_m_per_s=(5, -12, 0.3), body=Points(scatterers=(wheel,)), ego=IN_A_BEND)
+    scene = build_scene(
+        velocity_m_per_s=(5, -12, 0.3), body=Points(scatterers=(wheel,)), ego=TURNING_EGO
+    )
     for time_s in (0.0, 0.0123, 4.56):
-        found = at(scene, time_s)[0]
-        # Roundings of coordinates of up to 100 m, and of 456 rad of the wheel.
-        assert [float(abs(x - y)) for x, y in zip(found, exact_m(wheel, time_s), strict=True)] == (
-            pytest.approx([0, 0, 0], abs=1e-13)
-        )
+        position_m = compute_positions_m(scene, time_s)[0]
+        # Rounding errors of coordinates up to 100 m and of 456 rad of the wheel.
+        assert [
+            float(abs(x - y))
+            for x, y in zip(position_m, compute_exact_position_m(wheel, time_s), strict=True)
+        ] == (pytest.approx([0, 0, 0], abs=1e-13))
 
 
-def exact_m(wheel, time_s):
-    """Where the wheel's point of that scene is, in 50 digits."""
-    t, ego, w = mp.mpf(time_s), IN_A_BEND, mp.mpf(IN_A_BEND.turn_rate_rad_per_s)
+def compute_exact_position_m(wheel, time_s):
+    """Compute the position of the wheel's scatterer in that scene with 50 digits."""
+    t, ego, w = mp.mpf(time_s), TURNING_EGO, mp.mpf(TURNING_EGO.turn_rate_rad_per_s)
     vx, vy, vz = map(mp.mpf, ego.velocity_m_per_s)
     ego_m = mp.matrix(
         [
@@ -236,183 +254,207 @@ def exact_m(wheel, time_s):
     k = mp.matrix(wheel.rotation.axis) / mp.norm(mp.matrix(wheel.rotation.axis))
     arm = mp.matrix(wheel.position_m) - mp.matrix(wheel.rotation.center_m)
     angle = wheel.rotation.rate_rad_per_s * t
-    across = mp.matrix(
+    normal = mp.matrix(
         [
             k[1] * arm[2] - k[2] * arm[1],
             k[2] * arm[0] - k[0] * arm[2],
             k[0] * arm[1] - k[1] * arm[0],
         ]
     )
-    along = (k.T * arm)[0] * k
-    offset = mp.matrix(wheel.rotation.center_m) + along
-    offset += (arm - along) * mp.cos(angle) + across * mp.sin(angle)
-    at_m = mp.matrix([25, 3, mp.mpf(0.2)]) + t * mp.matrix([5, -12, mp.mpf(0.3)])
-    at_m += turned(mp.atan2(-12, 5), 2, 0) * offset
-    axes = turned(ego.yaw_rad + w * t, 2, 0) * turned(-ego.pitch_rad, 1, 2)
-    return (axes * turned(ego.roll_rad, 0, 1)).T * (at_m - ego_m)
+    parallel = (k.T * arm)[0] * k
+    offset = mp.matrix(wheel.rotation.center_m) + parallel
+    offset += (arm - parallel) * mp.cos(angle) + normal * mp.sin(angle)
+    target_m = mp.matrix([25, 3, mp.mpf(0.2)]) + t * mp.matrix([5, -12, mp.mpf(0.3)])
+    target_m += build_rotation_matrix(mp.atan2(-12, 5), 2, 0) * offset
+    axes = build_rotation_matrix(ego.yaw_rad + w * t, 2, 0) * build_rotation_matrix(
+        -ego.pitch_rad, 1, 2
+    )
+    return (axes * build_rotation_matrix(ego.roll_rad, 0, 1)).T * (target_m - ego_m)
 
 
-def turned(angle, about, first):
-    """Rotation about an axis by the right hand, the first after it in their round."""
-    first, second = (about + 1) % 3, (about + 2) % 3
-    made = mp.eye(3)
-    made[first, first] = made[second, second] = mp.cos(angle)
-    made[first, second], made[second, first] = -mp.sin(angle), mp.sin(angle)
-    return made
+def build_rotation_matrix(angle, axis, first):
+    """Build the right-handed rotation matrix about an axis (0, 1 or 2)."""
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    matrix = mp.eye(3)
+    matrix[first, first] = matrix[second, second] = mp.cos(angle)
+    matrix[first, second], matrix[second, first] = -mp.sin(angle), mp.sin(angle)
+    return matrix
 
 
-PAST = {"velocity_m_per_s": (-20, 4, 0.1)}
+PASSING_MOTION = {"velocity_m_per_s": (-20, 4, 0.1)}
 CASES = {
-    "straight": one(**PAST),
-    "accelerated": one(**PAST, acceleration_m_per_s2=(5, 0, -9.81)),
-    "rigid body": one(**PAST, body=Points(scatterers=BOX)),
-    "body of given heading in a curve": one(
-        **PAST, acceleration_m_per_s2=(0, 5, 0), heading_rad=1.0, body=Points(scatterers=BOX)
+    "straight": build_scene(**PASSING_MOTION),
+    "accelerated": build_scene(**PASSING_MOTION, acceleration_m_per_s2=(5, 0, -9.81)),
+    "rigid body": build_scene(**PASSING_MOTION, body=Points(scatterers=BOX)),
+    "body of given heading in a curve": build_scene(
+        **PASSING_MOTION,
+        acceleration_m_per_s2=(0, 5, 0),
+        heading_rad=1.0,
+        body=Points(scatterers=BOX),
     ),
-    "body in a curve": one(**PAST, acceleration_m_per_s2=(0, 5, 0), body=Points(scatterers=BOX)),
-    "wheels at 100 rad/s": one(**PAST, body=Points(scatterers=(*BOX, *WHEEL))),
-    "walker": one(velocity_m_per_s=(1, 1, 0), body=Points(scatterers=WALKER)),
-    "waypoints": one(waypoints=SWERVING),
-    "turning radar": one(**PAST, ego=IN_A_BEND),
+    "body in a curve": build_scene(
+        **PASSING_MOTION, acceleration_m_per_s2=(0, 5, 0), body=Points(scatterers=BOX)
+    ),
+    "wheels at 100 rad/s": build_scene(**PASSING_MOTION, body=Points(scatterers=(*BOX, *WHEEL))),
+    "walker": build_scene(velocity_m_per_s=(1, 1, 0), body=Points(scatterers=WALKER)),
+    "waypoints": build_scene(waypoints=SWERVE_WAYPOINTS),
+    "turning radar": build_scene(**PASSING_MOTION, ego=TURNING_EGO),
     "all": replace(
-        one(waypoints=SWERVING, body=Points(scatterers=(*WHEEL, *WALKER, *BOX)), ego=IN_A_BEND),
+        build_scene(
+            waypoints=SWERVE_WAYPOINTS,
+            body=Points(scatterers=(*WHEEL, *WALKER, *BOX)),
+            ego=TURNING_EGO,
+        ),
         targets=(
-            Target(position_m=(30, 3, 0.2), waypoints=SWERVING, body=Points(scatterers=WHEEL)),
-            Target(position_m=(20, -3, 0.2), **PAST),
+            Target(
+                position_m=(30, 3, 0.2), waypoints=SWERVE_WAYPOINTS, body=Points(scatterers=WHEEL)
+            ),
+            Target(position_m=(20, -3, 0.2), **PASSING_MOTION),
         ),
     ),
 }
-IN_PARABOLAS = ("straight", "accelerated", "rigid body", "body of given heading in a curve")
+PARABOLIC_CASES = ("straight", "accelerated", "rigid body", "body of given heading in a curve")
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("start_s", [0.0, 0.4975, 1.4])  # 0.5 s, a waypoint, is in the second
-def test_paths_are_where_scatterers_are(radar, case, start_s):
+@pytest.mark.parametrize("start_s", [0.0, 0.4975, 1.4])  # the second contains the waypoint at 0.5 s
+def test_path_polynomials_match_scatterer_positions(radar, case, start_s):
     scene, frame = CASES[case], replace(radar.frame, n_chirps=256)
     rng = np.random.default_rng(71)
-    found = fit_paths(scene, frame, start_s)
-    for path in found:
+    paths = fit_paths(scene, frame, start_s)
+    for path in paths:
         chirps = rng.integers(path.chirps.start, path.chirps.stop, 20)
         # From the start of the ramp to the last sample.
         times_s = chirps * frame.interval_s + rng.uniform(0, 27.5e-6, 20)
         exact_m = scene.positions_m(start_s + times_s)[:, path.scatterers]
         powers = (times_s - path.mid_s)[:, None] ** np.arange(len(path.path_m))
-        # 1e-9 rad at 77 GHz, there and back; a chirp in which a waypoint is, where the turning
-        # of a body changes its rate, is not divided.
-        close_m = 3e-13 if path.chirps.stop - path.chirps.start > 1 else 1e-10
-        assert np.einsum("tk,knx->tnx", powers, path.path_m) == pytest.approx(exact_m, abs=close_m)
-        assert len(path.path_m) <= (3 if case in IN_PARABOLAS else 8)
-    assert len(found) == 1 or case not in IN_PARABOLAS
+        # 1e-9 rad of two-way phase at 77 GHz; a chirp with a waypoint, where the turn rate of a
+        # body jumps, is not divided.
+        tolerance_m = 3e-13 if path.chirps.stop - path.chirps.start > 1 else 1e-10
+        assert np.einsum("tk,knx->tnx", powers, path.path_m) == pytest.approx(
+            exact_m, abs=tolerance_m
+        )
+        assert len(path.path_m) <= (3 if case in PARABOLIC_CASES else 8)
+    assert len(paths) == 1 or case not in PARABOLIC_CASES
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_each_scatterer_has_one_path_in_each_chirp(radar, case):
     scene, frame = CASES[case], radar.frame
-    times = np.zeros((frame.n_chirps_total, scene.n_scatterers), int)
+    n_paths = np.zeros((frame.n_chirps_total, scene.n_scatterers), int)
     for path in fit_paths(scene, frame, 0.49):
-        times[path.chirps, path.scatterers] += 1
+        n_paths[path.chirps, path.scatterers] += 1
 
-    assert (times == 1).all()
+    assert (n_paths == 1).all()
 
 
-def test_only_what_needs_it_has_short_paths(radar):
-    far = [Target(position_m=(50, y, 0), velocity_m_per_s=(y, 0, 0)) for y in range(40)]
+def test_only_rotating_scatterers_have_short_paths(radar):
+    far_targets = [Target(position_m=(50, y, 0), velocity_m_per_s=(y, 0, 0)) for y in range(40)]
     wheel = Target(position_m=(30, 3, 0), body=Points(scatterers=(*BOX, *WHEEL)))
     frame = replace(radar.frame, n_chirps=512)
-    for ego in (Ego(), IN_A_BEND):
-        found = fit_paths(Scene(targets=[*far, wheel], ego=ego), frame, 0.0)
-        everywhere = [path for path in found if path.chirps == slice(0, 512)]
+    for ego in (Ego(), TURNING_EGO):
+        paths = fit_paths(Scene(targets=[*far_targets, wheel], ego=ego), frame, 0.0)
+        whole_frame_paths = [path for path in paths if path.chirps == slice(0, 512)]
 
-        assert sum(len(path.scatterers) for path in everywhere) == 40 + len(BOX)
-        assert {len(path.scatterers) for path in found} == (
+        assert sum(len(path.scatterers) for path in whole_frame_paths) == 40 + len(BOX)
+        assert {len(path.scatterers) for path in paths} == (
             {40, len(BOX), len(WHEEL)} if ego == Ego() else {40 + len(BOX), len(WHEEL)}
         )
 
 
-def test_a_scene_without_targets_has_no_paths(radar):
-    for ego in (Ego(), IN_A_BEND):
+def test_scene_without_targets_has_no_paths(radar):
+    for ego in (Ego(), TURNING_EGO):
         assert fit_paths(Scene(ego=ego), radar.frame, 0.0) == []
         assert Scene(ego=ego).positions_m([0.0, 1.0]).shape == (2, 0, 3)
 
 
-def test_late_frames_and_far_coordinates_are_followed_as_far_as_doubles_go(radar):
-    # Five hours on, and 6,000 km from the origin of the scene: roundings of 1e-9 m.
-    ego = replace(IN_A_BEND, position_m=(6e6, 3e6, 0))
-    near = one(position_m=(6e6 + 30, 3e6, 0), velocity_m_per_s=(1, 1, 0), ego=ego)
-    assert len(fit_paths(near, radar.frame, 0.0)) == 1
-    assert len(fit_paths(near, radar.frame, 18000.0)) == 1
-    assert len(fit_paths(one(waypoints=SWERVING, body=AHEAD), radar.frame, 18000.0)) == 1
+def test_late_frames_and_far_coordinates_need_one_path(radar):
+    # Five hours after the start and 6,000 km from the scene origin: rounding errors of 1e-9 m.
+    ego = replace(TURNING_EGO, position_m=(6e6, 3e6, 0))
+    near_scene = build_scene(position_m=(6e6 + 30, 3e6, 0), velocity_m_per_s=(1, 1, 0), ego=ego)
+    assert len(fit_paths(near_scene, radar.frame, 0.0)) == 1
+    assert len(fit_paths(near_scene, radar.frame, 18000.0)) == 1
+    assert (
+        len(
+            fit_paths(
+                build_scene(waypoints=SWERVE_WAYPOINTS, body=NOSE_POINT), radar.frame, 18000.0
+            )
+        )
+        == 1
+    )
 
 
 @frozen_dataclass
-class Jumping(Body):
-    """Two points, one of which is somewhere else from 2 ms on."""
+class JumpingBody(Body):
+    """Body of two points, one of which jumps after 2 ms."""
 
-    to_m: float
+    jump_m: float
 
     def offsets_m(self, times_s):
         offsets_m = np.zeros((len(times_s), 2, 3))
-        offsets_m[times_s > 0.00203, 1] = self.to_m
+        offsets_m[times_s > 0.00203, 1] = self.jump_m
         return offsets_m
 
     def cross_sections_m2(self):
         return np.ones(2)
 
 
-def test_a_body_that_jumps_or_is_nowhere_is_refused_by_the_name_of_its_target(radar):
+def test_rejects_body_that_jumps_or_is_not_finite(radar):
     with pytest.raises(dc.InvalidSetting, match=r"scene\.targets\.car: a motion in the"):
-        fit_paths(one(body=Jumping(to_m=0.1)), radar.frame, 0.0)
-    for ego in (Ego(), IN_A_BEND):
+        fit_paths(build_scene(body=JumpingBody(jump_m=0.1)), radar.frame, 0.0)
+    for ego in (Ego(), TURNING_EGO):
         with pytest.raises(dc.InvalidSetting, match=r"targets\.car\.body: .* not finite"):
-            fit_paths(one(body=Jumping(to_m=np.nan), ego=ego), radar.frame, 0.0)
+            fit_paths(build_scene(body=JumpingBody(jump_m=np.nan), ego=ego), radar.frame, 0.0)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_true_velocity_is_the_rate_of_change_of_the_true_range(radar, case):
+def test_true_velocity_is_derivative_of_true_range(radar, case):
     scene = CASES[case]
     radar = replace(radar, frame=replace(radar.frame, period_s=0.3))
-    known = truth(scene, radar, n_frames=6)
+    ground_truth = truth(scene, radar, n_frames=6)
     step_s = 1e-5
     for frame in range(6):
-        time_s = float(known.time[frame])
-        nearer, farther = np.linalg.norm(
+        time_s = float(ground_truth.time[frame])
+        range_before_m, range_after_m = np.linalg.norm(
             scene.target_positions_m([time_s - step_s, time_s + step_s]), axis=-1
         )
-        # Roundings of 1e-14 m over 20 us, and a third derivative of 1e4 m/s^3 times 2e-11 s^2.
-        numeric = (farther - nearer) / (2 * step_s)
-        assert known.velocity[:, frame].values == pytest.approx(numeric, abs=1e-6)
+        # Rounding: 1e-14 m over 20 us; third derivative: 1e4 m/s^3 times 2e-11 s^2.
+        numeric = (range_after_m - range_before_m) / (2 * step_s)
+        assert ground_truth.velocity[:, frame].values == pytest.approx(numeric, abs=1e-6)
 
 
-def test_the_truth_tells_directions_in_the_axes_of_the_radar(radar):
+def test_true_angles_are_in_radar_axes(radar):
     ego = Ego(yaw_rad=0.4, pitch_rad=0.1, velocity_m_per_s=(30, 0, 0), turn_rate_rad_per_s=1.0)
-    scene = one(position_m=(40, 2, 1), ego=ego)
-    known = truth(scene, radar).isel(target=0, frame=0)
+    scene = build_scene(position_m=(40, 2, 1), ego=ego)
+    ground_truth = truth(scene, radar).isel(target=0, frame=0)
     time_s = radar.frame.mid_frame_s
-    x, y, z = at(scene, time_s)[0]
+    x, y, z = compute_positions_m(scene, time_s)[0]
 
-    assert known.range.item() == pytest.approx(np.sqrt(x**2 + y**2 + z**2), rel=1e-14)
-    assert known.azimuth.item() == pytest.approx(np.arctan2(y, x), abs=1e-14)
-    assert known.elevation.item() == pytest.approx(np.arcsin(z / known.range.item()), abs=1e-14)
+    assert ground_truth.range.item() == pytest.approx(np.sqrt(x**2 + y**2 + z**2), rel=1e-14)
+    assert ground_truth.azimuth.item() == pytest.approx(np.arctan2(y, x), abs=1e-14)
+    assert ground_truth.elevation.item() == pytest.approx(
+        np.arcsin(z / ground_truth.range.item()), abs=1e-14
+    )
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("settings", "message"),
     [
         (
-            {"waypoints": SWERVING[::-1]},
+            {"waypoints": SWERVE_WAYPOINTS[::-1]},
             r"Target\.waypoints\.1\.time_s: 1\.2 s after 2 s: the path of car goes back",
         ),
-        ({"waypoints": SWERVING[:1] * 2}, "path of car goes back in time"),
+        ({"waypoints": SWERVE_WAYPOINTS[:1] * 2}, "path of car goes back in time"),
         ({"waypoints": [(1, 2, 3)]}, r"Target\.waypoints.* a Waypoint"),
         ({"waypoints": 5}, r"Target\.waypoints.* a Waypoint"),
         ({"waypoints": np.array(np.nan)}, r"Target\.waypoints.* a Waypoint"),
         ({"waypoints": np.zeros((2, 3))}, r"Target\.waypoints.* a Waypoint"),
         (
-            {"waypoints": SWERVING, "velocity_m_per_s": (1, 0, 0)},
+            {"waypoints": SWERVE_WAYPOINTS, "velocity_m_per_s": (1, 0, 0)},
             "velocity_m_per_s: .* in addition to waypoints",
         ),
         (
-            {"waypoints": SWERVING, "acceleration_m_per_s2": (0, 1, 0)},
+            {"waypoints": SWERVE_WAYPOINTS, "acceleration_m_per_s2": (0, 1, 0)},
             "acceleration_m_per_s2: .* in addition to waypoints",
         ),
         (
@@ -428,39 +470,45 @@ def test_the_truth_tells_directions_in_the_axes_of_the_radar(radar):
         ({"body": "car"}, r"Target\.body: car; expected a Body, or none"),
     ],
 )
-def test_a_motion_that_cannot_be_is_refused(wrong, message):
+def test_rejects_invalid_motion(settings, message):
     with pytest.raises(dc.InvalidSetting, match=message):
-        one(**wrong)
+        build_scene(**settings)
 
 
-def test_no_waypoints_are_none_in_whatever_list():
-    straight = one(waypoints=())
-    for none in ([], np.zeros((0, 3)), iter(())):
-        assert one(waypoints=none) == straight
+def test_empty_waypoint_lists_of_any_type_are_equal():
+    static_scene = build_scene(waypoints=())
+    for empty_list in ([], np.zeros((0, 3)), iter(())):
+        assert build_scene(waypoints=empty_list) == static_scene
 
 
 @pytest.mark.parametrize("time_s", [0, -1, np.inf, "1", 10**400])
-def test_a_waypoint_is_at_a_time_after_time_zero(time_s):
+def test_rejects_waypoint_time_that_is_not_positive(time_s):
     with pytest.raises(dc.InvalidSetting, match=r"Waypoint\.time_s"):
         Waypoint(time_s=time_s, position_m=(1, 0, 0))
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "settings",
     [{"yaw_rad": 30}, {"turn_rate_rad_per_s": np.nan}, {"position_m": (1, 2)}, {"roll_rad": None}],
 )
-def test_a_pose_that_cannot_be_is_refused(wrong):
-    (name,) = wrong
+def test_rejects_invalid_pose(settings):
+    (name,) = settings
     with pytest.raises(dc.InvalidSetting, match=rf"Ego\.{name}"):
-        Ego(**wrong)
+        Ego(**settings)
 
 
-def test_many_targets_and_a_cloud_of_them_go_the_same_ways(radar):
+def test_point_cloud_follows_same_paths_as_its_targets(radar):
     rng = np.random.default_rng(72)
-    places_m = rng.uniform((1, -50, -1), (200, 50, 3), (300, 3))
-    cloud = one(**PAST, body=PointCloud(positions_m=places_m, rcs_m2=np.ones(300)), heading_rad=0.0)
-    targets = [Target(position_m=tuple(np.add(p, (25, 3, 0.2))), **PAST) for p in places_m]
-    (of_cloud,) = fit_paths(cloud, radar.frame, 0.3)
-    (of_targets,) = fit_paths(Scene(targets=targets), radar.frame, 0.3)
+    positions_m = rng.uniform((1, -50, -1), (200, 50, 3), (300, 3))
+    cloud = build_scene(
+        **PASSING_MOTION,
+        body=PointCloud(positions_m=positions_m, rcs_m2=np.ones(300)),
+        heading_rad=0.0,
+    )
+    targets = [
+        Target(position_m=tuple(np.add(p, (25, 3, 0.2))), **PASSING_MOTION) for p in positions_m
+    ]
+    (cloud_path,) = fit_paths(cloud, radar.frame, 0.3)
+    (target_path,) = fit_paths(Scene(targets=targets), radar.frame, 0.3)
 
-    assert of_cloud.path_m == pytest.approx(of_targets.path_m, abs=1e-13)
+    assert cloud_path.path_m == pytest.approx(target_path.path_m, abs=1e-13)

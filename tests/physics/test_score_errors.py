@@ -1,4 +1,4 @@
-"""Errors of estimates, measured beside the Cramer-Rao bound."""
+"""Scores of estimation errors: RMSE and bias of trials against the Cramer-Rao bound."""
 
 from dataclasses import replace
 
@@ -21,65 +21,71 @@ from dechirp.evaluation.score.errors import (
 from dechirp.evaluation.trial import TrialResult
 from dechirp.processing.chain import Chain
 from dechirp.scene.bodies.vehicle import Car
-from trial_cases import case_of, looks, small, target
+from trial_cases import iter_trials, make_target, small_radar, trial_context
 
-SURE = 1 - 1e-6
-
-
-def array(rx_m) -> dc.Radar:
-    return replace(small(), array=dc.Array(rx_m=rx_m))
+CONFIDENCE = 1 - 1e-6
 
 
-def test_errors_reach_the_bound_and_are_even_on_all_axes():
-    """2 x 4 receivers, one chain of 300 trials at 35 dB: what adding powers costs, 0.1 %."""
-    plane = array([(0, 1.9e-3 * y, 1.9e-3 * z) for y in range(4) for z in range(2)])
-    case = case_of(plane, Chain(), 35.0)
+def build_radar_with_array(rx_m) -> dc.Radar:
+    return replace(small_radar(), array=dc.Array(rx_m=rx_m))
+
+
+def test_errors_reach_bound_without_bias_on_all_axes():
+    """2 x 4 receivers, one chain, 300 trials at 35 dB: noncoherent summing costs 0.1 %."""
+    planar_radar = build_radar_with_array(
+        [(0, 1.9e-3 * y, 1.9e-3 * z) for y in range(4) for z in range(2)]
+    )
+    case = trial_context(planar_radar, Chain(), 35.0)
     rmses = [RangeRmse(), VelocityRmse(), AzimuthRmse(), ElevationRmse()]
     biases = [RangeBias(), VelocityBias(), AzimuthBias(), ElevationBias()]
-    seen = list(looks(case, 300))
+    trials = list(iter_trials(case, 300))
     for score in (*rmses, *biases):
         score.check_context(case)
-        sums = np.array([score.trial_sums(look, case)[0] for look in seen])
+        sums = np.array([score.trial_sums(trial, case)[0] for trial in trials])
 
-        found = score.estimate(sums, confidence=SURE)
+        estimate = score.estimate(sums, confidence=CONFIDENCE)
 
         (theory,) = score.theory(case)
         assert np.isfinite(theory)
-        assert found.low < theory < found.high, score.label()
-        assert found.high - found.low < 0.5 * rms_error_bounds(case)[score.axis][0] * (
+        assert estimate.low < theory < estimate.high, score.label()
+        assert estimate.high - estimate.low < 0.5 * rms_error_bounds(case)[score.axis][0] * (
             2 if score in biases else 1.5
         )
 
 
-def test_the_bound_falls_with_the_root_of_the_ratio():
-    low, high = (rms_error_bounds(case_of(small(4), Chain(), snr_db)) for snr_db in (20.0, 40.0))
+def test_bound_falls_with_square_root_of_snr():
+    low_snr_bounds, high_snr_bounds = (
+        rms_error_bounds(trial_context(small_radar(4), Chain(), snr_db)) for snr_db in (20.0, 40.0)
+    )
 
     for axis in ("range", "velocity", "azimuth"):
-        assert low[axis][0] == pytest.approx(10 * high[axis][0], rel=1e-9)
-    assert np.isnan(low["elevation"][0])
+        assert low_snr_bounds[axis][0] == pytest.approx(10 * high_snr_bounds[axis][0], rel=1e-9)
+    assert np.isnan(low_snr_bounds["elevation"][0])
 
 
-def test_no_bound_is_told_where_none_holds():
-    chain, radar = Chain(), small(4)
-    lone = case_of(radar, chain, 30.0)
-    none = [
-        case_of(radar, chain, 30.0, target(), target(21.0)),
-        case_of(radar, chain, 30.0, target(fluctuation="swerling-1")),
-        case_of(radar, chain, 30.0, target(body=Car())),
-        replace(lone, noise_power_w=np.nan),
+def test_bound_is_nan_outside_its_assumptions():
+    chain, radar = Chain(), small_radar(4)
+    single_case = trial_context(radar, chain, 30.0)
+    cases_without_bound = [
+        trial_context(radar, chain, 30.0, make_target(), make_target(21.0)),
+        trial_context(radar, chain, 30.0, make_target(fluctuation="swerling-1")),
+        trial_context(radar, chain, 30.0, make_target(body=Car())),
+        replace(single_case, noise_power_w=np.nan),
     ]
 
-    assert np.isfinite(RangeRmse().theory(lone)).all()
-    for case in none:
+    assert np.isfinite(RangeRmse().theory(single_case)).all()
+    for case in cases_without_bound:
         assert np.isnan(RangeRmse().theory(case)).all()
         assert np.isnan(RangeBias().theory(case)).all()
-    assert np.isnan(AzimuthRmse().theory(replace(lone, chain=replace(chain, angle=None)))).all()
+    assert np.isnan(
+        AzimuthRmse().theory(replace(single_case, chain=replace(chain, angle=None)))
+    ).all()
 
 
-def columns(case, **told) -> TrialResult:
-    """Detections of the first frame, those of the target's place but for what is told."""
-    n = max(np.size(column) for column in told.values())
-    at = {
+def build_trial_result(case, **overrides) -> TrialResult:
+    """Build detections of the first frame at the target's position, except for overrides."""
+    n = max(np.size(column) for column in overrides.values())
+    values = {
         "frame": 0,
         "range": case.truth.range.values[0, 0],
         "velocity": case.truth.velocity.values[0, 0],
@@ -87,45 +93,48 @@ def columns(case, **told) -> TrialResult:
         "elevation": np.nan,
         "ambiguity_number": np.nan,
         "snr": 100.0,
-        **told,
+        **overrides,
     }
-    found = {name: np.broadcast_to(column, n) for name, column in at.items()}
+    detections = {name: np.broadcast_to(column, n) for name, column in values.items()}
     return TrialResult(
-        detections=found, association=Associator(case.truth, case.radar, case.scene)(found)
+        detections=detections,
+        association=Associator(case.truth, case.radar, case.scene)(detections),
     )
 
 
-def test_the_strongest_detection_of_a_target_counts_and_not_the_nearest():
-    case = case_of(small(4), Chain(), 30.0)
+def test_strongest_detection_of_target_counts_not_nearest():
+    case = trial_context(small_radar(4), Chain(), 30.0)
     true_m = case.truth.range.item()
-    look = columns(case, range=true_m + np.array([0.0, 0.5, 30.0]), snr=[20.0, 90.0, 900.0])
+    trial = build_trial_result(
+        case, range=true_m + np.array([0.0, 0.5, 30.0]), snr=[20.0, 90.0, 900.0]
+    )
 
-    assert RangeRmse().trial_sums(look, case) == pytest.approx(np.array([[0.25, 1.0]]))
-    assert RangeBias().trial_sums(look, case) == pytest.approx(np.array([[0.5, 1.0]]))
-    # The strongest tells no azimuth: there is no error, rather than none.
-    assert AzimuthRmse().trial_sums(look, case) == pytest.approx(np.zeros((1, 2)))
+    assert RangeRmse().trial_sums(trial, case) == pytest.approx(np.array([[0.25, 1.0]]))
+    assert RangeBias().trial_sums(trial, case) == pytest.approx(np.array([[0.5, 1.0]]))
+    # The strongest detection has no azimuth: no error is counted, instead of an error of zero.
+    assert AzimuthRmse().trial_sums(trial, case) == pytest.approx(np.zeros((1, 2)))
 
 
-def test_targets_and_frames_add_up():
-    case = case_of(small(), Chain(), 30.0, target(), target(40.0), n_frames=3)
-    at_m = case.truth.range.values
-    places = [0, 0, 1], [0, 2, 2]
-    look = columns(
+def test_errors_sum_over_targets_and_frames():
+    case = trial_context(small_radar(), Chain(), 30.0, make_target(), make_target(40.0), n_frames=3)
+    true_ranges_m = case.truth.range.values
+    indices = [0, 0, 1], [0, 2, 2]
+    trial = build_trial_result(
         case,
         frame=[0, 2, 2],
-        range=at_m[places] + np.array([0.1, -0.2, 0.3]),
+        range=true_ranges_m[indices] + np.array([0.1, -0.2, 0.3]),
         velocity=case.truth.velocity.values[0, 0],
     )
 
-    assert RangeBias().trial_sums(look, case) == pytest.approx(np.array([[-0.1, 2], [0.3, 1]]))
-    whole = RangeRmse().trial_sums(look, case).sum(axis=0)
-    assert RangeRmse().estimate(whole[None], confidence=0.9).value == pytest.approx(
+    assert RangeBias().trial_sums(trial, case) == pytest.approx(np.array([[-0.1, 2], [0.3, 1]]))
+    sums = RangeRmse().trial_sums(trial, case).sum(axis=0)
+    assert RangeRmse().estimate(sums[None], confidence=0.9).value == pytest.approx(
         np.sqrt(0.14 / 3)
     )
 
 
-def test_what_cannot_be_scored_is_refused_with_what_to_do():
-    one_chirp = replace(small(), frame=replace(small().frame, n_chirps=1))
+def test_rejects_cases_without_score_and_suggests_fix():
+    one_chirp = replace(small_radar(), frame=replace(small_radar().frame, n_chirps=1))
     cfar = (
         dc.Cfar(
             estimator=dc.cfar.CellAveraging(),
@@ -136,15 +145,19 @@ def test_what_cannot_be_scored_is_refused_with_what_to_do():
         if hasattr(dc, "Cells")
         else Chain().cfar
     )
-    refused = [
-        (AzimuthRmse(), case_of(small(4), Chain(angle=None), 30.0), "chain.angle"),
-        (ElevationBias(), case_of(small(4), Chain(), 30.0), "tells no elevation"),
-        (VelocityRmse(), case_of(one_chirp, Chain(cfar=cfar), 30.0), "of one chirp"),
-        (RangeRmse(), case_of(small(), Chain(), 30.0, target(body=Car())), "bodies alone"),
+    cases = [
+        (AzimuthRmse(), trial_context(small_radar(4), Chain(angle=None), 30.0), "chain.angle"),
+        (ElevationBias(), trial_context(small_radar(4), Chain(), 30.0), "tells no elevation"),
+        (VelocityRmse(), trial_context(one_chirp, Chain(cfar=cfar), 30.0), "of one chirp"),
+        (
+            RangeRmse(),
+            trial_context(small_radar(), Chain(), 30.0, make_target(body=Car())),
+            "bodies alone",
+        ),
     ]
-    for score, case, what in refused:
-        with pytest.raises(dc.InvalidSetting, match=what) as wrong:
+    for score, case, message in cases:
+        with pytest.raises(dc.InvalidSetting, match=message) as error:
             score.check_context(case)
-        (mistake,) = wrong.value.mistakes
+        (mistake,) = error.value.mistakes
         assert score.label() in mistake.value
         assert mistake.fix.endswith(f"or leave out {score.label()}")

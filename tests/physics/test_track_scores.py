@@ -1,4 +1,4 @@
-"""Scores of tracks and clusters: of made-up looks whose score is known."""
+"""Scores of tracks and clusters, on synthetic trials with known scores."""
 
 from dataclasses import replace
 
@@ -8,60 +8,61 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.evaluation.association import Association
-from dechirp.evaluation.score.clusters_per_target import ClustersPerTarget
-from dechirp.evaluation.score.false_tracks import FalseTracks
-from dechirp.evaluation.score.identity_switches import IdentitySwitches
-from dechirp.evaluation.score.one_cluster_probability import OneClusterProbability
-from dechirp.evaluation.score.track_completeness import TrackCompleteness
-from dechirp.evaluation.score.track_gospa import TrackGospa
-from dechirp.evaluation.score.track_nees import TrackNees
-from dechirp.evaluation.score.track_ospa import TrackOspa
+from dechirp.evaluation.score.clusters import ClustersPerTarget, OneClusterProbability
+from dechirp.evaluation.score.tracks import (
+    FalseTracks,
+    IdentitySwitches,
+    TrackCompleteness,
+    TrackGospa,
+    TrackNees,
+    TrackOspa,
+)
 from dechirp.evaluation.track_states import STATE_NAMES, target_states
 from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.scene.truth import truth
 
 STD = np.array([0.2, 0.1, 0.3, 0.4])
-"""Of x, vx, y and vy, m and m/s."""
-OF_TRACKS = (TrackGospa, TrackOspa, TrackCompleteness, IdentitySwitches, TrackNees, FalseTracks)
+"""Standard errors of x, vx, y and vy, m and m/s."""
+TRACK_SCORES = (TrackGospa, TrackOspa, TrackCompleteness, IdentitySwitches, TrackNees, FalseTracks)
 
 
 @pytest.fixture(scope="module")
-def case(radar):
-    """Two cars side by side, overtaken by a radar that drives at an angle, over 20 frames."""
+def context(radar):
+    """Trial context of two cars side by side and an overtaking radar with yaw, 20 frames."""
     cars = [
         dc.Target(name=name, position_m=(30, y, 0), velocity_m_per_s=(15, 0, 0))
         for name, y in (("left", 5), ("right", -5))
     ]
     scene = dc.Scene(targets=cars, ego=dc.Ego(velocity_m_per_s=(20, 0, 0), yaw_rad=0.2))
     radar = replace(radar, frame=replace(radar.frame, period_s=0.05))
-    known = truth(scene, radar, n_frames=20)
+    ground_truth = truth(scene, radar, n_frames=20)
     chain = dc.Chain(cluster=dc.Dbscan())
-    return TrialContext(scene, radar, chain, known, 1e-12, known.time.values)
+    return TrialContext(scene, radar, chain, ground_truth, 1e-12, ground_truth.time.values)
 
 
-def tracks_at(case, state):
-    """Confirmed tracks of states (track, frame, 4), none where those are NaN."""
-    over = ("track", "frame")
-    there = np.isfinite(state).all(axis=-1)
-    covariance = np.where(there[..., None, None], np.diag(STD**2), np.nan)
-    columns = {name: (over, state[..., i]) for i, name in enumerate(STATE_NAMES)}
+def build_tracks(context, state):
+    """Build confirmed tracks of states (track, frame, 4); NaN marks missing frames."""
+    dims = ("track", "frame")
+    has_state = np.isfinite(state).all(axis=-1)
+    covariance = np.where(has_state[..., None, None], np.diag(STD**2), np.nan)
+    columns = {name: (dims, state[..., i]) for i, name in enumerate(STATE_NAMES)}
     columns |= {
-        "covariance": ((*over, "state", "other_state"), covariance),
-        "status": (over, np.where(there, "confirmed", "")),
+        "covariance": ((*dims, "state", "other_state"), covariance),
+        "status": (dims, np.where(has_state, "confirmed", "")),
     }
-    frame = case.truth["frame"].values
+    frame = context.truth["frame"].values
     return xr.Dataset(
         columns,
         coords={"frame": frame, "state": list(STATE_NAMES), "other_state": list(STATE_NAMES)},
     )
 
 
-def true_state(case):
-    known = target_states(case)
-    return np.stack([known[name].values for name in STATE_NAMES], axis=-1)
+def stack_true_states(context):
+    targets = target_states(context)
+    return np.stack([targets[name].values for name in STATE_NAMES], axis=-1)
 
 
-def look_of(tracks=None, clusters=None, columns=None, target=()):
+def build_trial_result(tracks=None, clusters=None, columns=None, target=()):
     errors = np.full((4, len(target)), np.nan)
     match = Association(np.array(target, int), *errors)
     return TrialResult(
@@ -69,94 +70,113 @@ def look_of(tracks=None, clusters=None, columns=None, target=()):
     )
 
 
-def scored(score, case, *states_of_trials):
-    """Estimate of trials whose tracks have those states."""
-    looks = [look_of(tracks_at(case, state)) for state in states_of_trials]
-    every = [score.trial_sums(look, case) for look in looks]
-    assert {one.shape for one in every} == {(max(len(score.subjects(case)), 1), score.n_sums)}
-    sums = np.array(every).sum(axis=1)
+def estimate_score(score, context, *states_of_trials):
+    """Estimate a score from trials whose tracks have the given states."""
+    trials = [build_trial_result(build_tracks(context, state)) for state in states_of_trials]
+    sums_of_trials = [score.trial_sums(trial, context) for trial in trials]
+    assert {trial_sums.shape for trial_sums in sums_of_trials} == {
+        (max(len(score.subjects(context)), 1), score.n_sums)
+    }
+    sums = np.array(sums_of_trials).sum(axis=1)
     return score.estimate(sums, confidence=0.9)
 
 
-def test_the_truth_of_tracks_is_where_the_radar_sees_targets(case):
-    known, seen = target_states(case), case.truth
-    np.testing.assert_allclose(np.hypot(known.x, known.y), seen.range, rtol=1e-12)
-    np.testing.assert_allclose(np.arctan2(known.y, known.x), seen.azimuth, atol=1e-12)
-    along = (known.x * known.vx + known.y * known.vy) / seen.range
-    np.testing.assert_allclose(along, seen.velocity, atol=1e-12)
+def test_true_states_match_ground_truth_of_radar(context):
+    targets, ground_truth = target_states(context), context.truth
+    np.testing.assert_allclose(np.hypot(targets.x, targets.y), ground_truth.range, rtol=1e-12)
+    np.testing.assert_allclose(np.arctan2(targets.y, targets.x), ground_truth.azimuth, atol=1e-12)
+    radial_velocity = (targets.x * targets.vx + targets.y * targets.vy) / ground_truth.range
+    np.testing.assert_allclose(radial_velocity, ground_truth.velocity, atol=1e-12)
 
 
-def test_perfect_tracks_have_no_error_and_hold_their_targets(case):
-    perfect = true_state(case)
+def test_perfect_tracks_have_no_error_and_full_completeness(context):
+    state = stack_true_states(context)
     expected = {TrackCompleteness: 1.0}
-    for member in OF_TRACKS:
-        assert scored(member(), case, perfect, perfect).value == expected.get(member, 0.0)
+    for member in TRACK_SCORES:
+        assert estimate_score(member(), context, state, state).value == expected.get(member, 0.0)
 
 
-def test_no_tracks_are_errors_of_the_cut_off(case):
-    none = np.empty((0, 20, 4))
-    assert scored(TrackOspa(cutoff_m=4.0), case, none, none).value == pytest.approx(4.0)
-    # Order 2: two misses of half its square each.
-    assert scored(TrackGospa(cutoff_m=4.0), case, none, none).value == pytest.approx(4.0)
-    assert scored(TrackCompleteness(), case, none, none).value == 0
-    assert np.isnan(scored(TrackNees(), case, none, none).value)
+def test_missing_tracks_score_the_cutoff(context):
+    no_tracks = np.empty((0, 20, 4))
+    assert estimate_score(
+        TrackOspa(cutoff_m=4.0), context, no_tracks, no_tracks
+    ).value == pytest.approx(4.0)
+    # Order 2: two missed targets of half the squared cutoff each.
+    assert estimate_score(
+        TrackGospa(cutoff_m=4.0), context, no_tracks, no_tracks
+    ).value == pytest.approx(4.0)
+    assert estimate_score(TrackCompleteness(), context, no_tracks, no_tracks).value == 0
+    assert np.isnan(estimate_score(TrackNees(), context, no_tracks, no_tracks).value)
 
 
-def test_a_consistent_filter_has_four(case):
-    rng, state, score = np.random.default_rng(111), true_state(case), TrackNees(cutoff_m=5.0)
-    # Errors that last the whole trial: 100 trials of two targets are 200 errors, not 4,000.
-    noisy = [state + STD * rng.standard_normal((2, 1, 4)) for _ in range(100)]
-    found = scored(score, case, *noisy)
-    assert score.theory(case).tolist() == [4.0, 4.0]
-    # Chi-square of four degrees has a standard deviation of 2.83: 0.2, five of them.
-    assert found.value == pytest.approx(4.0, abs=1.0)
-    assert found.high - found.low == pytest.approx(2 * 1.66 * 0.2, rel=0.3)
-    # A filter that takes errors for half as large is seen through.
-    assert scored(score, case, *(2 * one - state for one in noisy)).low > 10
+def test_consistent_filter_has_nees_of_four(context):
+    rng, state, score = (
+        np.random.default_rng(111),
+        stack_true_states(context),
+        TrackNees(cutoff_m=5.0),
+    )
+    # Errors are constant over a trial: 100 trials of two targets are 200 errors, not 4,000.
+    noisy_states = [state + STD * rng.standard_normal((2, 1, 4)) for _ in range(100)]
+    estimate = estimate_score(score, context, *noisy_states)
+    assert score.theory(context).tolist() == [4.0, 4.0]
+    # Chi-squared of four degrees of freedom has a standard deviation of 2.83: 0.2, five of them.
+    assert estimate.value == pytest.approx(4.0, abs=1.0)
+    assert estimate.high - estimate.low == pytest.approx(2 * 1.66 * 0.2, rel=0.3)
+    # A filter that understates its errors by half has a clearly larger NEES.
+    assert (
+        estimate_score(
+            score, context, *(2 * noisy_state - state for noisy_state in noisy_states)
+        ).low
+        > 10
+    )
 
 
-def test_tracks_that_swap_their_targets_change_identity_once_each(case):
-    state = true_state(case)
-    swapped = state.copy()
-    swapped[:, 12:] = state[::-1, 12:]
-    changes = scored(IdentitySwitches(), case, swapped, state)
-    assert changes.value == 0.5  # a change of each target in one of two trials
-    assert scored(TrackCompleteness(), case, swapped).value == 1
-    assert scored(TrackOspa(), case, swapped).value == 0
+def test_swapped_tracks_count_one_identity_switch_per_target(context):
+    state = stack_true_states(context)
+    swapped_state = state.copy()
+    swapped_state[:, 12:] = state[::-1, 12:]
+    switches = estimate_score(IdentitySwitches(), context, swapped_state, state)
+    assert switches.value == 0.5  # one switch per target in one of two trials
+    assert estimate_score(TrackCompleteness(), context, swapped_state).value == 1
+    assert estimate_score(TrackOspa(), context, swapped_state).value == 0
 
 
-def test_a_late_track_and_one_of_nothing_count_by_frames(case):
-    state = true_state(case)
-    late = state.copy()
-    late[0, :5] = np.nan
-    ghost = np.full((1, 20, 4), np.nan)
-    ghost[0, 15:] = [80.0, 0.0, 20.0, 0.0]
-    both = np.concatenate([late, ghost])
-    assert scored(TrackCompleteness(), case, both).value == 35 / 40
-    assert scored(FalseTracks(), case, both, state).value == 5 / 40
-    # Of two targets one is missing, or of three tracks one too many.
+def test_late_and_false_tracks_count_by_frames(context):
+    state = stack_true_states(context)
+    late_state = state.copy()
+    late_state[0, :5] = np.nan
+    ghost_state = np.full((1, 20, 4), np.nan)
+    ghost_state[0, 15:] = [80.0, 0.0, 20.0, 0.0]
+    all_states = np.concatenate([late_state, ghost_state])
+    assert estimate_score(TrackCompleteness(), context, all_states).value == 35 / 40
+    assert estimate_score(FalseTracks(), context, all_states, state).value == 5 / 40
+    # One of two targets is missing, or one of three tracks is false.
     expected = (5 * 3.0 / 2 + 5 * 3.0 / 3) / 20
-    assert scored(TrackOspa(cutoff_m=3.0), case, both).value == pytest.approx(expected)
+    assert estimate_score(TrackOspa(cutoff_m=3.0), context, all_states).value == pytest.approx(
+        expected
+    )
     expected = 10 * np.sqrt(3.0**2 / 2) / 20
-    assert scored(TrackGospa(cutoff_m=3.0), case, both).value == pytest.approx(expected)
+    assert estimate_score(TrackGospa(cutoff_m=3.0), context, all_states).value == pytest.approx(
+        expected
+    )
 
 
-def test_frames_of_a_track_make_no_surer_than_its_trials(case):
-    state = true_state(case)
-    lost = np.full_like(state, np.nan)
-    few = scored(TrackCompleteness(), case, *([state] * 8 + [lost] * 2))
-    assert few.value == 0.8
-    # Ten trials, not 400 looks: between 0.49 and 0.96.
-    assert few.low < 0.6 and few.high > 0.9
+def test_confidence_depends_on_number_of_trials_not_frames(context):
+    state = stack_true_states(context)
+    lost_state = np.full_like(state, np.nan)
+    estimate = estimate_score(TrackCompleteness(), context, *([state] * 8 + [lost_state] * 2))
+    assert estimate.value == 0.8
+    # Ten trials, not 400 track frames: between 0.49 and 0.96.
+    assert estimate.low < 0.6 and estimate.high > 0.9
 
 
-def clusters_of(frames):
+def build_clusters(frames):
     return xr.Dataset({"frame": ("cluster", np.array(frames))})
 
 
-def test_clusters_belong_to_the_target_of_most_of_their_power(case):
-    # Frame 0: the left car in two parts; frame 1: both merged, the right one stronger; frame 2:
-    # each alone, beside a cluster of false alarms and a detection that is in none.
+def test_cluster_belongs_to_target_with_most_of_its_power(context):
+    # Frame 0: left car in two clusters; frame 1: both cars in one cluster, the right one stronger;
+    # frame 2: one cluster per car, a cluster of false alarms and an unclustered detection.
     table = [
         (0, 0, 10.0, 0), (0, 1, 10.0, 0),
         (1, 2, 10.0, 0), (1, 2, 12.0, 1),
@@ -164,26 +184,26 @@ def test_clusters_belong_to_the_target_of_most_of_their_power(case):
     ]  # fmt: skip
     frame, cluster, snr, target = np.array(table).T
     columns = {"frame": frame, "cluster": cluster, "snr": snr}
-    look = look_of(None, clusters_of([0, 0, 1, 2, 2, 2]), columns, target)
-    one, parts = (
-        score.trial_sums(look, case) for score in (OneClusterProbability(), ClustersPerTarget())
+    trial = build_trial_result(None, build_clusters([0, 0, 1, 2, 2, 2]), columns, target)
+    one_cluster_sums, cluster_sums = (
+        score.trial_sums(trial, context) for score in (OneClusterProbability(), ClustersPerTarget())
     )
 
-    # Left: parts, lost, one; right: lost, one, one; of 20 frames.
-    assert one.tolist() == [[1, 20], [2, 20]]
-    assert parts.tolist() == [[3, 2], [2, 2]]
-    assert ClustersPerTarget().estimate(parts[:1], confidence=0.9).value == 1.5
+    # Left car: two clusters, none, one; right car: none, one, one; of 20 frames.
+    assert one_cluster_sums.tolist() == [[1, 20], [2, 20]]
+    assert cluster_sums.tolist() == [[3, 2], [2, 2]]
+    assert ClustersPerTarget().estimate(cluster_sums[:1], confidence=0.9).value == 1.5
 
 
-def test_scores_of_clusters_and_tracks_say_what_is_missing(case):
-    empty = replace(case, scene=dc.Scene())
-    for member in (*OF_TRACKS[:-1], OneClusterProbability, ClustersPerTarget):
-        member().check_context(case)
+def test_rejects_contexts_without_targets_or_clusters(context):
+    empty_context = replace(context, scene=dc.Scene())
+    for member in (*TRACK_SCORES[:-1], OneClusterProbability, ClustersPerTarget):
+        member().check_context(context)
         with pytest.raises(dc.InvalidSetting, match="without targets"):
-            member().check_context(empty)
-    FalseTracks().check_context(empty)
+            member().check_context(empty_context)
+    FalseTracks().check_context(empty_context)
     for member in (OneClusterProbability, ClustersPerTarget):
         with pytest.raises(dc.InvalidSetting, match="without clusters"):
-            member().check_context(replace(case, chain=dc.Chain()))
+            member().check_context(replace(context, chain=dc.Chain()))
     with pytest.raises(dc.InvalidSetting, match="cutoff_m"):
         TrackGospa(cutoff_m=0.0)

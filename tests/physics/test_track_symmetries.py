@@ -1,4 +1,4 @@
-"""Symmetries from detections to tracks: turned, mirrored or later, tracks are so too."""
+"""Symmetries of tracking: rotation, mirroring and delay of detections."""
 
 import numpy as np
 import pytest
@@ -10,74 +10,83 @@ from dechirp.tracking.batch import track
 from dechirp.tracking.false_alarms import FalseAlarms
 from dechirp.tracking.tracker import Tracker
 
-N_FRAMES, EVERY_S = 12, 0.1
+N_FRAMES, FRAME_PERIOD_S = 12, 0.1
 STD = {"range": 0.15, "azimuth": 0.01, "velocity": 0.1}
-few = settings(max_examples=5)
+few_examples = settings(max_examples=5)
 
 
-def seen(seed: int) -> xr.Dataset:
-    """Detections of three targets that go straight on, with errors."""
+def draw_detections(seed: int) -> xr.Dataset:
+    """Draw detections of three targets on straight paths, with errors."""
     rng = np.random.default_rng(seed)
-    times_s = np.repeat(np.arange(N_FRAMES) * EVERY_S, 3)
-    start, speed = np.array([[30.0, -9], [45, 3], [60, 12]]), rng.uniform(-5, 5, (3, 2))
-    x, y = np.tile(start.T, N_FRAMES) + np.tile(speed.T, N_FRAMES) * times_s
-    vx, vy = np.tile(speed.T, N_FRAMES)
+    times_s = np.repeat(np.arange(N_FRAMES) * FRAME_PERIOD_S, 3)
+    start_m, velocities = np.array([[30.0, -9], [45, 3], [60, 12]]), rng.uniform(-5, 5, (3, 2))
+    x, y = np.tile(start_m.T, N_FRAMES) + np.tile(velocities.T, N_FRAMES) * times_s
+    vx, vy = np.tile(velocities.T, N_FRAMES)
     range_m = np.hypot(x, y)
-    told = {
+    columns = {
         "range": range_m,
         "azimuth": np.arctan2(y, x),
         "velocity": (x * vx + y * vy) / range_m,
     }
-    told = {name: one + STD[name] * rng.standard_normal(one.size) for name, one in told.items()}
-    told |= {f"{name}_std": np.full(x.size, std) for name, std in STD.items()}
-    told["frame"] = np.repeat(np.arange(N_FRAMES), 3)
-    return xr.Dataset({name: ("detection", one) for name, one in told.items()})
+    columns = {
+        name: column + STD[name] * rng.standard_normal(column.size)
+        for name, column in columns.items()
+    }
+    columns |= {f"{name}_std": np.full(x.size, std) for name, std in STD.items()}
+    columns["frame"] = np.repeat(np.arange(N_FRAMES), 3)
+    return xr.Dataset({name: ("detection", column) for name, column in columns.items()})
 
 
-def tracks_of(found: xr.Dataset, later_s: float = 0.0, **settings) -> xr.Dataset:
+def build_tracks(detections: xr.Dataset, delay_s: float = 0.0, **settings) -> xr.Dataset:
     tracker = Tracker(false_alarms=FalseAlarms(per_frame=1e-3), **settings)
-    return track(found, later_s + np.arange(N_FRAMES) * EVERY_S, tracker)
+    return track(detections, delay_s + np.arange(N_FRAMES) * FRAME_PERIOD_S, tracker)
 
 
-def turned(tracks: xr.Dataset, matrix: np.ndarray) -> list[np.ndarray]:
-    """Places, velocities and covariance of places, in other axes."""
+def rotate_tracks(tracks: xr.Dataset, matrix: np.ndarray) -> list[np.ndarray]:
+    """Rotate positions and velocities of tracks."""
     return [
         np.einsum("ij,jtf->itf", matrix, np.stack([tracks[name].values for name in pair]))
         for pair in (("x", "y"), ("vx", "vy"))
     ]
 
 
-def agree(found: xr.Dataset, expected: xr.Dataset, matrix: np.ndarray, atol: float) -> None:
-    assert found.sizes == expected.sizes and expected.sizes["track"] >= 3
-    np.testing.assert_array_equal(found.status, expected.status)
-    for one, other in zip(turned(found, np.eye(2)), turned(expected, matrix), strict=True):
-        np.testing.assert_allclose(one, other, atol=atol, equal_nan=True)
+def check_agreement(
+    tracks: xr.Dataset, expected: xr.Dataset, matrix: np.ndarray, atol: float
+) -> None:
+    assert tracks.sizes == expected.sizes and expected.sizes["track"] >= 3
+    np.testing.assert_array_equal(tracks.status, expected.status)
+    for actual_state, expected_state in zip(
+        rotate_tracks(tracks, np.eye(2)), rotate_tracks(expected, matrix), strict=True
+    ):
+        np.testing.assert_allclose(actual_state, expected_state, atol=atol, equal_nan=True)
 
 
-@few
+@few_examples
 @given(st.integers(0, 2**32 - 1), st.floats(-0.5, 0.5), st.sampled_from(["nearest", "joint"]))
-def test_detections_turned_about_the_radar_turn_the_tracks(seed, angle, association):
-    found = seen(seed)
-    # Not the unscented one: its points lie along x and y, which moves tracks by up to 9 mm of
-    # the 150 mm that a detection is off.
+def test_rotated_detections_give_rotated_tracks(seed, angle, association):
+    detections = draw_detections(seed)
+    # The unscented filter is excluded: its sigma points along x and y move tracks by up to 9 mm,
+    # of the 150 mm error of a detection.
     filters = {"filter": "extended", "association": association}
-    here = tracks_of(found, **filters)
-    there = tracks_of(found.assign(azimuth=found.azimuth + angle), **filters)
+    tracks = build_tracks(detections, **filters)
+    rotated_tracks = build_tracks(detections.assign(azimuth=detections.azimuth + angle), **filters)
     c, s = np.cos(angle), np.sin(angle)
-    # Stone Soup takes derivatives by differences, right to 1e-8.
-    agree(there, here, np.array([[c, -s], [s, c]]), atol=1e-4)
+    # Stone Soup differentiates numerically, with errors of 1e-8.
+    check_agreement(rotated_tracks, tracks, np.array([[c, -s], [s, c]]), atol=1e-4)
 
 
-@few
+@few_examples
 @given(st.integers(0, 2**32 - 1))
 def test_mirrored_detections_give_mirrored_tracks(seed):
-    found = seen(seed)
-    there = tracks_of(found.assign(azimuth=-found.azimuth))
-    agree(there, tracks_of(found), np.diag([1.0, -1.0]), atol=1e-9)
+    detections = draw_detections(seed)
+    mirrored_tracks = build_tracks(detections.assign(azimuth=-detections.azimuth))
+    check_agreement(mirrored_tracks, build_tracks(detections), np.diag([1.0, -1.0]), atol=1e-9)
 
 
-@pytest.mark.parametrize("later_s", [0.25, 3600.0, 1e6])
-def test_tracks_do_not_depend_on_when_the_first_frame_was(later_s):
-    found = seen(1)
-    # A time of 1e6 s is rounded to 1e-10 s, or to a microsecond on a clock of dates.
-    agree(tracks_of(found, later_s), tracks_of(found), np.eye(2), atol=1e-4)
+@pytest.mark.parametrize("delay_s", [0.25, 3600.0, 1e6])
+def test_tracks_do_not_depend_on_time_of_first_frame(delay_s):
+    detections = draw_detections(1)
+    # Rounding of 1e6 s: 1e-10 s as a float, 1 us as a datetime.
+    check_agreement(
+        build_tracks(detections, delay_s), build_tracks(detections), np.eye(2), atol=1e-4
+    )

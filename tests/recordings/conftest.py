@@ -1,4 +1,4 @@
-"""Where the real recordings are: they are not part of the project, most have no licence."""
+"""Folder of the real recordings, which are not part of the project: most have no licence."""
 
 import os
 from pathlib import Path
@@ -8,10 +8,14 @@ import pytest
 
 @pytest.fixture(scope="session")
 def real_data() -> Path:
-    """Folder of recordings, from DECHIRP_REAL_DATA or beside the checkout."""
-    told = os.environ.get("DECHIRP_REAL_DATA")
+    """Return the folder of recordings, from DECHIRP_REAL_DATA or next to the checkout."""
+    configured_folder = os.environ.get("DECHIRP_REAL_DATA")
     checkout = Path(__file__).resolve().parents[2]
-    folder = Path(told) if told else checkout.parent / "shared" / "data" / "real"
+    folder = (
+        Path(configured_folder)
+        if configured_folder
+        else checkout.parent / "shared" / "data" / "real"
+    )
     if folder.is_dir():
         return folder
     reason = f"no recordings in {folder}; name their folder in DECHIRP_REAL_DATA"

@@ -12,12 +12,12 @@ from bokeh.models import Button, Div
 import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.experiments.scenario import RecordingSource, Scenario
-from dechirp.simulation.impairments.white_noise import WhiteNoise
+from dechirp.simulation.impairments.noise import WhiteNoise
 from dechirp.studio.compare import Comparison, ComparisonRow, changed_settings
 from dechirp.studio.panels.compare import Compare
 from dechirp.studio.scenario_edits import PageLimits, apply_options
 from dechirp.studio.session import Session
-from trial_cases import small, target
+from trial_cases import make_target, small_radar
 
 # Of each interval: all of them together fail by chance in one of a hundred thousand seeds.
 CONFIDENCE = 1 - 1e-7
@@ -25,9 +25,9 @@ CONFIDENCE = 1 - 1e-7
 
 def scenario(**settings) -> Scenario:
     """A steady target that is found in most frames of 64 x 32 samples."""
-    scene = dc.Scene(targets=[replace(target(21.0, 5.0), name="car", fluctuation="steady")])
+    scene = dc.Scene(targets=[replace(make_target(21.0, 5.0), name="car", fluctuation="steady")])
     noise = WhiteNoise(snr=10 ** (settings.pop("snr_db", -20.0) / 10))
-    return Scenario(radar=small(2), scene=scene, impairments=(noise,), seed=3, **settings)
+    return Scenario(radar=small_radar(2), scene=scene, impairments=(noise,), seed=3, **settings)
 
 
 def turned(one: Scenario, *options: str) -> Scenario:

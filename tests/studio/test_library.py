@@ -15,7 +15,7 @@ from dechirp.studio.frame_sources import open_frame_source
 from dechirp.studio.library import FolderScan, LibraryItem, inspect_item, open_item
 from dechirp.studio.option_hints import adapt_fix_to_page
 from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
-from trial_cases import small, target
+from trial_cases import make_target, small_radar
 
 
 @pytest.fixture
@@ -29,8 +29,8 @@ def folder(tmp_path):
 
 def capture(path):
     """Two frames of the small radar, with its settings in them."""
-    cube = dc.simulate(dc.Scene(targets=[target()]), small(), n_frames=2, seed=1)
-    dc.write(dc.recording_from_cube(cube, small()), path)
+    cube = dc.simulate(dc.Scene(targets=[make_target()]), small_radar(), n_frames=2, seed=1)
+    dc.write(dc.recording_from_cube(cube, small_radar()), path)
     return path
 
 
@@ -52,7 +52,7 @@ def test_files_are_told_by_their_content(folder):
     (folder / "notes.md").write_text("# Walk\n")
     (folder / "deeper").mkdir()
     capture(folder / "deeper" / "run.npz")
-    (folder / "deeper" / "radar.yaml").write_text(dump(small()))
+    (folder / "deeper" / "radar.yaml").write_text(dump(small_radar()))
     assert looked(folder) == {
         "deeper/radar.yaml": "settings",
         "deeper/run.npz": "recording",

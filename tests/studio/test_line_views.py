@@ -288,7 +288,7 @@ def test_the_table_of_detections_tells_degrees_and_decibels_strongest_first():
     assert car["azimuth"] == pytest.approx(np.degrees(np.arctan2(10, 42)), abs=0.5)
     heads = {one.field: one.title for one in view.table.table.columns}
     assert heads["azimuth"] == "azimuth, °"
-    assert heads["snr"] == "SNR, dB"
+    assert heads["snr"] == "SNR (dB)"
 
 
 def test_the_title_of_the_table_counts_what_is_found_and_what_is_not():

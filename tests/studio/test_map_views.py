@@ -19,12 +19,11 @@ from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
 from dechirp.studio.theme import LIGHT
-from dechirp.studio.views.dragged import format_position, initial_position_m
 from dechirp.studio.views.figure_style import SPAN_DB, join_lines, power_to_levels
 from dechirp.studio.views.range_azimuth import RangeAzimuthView
 from dechirp.studio.views.range_doppler import RangeDopplerView
-from dechirp.studio.views.scene import SceneView
-from dechirp.studio.views.tails import TrackTails
+from dechirp.studio.views.scene import SceneView, format_position, initial_position_m
+from dechirp.studio.views.tracks import TrackTails
 from dechirp.tracking.online import Track
 
 LIMITS = PageLimits()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.studio.views.names import centred_label_boxes, place_labels
+from dechirp.studio.views.ground import centred_label_boxes, place_labels
 
 
 def test_a_name_alone_stands_on_the_side_that_is_not_the_middles():

@@ -22,9 +22,8 @@ from dechirp.studio.panels.hardware import Hardware
 from dechirp.studio.panels.knobs import Knob, override_options, setting_knobs
 from dechirp.studio.panels.processing import Processing
 from dechirp.studio.panels.radar import Radar
-from dechirp.studio.panels.requirements import Requirements
+from dechirp.studio.panels.requirements import Requirements, apply_design, round_frame
 from dechirp.studio.panels.settings_file import SettingsFile
-from dechirp.studio.panels.taken import apply_design, round_frame
 from dechirp.studio.panels.targets import Targets, replace_noise
 from dechirp.studio.scenario_edits import PageLimits, apply_options, parse_scenario
 from dechirp.studio.session import Session

@@ -1,4 +1,4 @@
-"""Gas, rain, fog and single drops against published values, and against plain sums."""
+"""Attenuation by gas, rain, fog and water films, and Mie scattering, against published values."""
 
 import json
 import math
@@ -29,8 +29,8 @@ from dechirp.theory.water_permittivity import water_film_loss, water_relative_pe
 
 MM_PER_H = 1e-3 / 3600
 
-# What the study group of the ITU gives for checking programs of P.676-12 and 13: 1013.25 hPa,
-# 288.15 K, 7.5 g/m^3; oxygen, then water vapour, dB/km.
+# Validation values of the ITU study group for P.676-12 and 13: 1013.25 hPa, 288.15 K, 7.5 g/m^3;
+# oxygen, then water vapour, dB/km.
 GASES = {
     1: (0.00538865816790655, 5.09046173249644e-05),
     59: (13.6352956340441, 0.149984058069274),
@@ -44,19 +44,19 @@ GASES = {
 
 
 @pytest.mark.parametrize("gigahertz", GASES)
-def test_oxygen_and_water_vapour_attenuate_as_the_itu_says(gigahertz):
+def test_oxygen_and_water_vapour_match_itu_values(gigahertz):
     oxygen, vapour = GASES[gigahertz]
     assert oxygen_db_per_km(gigahertz * 1e9) == pytest.approx(oxygen, rel=1e-9)
     assert vapour_db_per_km(gigahertz * 1e9) == pytest.approx(vapour, rel=1e-9)
 
 
-def test_clear_air_takes_a_third_of_a_decibel_per_kilometre_at_77_ghz():
+def test_clear_air_attenuates_a_third_of_a_db_per_km_at_77_ghz():
     assert oxygen_db_per_km(77e9) == pytest.approx(0.098, abs=5e-4)
     assert vapour_db_per_km(77e9) == pytest.approx(0.251, abs=5e-4)
     assert gas_db_per_km(77e9) == pytest.approx(0.348, abs=5e-4)
 
 
-def test_dry_air_keeps_the_oxygen_and_nothing_else():
+def test_dry_air_attenuates_by_oxygen_alone():
     dry = gas_db_per_km(77e9, vapour_kg_per_m3=0.0)
     assert dry == oxygen_db_per_km(77e9, vapour_kg_per_m3=0.0)
 
@@ -73,12 +73,12 @@ RAIN = {
 
 
 @pytest.mark.parametrize("gigahertz", RAIN)
-def test_the_power_law_of_rain_has_the_coefficients_of_the_table(gigahertz):
-    found = np.ravel(rain_power_law(gigahertz * 1e9))
-    assert found == pytest.approx(RAIN[gigahertz], rel=5e-4)
+def test_rain_power_law_matches_table_coefficients(gigahertz):
+    coefficients = np.ravel(rain_power_law(gigahertz * 1e9))
+    assert coefficients == pytest.approx(RAIN[gigahertz], rel=5e-4)
 
 
-def test_rain_attenuates_as_tabled_at_77_ghz():
+def test_rain_attenuation_matches_table_at_77_ghz():
     heavy = 25 * MM_PER_H
     assert rain_db_per_km(77e9, heavy) == pytest.approx(11.4, abs=0.05)
     assert rain_db_per_km(77e9, heavy, tilt_rad=math.pi / 2) == pytest.approx(11.0, abs=0.05)
@@ -88,35 +88,35 @@ def test_rain_attenuates_as_tabled_at_77_ghz():
     assert rain_db_per_km(77e9, 0.0) == 0
 
 
-def test_rain_attenuates_as_the_public_case_says():
+def test_rain_attenuation_matches_public_case():
     cases = json.loads((Path(__file__).parent / "theory_public.json").read_text())["cases"]
     case = next(case for case in cases if case["id"] == "rain_77_10_H")
-    found = rain_db_per_km(
+    attenuation = rain_db_per_km(
         case["inputs"]["freq_ghz"] * 1e9, case["inputs"]["rain_rate_mmph"] * MM_PER_H
     )
-    assert found == pytest.approx(case["expected"], rel=case["tol_rel"])
+    assert attenuation == pytest.approx(case["expected"], rel=case["tol_rel"])
 
 
-def test_fog_attenuates_less_when_it_is_warm():
-    found = [fog_db_per_km(77e9, 1e-3, temperature_k=273.15 + t) for t in (0, 10, 20)]
-    assert found == pytest.approx([3.54, 3.15, 2.71], abs=5e-3)
+def test_fog_attenuation_falls_with_temperature():
+    attenuations = [fog_db_per_km(77e9, 1e-3, temperature_k=273.15 + t) for t in (0, 10, 20)]
+    assert attenuations == pytest.approx([3.54, 3.15, 2.71], abs=5e-3)
     assert fog_db_per_km(77e9, 5e-4, temperature_k=283.15) == pytest.approx(1.57, abs=5e-3)
 
 
-def test_still_water_has_its_static_permittivity_at_low_frequencies():
-    # 80.1 at 20 degrees (CRC Handbook).
+def test_water_has_static_permittivity_at_low_frequencies():
+    # Static permittivity at 20 degrees: 80.1 (CRC Handbook).
     assert water_relative_permittivity(1e6, 293.15).real == pytest.approx(80.1, rel=2e-3)
 
 
-def test_a_small_metal_sphere_is_a_rayleigh_scatterer_and_a_large_one_its_shadow():
+def test_small_metal_sphere_follows_rayleigh_and_large_one_its_shadow():
     x = np.array([0.01, 0.03])
     radius_m = x / (2 * np.pi)
-    # (9 x^4) pi r^2, to the next order, x^2.
+    # Rayleigh cross section (9 x^4) pi r^2; the next order is x^2.
     assert sphere_rcs_m2(radius_m, 1.0) == pytest.approx(9 * x**4 * np.pi * radius_m**2, rel=2e-3)
     assert float(sphere_rcs_m2(60.0, 1.0)) == pytest.approx(np.pi * 60**2, rel=2e-3)
 
 
-def test_a_metal_sphere_resonates_where_its_circumference_is_a_wavelength():
+def test_metal_sphere_resonates_at_circumference_of_one_wavelength():
     x = np.linspace(0.5, 2.0, 1501)
     radius_m = x / (2 * np.pi)
     efficiency = sphere_rcs_m2(radius_m, 1.0) / (np.pi * radius_m**2)
@@ -125,8 +125,8 @@ def test_a_metal_sphere_resonates_where_its_circumference_is_a_wavelength():
     assert x[efficiency.argmax()] == pytest.approx(1.03, abs=0.01)
 
 
-def mie_in_30_digits(x, permittivity=None):
-    """Cross section over pi r^2, from Bessel functions and their derivatives as they are."""
+def compute_mie_in_30_digits(x, permittivity=None):
+    """Compute the cross section over pi r^2 from Bessel functions and their derivatives."""
     with mpmath.workdps(30):
         x = mpmath.mpf(x)
 
@@ -159,15 +159,15 @@ def mie_in_30_digits(x, permittivity=None):
 
 @pytest.mark.parametrize("x", [0.05, 0.8, 2.4, 7.0, 20.0])
 @pytest.mark.parametrize("epsilon", [None, 7.62 + 12.8j, 2.5 + 0.01j, 80 + 4j])
-def test_the_series_of_mie_equals_thirty_digits(x, epsilon):
+def test_mie_series_matches_thirty_digits(x, epsilon):
     radius_m = x / (2 * np.pi)
-    found = sphere_rcs_m2([radius_m, 1e-4], 1.0, permittivity=epsilon) / (np.pi * radius_m**2)
-    assert found[0] == pytest.approx(mie_in_30_digits(x, epsilon), rel=1e-9)
+    efficiency = sphere_rcs_m2([radius_m, 1e-4], 1.0, permittivity=epsilon) / (np.pi * radius_m**2)
+    assert efficiency[0] == pytest.approx(compute_mie_in_30_digits(x, epsilon), rel=1e-9)
 
 
 def test_rain_reflects_as_rayleigh_scatterers_at_3_ghz():
-    # N0 6! / Lambda^7 of Marshall and Palmer's drops, all far smaller than the wave; those
-    # above 7 mm, which break, are 1 % of it in light rain.
+    # N0 6! / Lambda^7 for Marshall and Palmer's drop sizes, all far smaller than the wavelength;
+    # drops above 7 mm, which break up, contribute 1 % in light rain.
     epsilon = water_relative_permittivity(3e9, 283.15)
     size = abs((epsilon - 1) / (epsilon + 2)) ** 2
     z_m3 = 8e6 * math.factorial(6) / 4100.0**7
@@ -176,47 +176,47 @@ def test_rain_reflects_as_rayleigh_scatterers_at_3_ghz():
     assert rain_reflectivity_per_m(3e9, MM_PER_H) == pytest.approx(expected, rel=0.03)
 
 
-def test_the_drops_carry_the_rain_that_they_stand_for():
-    # Volume of all drops times their fall. Marshall and Palmer's fit does not conserve it: up to
-    # 20 % more in light rain.
+def test_drop_sizes_and_speeds_give_rain_rate():
+    # Volume of all drops times their fall speed. Marshall and Palmer's fit does not conserve it:
+    # up to 20 % more in light rain.
     for rate in (2, 10, 25):
         volumes_m3 = np.pi / 6 * DIAMETERS_M**3
         flux = drop_size_density_per_m4(DIAMETERS_M, rate * MM_PER_H) * volumes_m3
         flux = flux * drop_fall_speed_m_per_s(DIAMETERS_M)
-        found = flux.sum() * (DIAMETERS_M[1] - DIAMETERS_M[0]) / MM_PER_H
-        assert found == pytest.approx(rate, rel=0.2)
+        rain_rate = flux.sum() * (DIAMETERS_M[1] - DIAMETERS_M[0]) / MM_PER_H
+        assert rain_rate == pytest.approx(rate, rel=0.2)
 
 
-def test_drops_fall_as_gunn_and_kinzer_measured():
+def test_drop_fall_speeds_match_gunn_and_kinzer():
     measured = {1e-3: 4.03, 2e-3: 6.49, 3e-3: 8.06, 5e-3: 9.09}
     for diameter_m, speed in measured.items():
         assert float(drop_fall_speed_m_per_s(diameter_m)) == pytest.approx(speed, rel=0.02)
 
 
-def test_a_film_of_water_weakens_by_its_reflections_and_its_absorption():
+def test_thick_water_film_attenuates_by_reflection_and_absorption():
     assert water_film_loss(77e9, 0.0, 283.15) == 1
-    # A thick film: two surfaces, and absorption between them, without echoes inside.
+    # A thick film has two surfaces and absorption between them, without internal reflections.
     n = np.sqrt(water_relative_permittivity(77e9, 283.15))
     surfaces = abs(4 * n / (1 + n) ** 2) ** 2
     absorption = math.exp(4 * math.pi * n.imag * 77e9 * 3e-3 / SPEED_OF_LIGHT)
     assert water_film_loss(77e9, 3e-3, 283.15) == pytest.approx(absorption / surfaces, rel=1e-6)
 
 
-def test_a_thin_film_is_a_plane_wave_between_two_boundaries():
-    # Fields that are continuous at both faces, solved as four equations.
+def test_thin_water_film_matches_plane_wave_solution():
+    # Continuity of the fields at both faces gives four equations.
     n = np.sqrt(water_relative_permittivity(77e9, 283.15))
     k, d = 2 * np.pi * 77e9 / SPEED_OF_LIGHT, 0.1e-3
-    inner, back = np.exp(1j * k * n * d), np.exp(-1j * k * n * d)
+    forward, backward = np.exp(1j * k * n * d), np.exp(-1j * k * n * d)
     fields = np.array(
         [
             [1, -1, -1, 0],
             [-1, -n, n, 0],
-            [0, inner, back, -1],
-            [0, n * inner, -n * back, -1],
+            [0, forward, backward, -1],
+            [0, n * forward, -n * backward, -1],
         ]
     )
-    *_, passed = np.linalg.solve(fields, np.array([-1, -1, 0, 0]))
-    assert water_film_loss(77e9, d, 283.15) == pytest.approx(1 / abs(passed) ** 2, rel=1e-9)
+    *_, transmitted = np.linalg.solve(fields, np.array([-1, -1, 0, 0]))
+    assert water_film_loss(77e9, d, 283.15) == pytest.approx(1 / abs(transmitted) ** 2, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -238,6 +238,6 @@ def test_a_thin_film_is_a_plane_wave_between_two_boundaries():
         (lambda: drop_size_density_per_m4(1e-3, 1.0), "rate_m_per_s"),
     ],
 )
-def test_what_no_formula_holds_for_is_refused(call, name):
+def test_rejects_arguments_outside_formula_ranges(call, name):
     with pytest.raises(dc.InvalidSetting, match=name):
         call()

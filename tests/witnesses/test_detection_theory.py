@@ -1,7 +1,7 @@
-"""Detection in known noise, against published values, mpmath, closed forms and dice.
+"""Detection in known noise against published values, mpmath, closed forms and simulation.
 
-The package sums the mixture by parts, over few terms. The witness here sums it as it is
-written, over all j, in 120 digits: slow, but another way to the same number.
+The package sums the mixture by parts, over few terms. The reference here sums over all j in 120
+digits: slow, but independent.
 """
 
 import math
@@ -31,93 +31,97 @@ from dechirp.theory.snr_approximations import albersheim_snr, shnidman_snr
 CASES = range(5)
 
 
-def by_mixture(snr, limit, *, n_summed, swerling):
-    """Sum of w(j) Q(K + j, T), as one minus the sum of w(j) P(K + j, T), which ends."""
+def sum_mixture(snr, threshold, *, n_summed, swerling):
+    """Sum w(j) Q(K + j, T) as one minus the sum of w(j) P(K + j, T), which converges."""
     with mpmath.workdps(120):
-        chi, t, k = mpmath.mpf(snr), mpmath.mpf(limit), n_summed
+        chi, t, k = mpmath.mpf(snr), mpmath.mpf(threshold), n_summed
         mean, shape = k * chi, (None, 1, k, 2, 2 * k)[swerling]
         weight = mpmath.exp(-mean) if swerling == 0 else (shape / (shape + mean)) ** shape
-        below = mpmath.gammainc(k, 0, t, regularized=True)
+        cumulative = mpmath.gammainc(k, 0, t, regularized=True)
         step = mpmath.exp(k * mpmath.log(t) - t - mpmath.loggamma(k + 1))
-        missed, j = mpmath.mpf(0), 0
-        while below > mpmath.mpf("1e-40"):
-            missed += weight * below
-            below -= step
+        miss_probability, j = mpmath.mpf(0), 0
+        while cumulative > mpmath.mpf("1e-40"):
+            miss_probability += weight * cumulative
+            cumulative -= step
             j += 1
             step *= t / (k + j)
             growth = mean if swerling == 0 else (shape + j - 1) * mean / (shape + mean)
             weight *= growth / j
-        return float(1 - missed), float(missed)
+        return float(1 - miss_probability), float(miss_probability)
 
 
-# PHYSICS 1.3, for a detection probability of 0.9 at 1e-6, in dB.
+# PHYSICS 1.3: SNR in dB for a detection probability of 0.9 at 1e-6.
 @pytest.mark.parametrize(
     ("n_summed", "needed_db"),
     [(1, (13.183, 21.144, 21.144, 17.296, 17.296)), (10, (5.267, 13.500, 6.292, 9.601, 5.806))],
 )
-def test_nine_looks_in_ten_at_1e_6_take_the_published_ratios(n_summed, needed_db):
-    found = [required_snr(0.9, 1e-6, n_summed=n_summed, swerling=case) for case in CASES]
+def test_required_snr_matches_published_values(n_summed, needed_db):
+    snr = [required_snr(0.9, 1e-6, n_summed=n_summed, swerling=case) for case in CASES]
 
-    np.testing.assert_allclose(to_decibels(found), needed_db, atol=5e-4)
+    np.testing.assert_allclose(to_decibels(snr), needed_db, atol=5e-4)
 
 
 @pytest.mark.parametrize("swerling", CASES)
 @pytest.mark.parametrize("n_summed", [1, 3, 100, 10_000])
-def test_detection_follows_the_mixture_from_minus_30_to_40_decibels(n_summed, swerling):
+def test_exceedance_matches_mixture_from_minus_30_to_40_db(n_summed, swerling):
     for pfa in (1e-12, 1e-4, 0.5):
-        limit = detection_threshold(pfa, n_summed=n_summed)
+        threshold = detection_threshold(pfa, n_summed=n_summed)
         for snr in from_decibels([-30.0, -17.0, -10.0, 0.0, 13.0, 40.0]):
-            exact, missed = by_mixture(snr, limit, n_summed=n_summed, swerling=swerling)
+            exact, miss_probability = sum_mixture(
+                snr, threshold, n_summed=n_summed, swerling=swerling
+            )
 
-            found = float(exceedance_probability(snr, limit, n_summed=n_summed, swerling=swerling))
+            probability = float(
+                exceedance_probability(snr, threshold, n_summed=n_summed, swerling=swerling)
+            )
 
-            # Largest seen 3e-14, as for the incomplete gamma function of noise alone.
-            assert found == pytest.approx(exact, rel=1e-12)
-            assert 1 - found == pytest.approx(missed, abs=1e-15, rel=1e-12)
+            # Largest error 3e-14, as for the incomplete gamma function of noise alone.
+            assert probability == pytest.approx(exact, rel=1e-12)
+            assert 1 - probability == pytest.approx(miss_probability, abs=1e-15, rel=1e-12)
 
 
 @pytest.mark.parametrize("n_summed", [1, 4, 50])
-def test_a_steady_target_follows_the_function_of_marcum(n_summed):
+def test_steady_target_follows_marcum_q_function(n_summed):
     snr = from_decibels(np.array([-10.0, 0.0, 6.0]))
-    limit = detection_threshold(1e-3, n_summed=n_summed)
+    threshold = detection_threshold(1e-3, n_summed=n_summed)
 
-    found = exceedance_probability(snr, limit, n_summed=n_summed)
+    probability = exceedance_probability(snr, threshold, n_summed=n_summed)
 
     # Q_K(sqrt(2 K chi), sqrt(2 T)), as the tail of noncentral chi-square.
-    marcum = ncx2.sf(2 * limit, 2 * n_summed, 2 * n_summed * snr)
-    np.testing.assert_allclose(found, marcum, rtol=1e-9)
+    marcum = ncx2.sf(2 * threshold, 2 * n_summed, 2 * n_summed * snr)
+    np.testing.assert_allclose(probability, marcum, rtol=1e-9)
 
 
 @pytest.mark.parametrize("swerling", CASES)
-def test_a_probability_of_1e_140_and_less_keeps_its_digits(swerling):
+def test_probability_below_1e_140_keeps_its_digits(swerling):
     # 400 times the noise: 1e-144 for a weak target of case 1, less for the others.
-    exact = by_mixture_of_small(0.1, 400.0, swerling=swerling)
+    exact = sum_mixture_by_terms(0.1, 400.0, swerling=swerling)
 
-    found = float(exceedance_probability(0.1, 400.0, n_summed=2, swerling=swerling))
+    probability = float(exceedance_probability(0.1, 400.0, n_summed=2, swerling=swerling))
 
-    assert 0 < found < 1e-140
-    assert found == pytest.approx(exact, rel=1e-12)
-
-
-def test_a_threshold_far_above_the_noise_is_exceeded_by_strong_targets_only():
-    limit = 1e4
-    snr = limit * np.array([0.03, 0.1, 1.0, 10.0, 1000.0])
-
-    found = exceedance_probability(snr, limit, swerling=1)
-
-    # The logarithm itself is right to about T times 1e-16.
-    np.testing.assert_allclose(found, np.exp(-limit / (1 + snr)), rtol=1e-11)
+    assert 0 < probability < 1e-140
+    assert probability == pytest.approx(exact, rel=1e-12)
 
 
-def by_mixture_of_small(snr, limit, *, swerling):
-    """The mixture for two powers, term by term; its terms fall below 1e-250 by j = 2000."""
+def test_only_strong_targets_exceed_threshold_far_above_noise():
+    threshold = 1e4
+    snr = threshold * np.array([0.03, 0.1, 1.0, 10.0, 1000.0])
+
+    probability = exceedance_probability(snr, threshold, swerling=1)
+
+    # The logarithm has an error of about T times 1e-16.
+    np.testing.assert_allclose(probability, np.exp(-threshold / (1 + snr)), rtol=1e-11)
+
+
+def sum_mixture_by_terms(snr, threshold, *, swerling):
+    """Sum the mixture for two powers term by term; terms fall below 1e-250 by j = 2000."""
     with mpmath.workdps(40):
-        mean, shape, t = 2 * mpmath.mpf(snr), (None, 1, 2, 2, 4)[swerling], mpmath.mpf(limit)
+        mean, shape, t = 2 * mpmath.mpf(snr), (None, 1, 2, 2, 4)[swerling], mpmath.mpf(threshold)
         weight = mpmath.exp(-mean) if swerling == 0 else (shape / (shape + mean)) ** shape
-        above, step, total = (1 + t) * mpmath.exp(-t), t**2 / 2 * mpmath.exp(-t), mpmath.mpf(0)
+        tail, step, total = (1 + t) * mpmath.exp(-t), t**2 / 2 * mpmath.exp(-t), mpmath.mpf(0)
         for j in range(1, 2000):
-            total += weight * above
-            above += step
+            total += weight * tail
+            tail += step
             step *= t / (j + 2)
             growth = mean if swerling == 0 else (shape + j - 1) * mean / (shape + mean)
             weight *= growth / j
@@ -125,35 +129,35 @@ def by_mixture_of_small(snr, limit, *, swerling):
 
 
 @pytest.mark.parametrize("pfa", [1e-12, 1e-6, 1e-2])
-def test_one_power_of_a_rayleigh_target_is_detected_with_a_root_of_the_false_alarm_rate(pfa):
+def test_rayleigh_target_probability_is_root_of_false_alarm_probability(pfa):
     snr = from_decibels([-30.0, 0.0, 20.0, 40.0])
 
     for swerling in (1, 2):
-        found = detection_probability(snr, pfa, swerling=swerling)
-        np.testing.assert_allclose(found, pfa ** (1 / (1 + snr)), rtol=1e-13)
+        probability = detection_probability(snr, pfa, swerling=swerling)
+        np.testing.assert_allclose(probability, pfa ** (1 / (1 + snr)), rtol=1e-13)
 
 
 @pytest.mark.parametrize("n_summed", [2, 10, 1000, 10_000])
-def test_targets_that_fluctuate_over_the_sum_follow_the_closed_forms_of_swerling(n_summed):
+def test_swerling_1_and_2_follow_closed_forms(n_summed):
     k, pfa = n_summed, 1e-6
     t = detection_threshold(pfa, n_summed=k)
     snr = from_decibels([-20.0, -10.0, 0.0, 10.0, 40.0])
 
     # Case 1, in logarithms: the power of K - 1 overflows for weak targets.
-    turn = 1 + 1 / (k * snr)
-    log_share = (k - 1) * np.log(turn) + np.log(gammainc(k - 1, t / turn)) - t / (1 + k * snr)
+    ratio = 1 + 1 / (k * snr)
+    log_share = (k - 1) * np.log(ratio) + np.log(gammainc(k - 1, t / ratio)) - t / (1 + k * snr)
     case_1 = gammaincc(k - 1, t) + np.exp(log_share)
-    found = detection_probability(snr, pfa, n_summed=k, swerling=1)
-    # K times 1e-16 is what the closed form itself loses.
-    np.testing.assert_allclose(found, case_1, rtol=1e-10)
+    probability = detection_probability(snr, pfa, n_summed=k, swerling=1)
+    # The closed form itself loses K times 1e-16.
+    np.testing.assert_allclose(probability, case_1, rtol=1e-10)
 
     # Case 2: noise of a larger power.
-    found = detection_probability(snr, pfa, n_summed=k, swerling=2)
-    np.testing.assert_allclose(found, gammaincc(k, t / (1 + snr)), rtol=1e-11)
+    probability = detection_probability(snr, pfa, n_summed=k, swerling=2)
+    np.testing.assert_allclose(probability, gammaincc(k, t / (1 + snr)), rtol=1e-11)
 
 
 @pytest.mark.parametrize("n_summed", [1, 2])
-def test_a_dominant_scatterer_follows_the_closed_form_of_swerling(n_summed):
+def test_swerling_3_follows_closed_form(n_summed):
     k, t = n_summed, detection_threshold(1e-6, n_summed=n_summed)
     snr = from_decibels([-3.0, 10.0, 25.0])
     half = k * snr / 2
@@ -161,71 +165,71 @@ def test_a_dominant_scatterer_follows_the_closed_form_of_swerling(n_summed):
     exact = (1 + 1 / half) ** (k - 2) * (1 + t / (1 + half) - (k - 2) / half)
     exact *= np.exp(-t / (1 + half))
 
-    found = detection_probability(snr, 1e-6, n_summed=k, swerling=3)
-    np.testing.assert_allclose(found, exact, rtol=1e-12)
+    probability = detection_probability(snr, 1e-6, n_summed=k, swerling=3)
+    np.testing.assert_allclose(probability, exact, rtol=1e-12)
 
 
-def test_one_power_fluctuates_alike_whether_over_the_sum_or_within_it():
+def test_slow_and_fast_fluctuation_agree_for_one_power():
     snr = from_decibels(np.arange(-30.0, 41.0, 10.0))
 
-    for over, within in ((1, 2), (3, 4)):
+    for slow_case, fast_case in ((1, 2), (3, 4)):
         np.testing.assert_array_equal(
-            detection_probability(snr, 1e-6, swerling=over),
-            detection_probability(snr, 1e-6, swerling=within),
+            detection_probability(snr, 1e-6, swerling=slow_case),
+            detection_probability(snr, 1e-6, swerling=fast_case),
         )
 
 
 @pytest.mark.parametrize("swerling", CASES)
 @pytest.mark.parametrize("n_summed", [1, 8])
-def test_thrown_dice_exceed_the_threshold_as_often_as_theory_says(n_summed, swerling):
+def test_simulated_detection_rate_matches_theory(n_summed, swerling):
     rng = np.random.default_rng(1_954 + swerling)
     n_trials, pfa = 100_000, 1e-2
     snr = required_snr(0.6, pfa, n_summed=n_summed, swerling=swerling)
-    # Scatterers: a power of 1 is exponential, of one strong among many gamma of shape 2.
-    over_the_sum = (n_trials, 1) if swerling in (1, 3) else (n_trials, n_summed)
+    # Power of many equal scatterers: exponential; of one dominant among many: gamma of shape 2.
+    power_shape = (n_trials, 1) if swerling in (1, 3) else (n_trials, n_summed)
     shape = 1.0 if swerling in (1, 2) else 2.0
-    power = rng.gamma(shape, 1 / shape, over_the_sum) if swerling else np.ones(over_the_sum)
+    power = rng.gamma(shape, 1 / shape, power_shape) if swerling else np.ones(power_shape)
     parts = rng.normal(scale=math.sqrt(0.5), size=(n_trials, n_summed, 2))
     noise = parts[..., 0] + 1j * parts[..., 1]
 
-    summed = np.sum(np.abs(np.sqrt(snr * power) + noise) ** 2, axis=1)
-    hits = np.count_nonzero(summed > detection_threshold(pfa, n_summed=n_summed))
+    power_sums = np.sum(np.abs(np.sqrt(snr * power) + noise) ** 2, axis=1)
+    hits = np.count_nonzero(power_sums > detection_threshold(pfa, n_summed=n_summed))
 
-    # 5.5 standard errors: ten such draws fail once in 3 million.
+    # Tolerance of 5.5 standard errors: ten such draws fail once in 3 million.
     assert hits / n_trials == pytest.approx(0.6, abs=5.5 * math.sqrt(0.24 / n_trials))
 
 
-numbers_of_powers = st.integers(0, 400).map(lambda k: round(10 ** (k / 100)))
+power_counts = st.integers(0, 400).map(lambda k: round(10 ** (k / 100)))
 false_alarms = st.floats(-12, -1).map(lambda lg: 10**lg)
 ratios_db = st.floats(-30, 40)
 cases = st.sampled_from(CASES)
-# A probability is right to 1e-12 of itself; so are comparisons of two.
+# Relative error of a comparison of two probabilities, each accurate to 1e-12.
 ROUNDING = 2e-12
 
 
 @settings(max_examples=300)
-@given(n_summed=numbers_of_powers, pfa=false_alarms, snr_db=ratios_db, swerling=cases)
-def test_detection_is_a_probability_not_below_that_of_a_false_alarm(
-    n_summed, pfa, snr_db, swerling
-):
-    found = detection_probability(from_decibels(snr_db), pfa, n_summed=n_summed, swerling=swerling)
+@given(n_summed=power_counts, pfa=false_alarms, snr_db=ratios_db, swerling=cases)
+def test_detection_probability_is_at_least_false_alarm_probability(n_summed, pfa, snr_db, swerling):
+    probability = detection_probability(
+        from_decibels(snr_db), pfa, n_summed=n_summed, swerling=swerling
+    )
 
-    assert pfa * (1 - ROUNDING) <= found <= 1
+    assert pfa * (1 - ROUNDING) <= probability <= 1
 
 
 @settings(max_examples=200)
-@given(n_summed=numbers_of_powers, pfa=false_alarms, start_db=ratios_db, swerling=cases)
-def test_more_power_is_detected_more_often(n_summed, pfa, start_db, swerling):
+@given(n_summed=power_counts, pfa=false_alarms, start_db=ratios_db, swerling=cases)
+def test_detection_probability_rises_with_snr(n_summed, pfa, start_db, swerling):
     snr = from_decibels(start_db + np.array([-1.0, -0.1, 0.0, 1e-6, 0.1, 1.0]))
 
-    found = detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling)
+    probability = detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling)
 
-    assert np.all(found[1:] >= found[:-1] * (1 - ROUNDING))
+    assert np.all(probability[1:] >= probability[:-1] * (1 - ROUNDING))
 
 
 @settings(max_examples=200)
-@given(n_summed=numbers_of_powers, pfa=false_alarms, snr_db=ratios_db, swerling=cases)
-def test_a_lower_threshold_detects_more_and_alarms_more(n_summed, pfa, snr_db, swerling):
+@given(n_summed=power_counts, pfa=false_alarms, snr_db=ratios_db, swerling=cases)
+def test_lower_threshold_raises_detection_probability(n_summed, pfa, snr_db, swerling):
     low, high = (
         float(
             detection_probability(from_decibels(snr_db), rate, n_summed=n_summed, swerling=swerling)
@@ -238,64 +242,66 @@ def test_a_lower_threshold_detects_more_and_alarms_more(n_summed, pfa, snr_db, s
 
 @settings(max_examples=100)
 @given(
-    n_summed=numbers_of_powers,
+    n_summed=power_counts,
     pfa=false_alarms,
     pd=st.floats(0.11, 0.999999),
     swerling=cases,
 )
-def test_the_required_ratio_is_detected_as_often_as_wanted(n_summed, pfa, pd, swerling):
+def test_required_snr_gives_requested_probability(n_summed, pfa, pd, swerling):
     snr = required_snr(pd, pfa, n_summed=n_summed, swerling=swerling)
 
-    found = detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling)
+    probability = detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling)
 
-    assert found == pytest.approx(pd, rel=1e-11)
-    assert 1 - found == pytest.approx(1 - pd, rel=1e-8)
+    assert probability == pytest.approx(pd, rel=1e-11)
+    assert 1 - probability == pytest.approx(1 - pd, rel=1e-8)
 
 
 @pytest.mark.parametrize("swerling", CASES)
 @pytest.mark.parametrize("n_summed", [1, 10_000])
-def test_the_required_ratio_is_found_at_the_ends_of_what_floats_can_say(n_summed, swerling):
+def test_required_snr_exists_at_limits_of_floats(n_summed, swerling):
     for pfa in (1e-12, 0.5):
         for pd in (np.nextafter(pfa, 1), np.nextafter(1, 0)):
             snr = required_snr(pd, pfa, n_summed=n_summed, swerling=swerling)
 
-            found = float(detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling))
+            probability = float(
+                detection_probability(snr, pfa, n_summed=n_summed, swerling=swerling)
+            )
 
             assert snr > 0
-            assert found == pytest.approx(pd, rel=1e-12)
+            assert probability == pytest.approx(pd, rel=1e-12)
 
 
 @pytest.mark.parametrize("swerling", CASES)
 @pytest.mark.parametrize("n_summed", [1, 10_000])
-def test_the_rarest_and_the_commonest_false_alarms_have_their_thresholds(n_summed, swerling):
+def test_extreme_false_alarm_probabilities_have_thresholds(n_summed, swerling):
     law = {"n_summed": n_summed, "swerling": swerling}
     for pfa in (1e-300, 1 - 1e-9):
-        # Noise alone is good to some 690 rounding errors here, the logarithm of 1e-300.
+        # Noise alone has about 690 rounding errors here, the logarithm of 1e-300.
         noise = float(detection_probability(0.0, pfa, **law))
         assert noise == pytest.approx(pfa, rel=1e-11)
         for pd in (2e-300, 0.9, 1 - 1e-10):
             if pd > pfa:
                 snr = required_snr(pd, pfa, **law)
-                found = float(detection_probability(snr, pfa, **law))
-                assert found == pytest.approx(pd, rel=1e-9)
+                probability = float(detection_probability(snr, pfa, **law))
+                assert probability == pytest.approx(pd, rel=1e-9)
 
 
 @pytest.mark.parametrize("swerling", CASES)
 @pytest.mark.parametrize("n_summed", [1, 30, 10_000])
-def test_a_target_of_no_power_is_detected_as_often_as_noise(n_summed, swerling):
+def test_target_without_power_is_detected_at_false_alarm_rate(n_summed, swerling):
     for pfa in (1e-12, 1e-6, 0.5):
-        found = detection_probability(0.0, pfa, n_summed=n_summed, swerling=swerling)
-        assert found == pytest.approx(pfa, rel=1e-12)
+        probability = detection_probability(0.0, pfa, n_summed=n_summed, swerling=swerling)
+        assert probability == pytest.approx(pfa, rel=1e-12)
 
 
-def test_detection_keeps_the_shape_of_the_ratios():
+def test_detection_probability_has_shape_of_snr():
     assert detection_probability(np.ones((2, 3, 1)), 1e-6, swerling=1).shape == (2, 3, 1)
     assert detection_probability(1.0, 1e-6).shape == ()
     assert detection_probability([], 1e-6).shape == (0,)
     assert coherent_detection_probability(np.ones((2, 3)), 1e-6).shape == (2, 3)
 
 
-def test_a_known_phase_takes_12_6_decibels_and_one_does_no_better():
+def test_known_phase_needs_12_6_db_and_less_than_unknown_phase():
     assert to_decibels(coherent_required_snr(0.9, 1e-6)) == pytest.approx(12.60, abs=0.005)
     for pd in (0.01, 0.5, 0.9, 0.999):
         snr = coherent_required_snr(pd, 1e-6)
@@ -304,41 +310,43 @@ def test_a_known_phase_takes_12_6_decibels_and_one_does_no_better():
     assert float(coherent_detection_probability(0.0, 1e-12)) == pytest.approx(1e-12, rel=1e-12)
 
 
-def test_the_formulas_of_albersheim_and_shnidman_give_their_published_ratios():
+def test_albersheim_and_shnidman_give_published_snr():
     assert to_decibels(albersheim_snr(0.9, 1e-6)) == pytest.approx(13.114, abs=6e-4)
     assert to_decibels(shnidman_snr(0.9, 1e-6)) == pytest.approx(13.12, abs=0.005)
     assert to_decibels(shnidman_snr(0.9, 1e-6, swerling=1)) == pytest.approx(21.35, abs=0.005)
 
 
 @pytest.mark.parametrize(
-    ("pds", "within_db"),
+    ("pds", "error_range_db"),
     [((0.3, 0.5, 0.7, 0.9), (-0.34, 0.34)), ((0.2,), (-0.9, 0.05)), ((0.1,), (-4.1, 0.0))],
 )
-def test_albersheim_is_as_near_the_exact_ratio_as_stated(pds, within_db):
-    off_db = [
+def test_albersheim_error_is_within_stated_range(pds, error_range_db):
+    errors_db = [
         to_decibels(albersheim_snr(pd, pfa, n_summed=n) / required_snr(pd, pfa, n_summed=n))
         for pd in pds
         for pfa in (1e-7, 1e-5, 1e-3)
         for n in (1, 5, 100, 8096)
     ]
 
-    assert within_db[0] <= min(off_db)
-    assert max(off_db) <= within_db[1]
+    assert error_range_db[0] <= min(errors_db)
+    assert max(errors_db) <= error_range_db[1]
 
 
 @pytest.mark.parametrize(
-    ("swerling", "within_db"), [(0, 0.3), (1, 1.2), (2, 1.2), (3, 0.9), (4, 0.6)]
+    ("swerling", "max_error_db"), [(0, 0.3), (1, 1.2), (2, 1.2), (3, 0.9), (4, 0.6)]
 )
-def test_shnidman_is_as_near_the_exact_ratio_as_stated(swerling, within_db):
+def test_shnidman_error_is_within_stated_limit(swerling, max_error_db):
     for pd in (0.1, 0.5, 0.77, 0.87, 0.88, 0.97, 0.99):
         for pfa in (1e-9, 1e-6, 1e-3):
             for n in (1, 2, 39, 40, 100):
-                near = shnidman_snr(pd, pfa, n_summed=n, swerling=swerling)
-                exact = required_snr(pd, pfa, n_summed=n, swerling=swerling)
-                assert to_decibels(near / exact) == pytest.approx(0.0, abs=within_db)
+                approximate_snr = shnidman_snr(pd, pfa, n_summed=n, swerling=swerling)
+                exact_snr = required_snr(pd, pfa, n_summed=n, swerling=swerling)
+                assert to_decibels(approximate_snr / exact_snr) == pytest.approx(
+                    0.0, abs=max_error_db
+                )
 
 
-def test_m_of_n_is_the_sum_over_the_binomial_law():
+def test_m_of_n_matches_binomial_sum():
     for p in (1e-9, 0.1, 0.9):
         for n in (1, 4, 20):
             for m in range(1, n + 1):
@@ -350,7 +358,7 @@ def test_m_of_n_is_the_sum_over_the_binomial_law():
                 )
 
 
-def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
+def test_m_of_n_reduces_to_any_and_all_trials():
     p = np.array([[0.0, 0.2, 1.0]])
 
     np.testing.assert_allclose(
@@ -360,7 +368,7 @@ def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
 
 
 @pytest.mark.parametrize(
-    ("call", "says"),
+    ("call", "message"),
     [
         (lambda: detection_threshold(0.0), "false_alarm_probability"),
         (lambda: detection_threshold(1e-6, n_summed=0), "n_summed"),
@@ -411,11 +419,11 @@ def test_m_of_n_needs_any_or_all_of_the_looks_at_its_ends():
         (lambda: binary_integration_probability(0.5, m=0, n=2), "from 1 to 2"),
     ],
 )
-def test_what_no_detector_can_have_is_refused(call, says):
-    with pytest.raises(InvalidSetting, match=says):
+def test_rejects_invalid_arguments(call, message):
+    with pytest.raises(InvalidSetting, match=message):
         call()
 
 
-def test_a_probability_that_was_computed_is_one_number():
-    found = detection_probability(from_decibels(13.0), np.float64(1e-6))  # without axes
-    assert required_snr(found, 1e-6) == pytest.approx(from_decibels(13.0), rel=1e-9)
+def test_computed_probability_is_accepted_as_setting():
+    probability = detection_probability(from_decibels(13.0), np.float64(1e-6))  # zero-dimensional
+    assert required_snr(probability, 1e-6) == pytest.approx(from_decibels(13.0), rel=1e-9)

@@ -1,7 +1,7 @@
-"""Kernels in whole numbers against Python's own integers and fractions, bit by bit.
+"""Fixed-point processing chain against exact Python integers and fractions, bit by bit.
 
-The witness knows no words of 64 bits and no shifts: every block is exact arithmetic on fractions,
-then one rounding and one saturation, as the definitions say.
+The reference uses no 64-bit words and no shifts: every block is exact arithmetic on fractions
+followed by one rounding and one saturation, as defined.
 """
 
 import math
@@ -21,27 +21,29 @@ from dechirp.theory.windows import window_weights
 
 N_TRAINING, N_GUARD, OFFSET = 2, 1, 1.5
 ROUND = {
-    "convergent": round,  # Python's, to the even neighbour
+    "convergent": round,  # Python rounds half to even
     "half-up": lambda x: math.floor(x + Fraction(1, 2)),
     "truncate": math.floor,
 }
 
 
-def word(x: Fraction, bits: int, words: WordLengths) -> tuple[int, int]:
-    """The word that holds x, and 1 where it had to be saturated."""
-    whole = ROUND[words.rounding](x)
-    kept = min(max(whole, -(2 ** (bits - 1))), 2 ** (bits - 1) - 1)
-    return kept, int(kept != whole)
+def round_to_word(x: Fraction, bits: int, word_lengths: WordLengths) -> tuple[int, int]:
+    """Round x to a word; return the word, and 1 if it was saturated."""
+    integer = ROUND[word_lengths.rounding](x)
+    clipped_integer = min(max(integer, -(2 ** (bits - 1))), 2 ** (bits - 1) - 1)
+    return clipped_integer, int(clipped_integer != integer)
 
 
-def turn(k: int, n: int, words: WordLengths) -> tuple[Fraction, Fraction]:
-    one = 2 ** (words.twiddle_bits - 2)
+def compute_twiddle(k: int, n: int, word_lengths: WordLengths) -> tuple[Fraction, Fraction]:
+    scale = 2 ** (word_lengths.twiddle_bits - 2)
     phase = -2 * math.pi * k / n
-    return Fraction(round(math.cos(phase) * one), one), Fraction(round(math.sin(phase) * one), one)
+    return Fraction(round(math.cos(phase) * scale), scale), Fraction(
+        round(math.sin(phase) * scale), scale
+    )
 
 
-def block_shift(parts, turns, bits: int) -> int:
-    """The least shift with which no result can be too large."""
+def find_block_shift(parts, turns, bits: int) -> int:
+    """Return the smallest shift for which no result can overflow."""
     largest = max(max(abs(re), abs(im)) for part in parts for re, im in part)
     growth = 1 + max(abs(c) + abs(s) for c, s in turns)
     shift = 0
@@ -50,139 +52,157 @@ def block_shift(parts, turns, bits: int) -> int:
     return shift
 
 
-def transform(points, bits, words):
-    """Transform by halves: even and odd samples, down to one. Numbers, shifts, overflows."""
+def transform_by_halves(points, bits, word_lengths):
+    """Transform by radix-2 decimation in time; return the numbers, shifts and overflow counts."""
     n = len(points)
     parts = [[point] for point in points]  # part i of m: the transform of samples i, i + m, ...
     shifts, overflows = [], []
     while len(parts) > 1:
         size, m = len(parts[0]), len(parts) // 2
-        turns = [turn(k, 2 * size, words) for k in range(size)]
-        shift = {"block": block_shift(parts, turns, bits), "halving": 1, "none": 0}[words.scaling]
-        joined, lost = [], 0
+        turns = [compute_twiddle(k, 2 * size, word_lengths) for k in range(size)]
+        shift = {"block": find_block_shift(parts, turns, bits), "halving": 1, "none": 0}[
+            word_lengths.scaling
+        ]
+        stage_parts, n_saturated = [], 0
         for even, odd in zip(parts[:m], parts[m:], strict=True):
-            both = [None] * (2 * size)
+            outputs = [None] * (2 * size)
             for k in range(size):
                 (c, s), (re, im) = turns[k], odd[k]
                 product = (re * c - im * s, re * s + im * c)
-                for at, sign in ((k, 1), (k + size, -1)):
-                    made = [
-                        word((e + sign * p) / 2**shift, bits, words)
+                for index, sign in ((k, 1), (k + size, -1)):
+                    results = [
+                        round_to_word((e + sign * p) / 2**shift, bits, word_lengths)
                         for e, p in zip(even[k], product, strict=True)
                     ]
-                    both[at] = tuple(number for number, _ in made)
-                    lost += sum(more for _, more in made)
-            joined.append(both)
-        parts = joined
+                    outputs[index] = tuple(number for number, _ in results)
+                    n_saturated += sum(overflow for _, overflow in results)
+            stage_parts.append(outputs)
+        parts = stage_parts
         shifts.append(shift)
-        overflows.append(lost)
+        overflows.append(n_saturated)
     assert len(parts[0]) == n
     return parts[0], shifts, overflows
 
 
-def window(kind, n, words, signs=False):
-    one = 2 ** (words.window_bits - 2)
-    weights = [Fraction(round(float(w) * one), one) for w in window_weights(kind, n)]
+def make_window(kind, n, word_lengths, signs=False):
+    scale = 2 ** (word_lengths.window_bits - 2)
+    weights = [Fraction(round(float(w) * scale), scale) for w in window_weights(kind, n)]
     return [-w if signs and k % 2 else w for k, w in enumerate(weights)]
 
 
-def machine(samples, n_range, n_velocity, window_kind, words, is_complex):
-    """Every block of the chain, from (chirp, channel, sample, 2)."""
+def simulate_chain(samples, n_range, n_velocity, window_kind, word_lengths, is_complex):
+    """Compute every block of the chain from samples (chirp, channel, sample, 2)."""
     n_chirps, n_channels, n_samples, _ = samples.shape
-    made = {}
-    up = Fraction(2) ** (words.range_bits - words.sample_bits)
-    weights = window(window_kind, n_samples, words)
+    blocks = {}
+    gain = Fraction(2) ** (word_lengths.range_bits - word_lengths.sample_bits)
+    weights = make_window(window_kind, n_samples, word_lengths)
     profiles = np.zeros((n_chirps, n_channels, n_range, 2), object)
-    before = np.zeros_like(profiles)
+    windowed_samples = np.zeros_like(profiles)
     range_shifts = np.zeros((n_chirps, n_channels, int(math.log2(n_range))), object)
     range_overflows = 0
     for m in range(n_chirps):
         for c in range(n_channels):
             for i in range(n_samples):
                 for part in range(2):
-                    x = int(samples[m, c, i, part]) * weights[i] * up
-                    before[m, c, i, part] = word(x, words.range_bits, words)[0]
-            points = [tuple(point) for point in before[m, c]]
-            found, range_shifts[m, c], lost = transform(points, words.range_bits, words)
-            profiles[m, c] = found
-            range_overflows = range_overflows + np.array(lost)
+                    x = int(samples[m, c, i, part]) * weights[i] * gain
+                    windowed_samples[m, c, i, part] = round_to_word(
+                        x, word_lengths.range_bits, word_lengths
+                    )[0]
+            points = [tuple(point) for point in windowed_samples[m, c]]
+            profile, range_shifts[m, c], overflows = transform_by_halves(
+                points, word_lengths.range_bits, word_lengths
+            )
+            profiles[m, c] = profile
+            range_overflows = range_overflows + np.array(overflows)
     n_rows = n_range if is_complex else n_range // 2 + 1
     profiles = profiles[:, :, :n_rows]
-    made |= {"range_window": before, "range_fft": profiles, "range_shifts": range_shifts}
-    made["range_overflows"] = range_overflows
+    blocks |= {
+        "range_window": windowed_samples,
+        "range_fft": profiles,
+        "range_shifts": range_shifts,
+    }
+    blocks["range_overflows"] = range_overflows
 
     exponents = range_shifts.sum(axis=-1)
-    weights = window(window_kind, n_chirps, words, signs=True)
-    before = np.zeros((n_channels, n_rows, n_velocity, 2), object)
-    spectrum = np.zeros_like(before)
+    weights = make_window(window_kind, n_chirps, word_lengths, signs=True)
+    windowed_samples = np.zeros((n_channels, n_rows, n_velocity, 2), object)
+    spectrum = np.zeros_like(windowed_samples)
     doppler_shifts = np.zeros((n_channels, n_rows, int(math.log2(n_velocity))), object)
-    up = Fraction(2) ** (words.doppler_bits - words.range_bits)
+    gain = Fraction(2) ** (word_lengths.doppler_bits - word_lengths.range_bits)
     for c in range(n_channels):
         for row in range(n_rows):
             for m in range(n_chirps):
-                down = Fraction(2) ** int(exponents.max() - exponents[m, c])
+                attenuation = Fraction(2) ** int(exponents.max() - exponents[m, c])
                 for part in range(2):
-                    x = int(profiles[m, c, row, part]) * weights[m] * up / down
-                    before[c, row, m, part] = word(x, words.doppler_bits, words)[0]
-            points = [tuple(point) for point in before[c, row]]
-            spectrum[c, row], doppler_shifts[c, row], _ = transform(
-                points, words.doppler_bits, words
+                    x = int(profiles[m, c, row, part]) * weights[m] * gain / attenuation
+                    windowed_samples[c, row, m, part] = round_to_word(
+                        x, word_lengths.doppler_bits, word_lengths
+                    )[0]
+            points = [tuple(point) for point in windowed_samples[c, row]]
+            spectrum[c, row], doppler_shifts[c, row], _ = transform_by_halves(
+                points, word_lengths.doppler_bits, word_lengths
             )
-    made |= {"doppler_window": before, "doppler_fft": spectrum, "doppler_shifts": doppler_shifts}
+    blocks |= {
+        "doppler_window": windowed_samples,
+        "doppler_fft": spectrum,
+        "doppler_shifts": doppler_shifts,
+    }
 
     exponents = doppler_shifts.sum(axis=-1)
-    up = Fraction(2) ** (
-        words.power_bits - 2 * words.doppler_bits - math.ceil(math.log2(n_channels))
+    gain = Fraction(2) ** (
+        word_lengths.power_bits - 2 * word_lengths.doppler_bits - math.ceil(math.log2(n_channels))
     )
     power = np.zeros((n_velocity, n_rows), object)
     for v in range(n_velocity):
         for row in range(n_rows):
             for c in range(n_channels):
                 re, im = spectrum[c, row, v]
-                x = (re * re + im * im) * up / 4 ** int(exponents.max() - exponents[c, row])
-                power[v, row] += ROUND[words.rounding](x)
-    made["power"] = power
-    made["log_power"] = np.array([[logarithm(p, words) for p in line] for line in power])
-    return made
+                x = (re * re + im * im) * gain / 4 ** int(exponents.max() - exponents[c, row])
+                power[v, row] += ROUND[word_lengths.rounding](x)
+    blocks["power"] = power
+    blocks["log_power"] = np.array(
+        [[compute_logarithm(p, word_lengths) for p in line] for line in power]
+    )
+    return blocks
 
 
-def logarithm(power: int, words: WordLengths) -> int:
+def compute_logarithm(power: int, word_lengths: WordLengths) -> int:
     if power == 0:
         return 0
-    place = power.bit_length() - 1
-    address = math.floor((Fraction(power, 2**place) - 1) * 2**words.log_table_bits)
-    middle = (address + 0.5) / 2**words.log_table_bits
-    behind = 2**words.log_fraction_bits
-    return place * behind + round(math.log2(1 + middle) * behind)
+    exponent = power.bit_length() - 1
+    address = math.floor((Fraction(power, 2**exponent) - 1) * 2**word_lengths.log_table_bits)
+    mantissa = (address + 0.5) / 2**word_lengths.log_table_bits
+    fraction_scale = 2**word_lengths.log_fraction_bits
+    return exponent * fraction_scale + round(math.log2(1 + mantissa) * fraction_scale)
 
 
-def threshold(power, searched: range, words: WordLengths):
-    """Sum of each ring times the offset over its number of cells, by what a ring is."""
+def compute_threshold(power, searched_rows: range, word_lengths: WordLengths):
+    """Compute thresholds: sum of each training window times the offset over its number of cells."""
     n_v = len(power)
     half = N_TRAINING + N_GUARD
-    rings = []
-    for row in searched:
-        first = min(max(row - half, searched.start), searched.stop - 1 - 2 * half)
-        rings.append(
+    windows = []
+    for row in searched_rows:
+        first = min(max(row - half, searched_rows.start), searched_rows.stop - 1 - 2 * half)
+        windows.append(
             [
-                (dv, other)
-                for other in range(first, first + 2 * half + 1)
+                (dv, training_row)
+                for training_row in range(first, first + 2 * half + 1)
                 for dv in range(-half, half + 1)
-                if abs(dv) > N_GUARD or abs(other - row) > N_GUARD
+                if abs(dv) > N_GUARD or abs(training_row - row) > N_GUARD
             ]
         )
-    ratios = [Fraction(float(np.float32(OFFSET))) / len(ring) for ring in rings]
+    ratios = [Fraction(float(np.float32(OFFSET))) / len(window_cells) for window_cells in windows]
     shift = 0
-    while max(ratios) * 2 ** (shift + 1) < 2**words.factor_bits:
+    while max(ratios) * 2 ** (shift + 1) < 2**word_lengths.factor_bits:
         shift += 1
-    largest = 2**words.power_bits - 1
-    made = np.full(power.shape, largest, object)
-    for row, ring, ratio in zip(searched, rings, ratios, strict=True):
-        factor = min(round(ratio * 2**shift), 2**words.factor_bits - 1)
+    largest = 2**word_lengths.power_bits - 1
+    thresholds = np.full(power.shape, largest, object)
+    for row, window_cells, ratio in zip(searched_rows, windows, ratios, strict=True):
+        factor = min(round(ratio * 2**shift), 2**word_lengths.factor_bits - 1)
         for v in range(n_v):
-            total = sum(power[(v + dv) % n_v, other] for dv, other in ring)
-            made[v, row] = min(math.floor(Fraction(total * factor, 2**shift)), largest)
-    return made
+            total = sum(power[(v + dv) % n_v, training_row] for dv, training_row in window_cells)
+            thresholds[v, row] = min(math.floor(Fraction(total * factor, 2**shift)), largest)
+    return thresholds
 
 
 UNEQUAL = WordLengths(
@@ -205,13 +225,13 @@ CASES = [
     (WordLengths(), "complex"),
     (WordLengths(), "real"),
     (WordLengths(range_bits=24, doppler_bits=24, twiddle_bits=24, sample_bits=24), "complex"),
-    # Shorter than the square of a word: powers are rounded.
+    # Power words shorter than the square of a word: powers are rounded.
     (replace(UNEQUAL, power_bits=17), "complex"),
 ]
 
 
-@pytest.mark.parametrize(("words", "sampling"), CASES)
-def test_every_block_is_what_exact_fractions_rounded_once_give(radar, words, sampling):
+@pytest.mark.parametrize(("word_lengths", "sampling"), CASES)
+def test_every_block_matches_exact_fractions_rounded_once(radar, word_lengths, sampling):
     chirp = replace(radar.frame.chirp, n_samples=27, sampling=sampling)
     radar = replace(radar, frame=replace(radar.frame, chirp=chirp, n_chirps=7))
     chain = dc.Chain(
@@ -225,12 +245,12 @@ def test_every_block_is_what_exact_fractions_rounded_once_give(radar, words, sam
         ),
     )
     rng = np.random.default_rng(5)
-    half = 2 ** (words.sample_bits - 1)
-    # Chirps of several sizes have several exponents; the first is of full scale.
+    half = 2 ** (word_lengths.sample_bits - 1)
+    # Chirps of different amplitudes have different exponents; the first one has full scale.
     sizes = half >> np.array([0, 0, 3, 1, 6, 0, 2])
-    drawn = rng.uniform(-1, 1, size=(7, 2, 27, 2)) * sizes[:, None, None, None]
-    drawn[0] = np.where(drawn[0] > 0, half - 1, -half)
-    samples = np.floor(drawn).astype(np.int32)
+    noise = rng.uniform(-1, 1, size=(7, 2, 27, 2)) * sizes[:, None, None, None]
+    noise[0] = np.where(noise[0] > 0, half - 1, -half)
+    samples = np.floor(noise).astype(np.int32)
     dims = ("chirp", "rx", "sample", "iq")
     if sampling == "real":
         cube = xr.DataArray(samples[..., 0], dims=dims[:3])
@@ -238,17 +258,17 @@ def test_every_block_is_what_exact_fractions_rounded_once_give(radar, words, sam
     else:
         cube = xr.DataArray(samples, dims=dims)
 
-    plan = make_lookup_tables(radar, chain, words)
-    whole, _ = to_integer_samples(cube, radar, words)
-    found = {block.name: block for block in stage_outputs(whole, radar, plan)}
-    expected = machine(samples, 32, 8, "hann", words, sampling == "complex")
-    searched = range(plan.searched_rows.start, plan.searched_rows.stop)
-    expected["threshold"] = threshold(expected["power"], searched, words)
+    plan = make_lookup_tables(radar, chain, word_lengths)
+    integer_samples, _ = to_integer_samples(cube, radar, word_lengths)
+    outputs = {block.name: block for block in stage_outputs(integer_samples, radar, plan)}
+    expected = simulate_chain(samples, 32, 8, "hann", word_lengths, sampling == "complex")
+    searched_rows = range(plan.searched_rows.start, plan.searched_rows.stop)
+    expected["threshold"] = compute_threshold(expected["power"], searched_rows, word_lengths)
     expected["detected"] = expected["power"] > expected["threshold"]
-    assert found["range_fft"].overflows.tolist() == expected.pop("range_overflows").tolist()
+    assert outputs["range_fft"].overflows.tolist() == expected.pop("range_overflows").tolist()
     for name, integers in expected.items():
-        assert (found[name].integers == integers).all(), name
-        most = 2 ** (found[name].bits - found[name].is_signed)
-        assert np.max(found[name].integers) < most, name
+        assert (outputs[name].integers == integers).all(), name
+        limit = 2 ** (outputs[name].bits - outputs[name].is_signed)
+        assert np.max(outputs[name].integers) < limit, name
     assert expected["detected"].any()
-    assert expected["range_shifts"].sum() > 0 or words.scaling == "none"
+    assert expected["range_shifts"].sum() > 0 or word_lengths.scaling == "none"

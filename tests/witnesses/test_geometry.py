@@ -1,7 +1,7 @@
-"""Echoes of a whole scene to 50 digits: pose, turning, acceleration, wheels, several frames.
+"""Scene geometry against 50 digits: pose, turn rate, acceleration, wheels and several frames.
 
-The witness puts the antennas into the scene instead of the scene into the radar's axes, and
-takes no polynomial of anything.
+The reference transforms the antennas into scene axes instead of the scene into radar axes, and
+uses no polynomials.
 """
 
 from dataclasses import replace
@@ -16,8 +16,8 @@ import dechirp as dc
 C = mpf(299792458)
 
 
-def about(axis, angle, vector):
-    """A vector turned right-handed about an axis (Rodrigues)."""
+def rotate(axis, angle, vector):
+    """Rotate a vector right-handed about an axis (Rodrigues)."""
     size = mpmath.sqrt(sum(mpf(a) ** 2 for a in axis))
     k, v = [mpf(a) / size for a in axis], [mpf(x) for x in vector]
     cross = [
@@ -25,78 +25,84 @@ def about(axis, angle, vector):
         k[2] * v[0] - k[0] * v[2],
         k[0] * v[1] - k[1] * v[0],
     ]
-    along = sum(a * b for a, b in zip(k, v, strict=True))
+    projection = sum(a * b for a, b in zip(k, v, strict=True))
     c, s = mpmath.cos(angle), mpmath.sin(angle)
-    return [v[i] * c + cross[i] * s + k[i] * along * (1 - c) for i in range(3)]
+    return [v[i] * c + cross[i] * s + k[i] * projection * (1 - c) for i in range(3)]
 
 
-def way(ego, t):
-    """How far the radar has come: its velocity turns with it."""
+def compute_displacement(ego, t):
+    """Compute the displacement of the radar, whose velocity turns with it."""
     z, rate = (0, 0, 1), mpf(ego.turn_rate_rad_per_s)
     return [
-        mpmath.quad(lambda s, i=i: about(z, rate * s, ego.velocity_m_per_s)[i], [0, t])
+        mpmath.quad(lambda s, i=i: rotate(z, rate * s, ego.velocity_m_per_s)[i], [0, t])
         for i in range(3)
     ]
 
 
-def antenna(ego, at_m, t, come):
-    """Where an antenna of a turning radar is in the scene."""
-    at = about((1, 0, 0), mpf(ego.roll_rad), at_m)
-    at = about((0, -1, 0), mpf(ego.pitch_rad), at)
-    at = about((0, 0, 1), mpf(ego.yaw_rad) + mpf(ego.turn_rate_rad_per_s) * t, at)
-    return [a + mpf(p) + w for a, p, w in zip(at, ego.position_m, come, strict=True)]
+def locate_antenna(ego, at_m, t, displacement):
+    """Compute the position of an antenna of a turning radar in the scene."""
+    position = rotate((1, 0, 0), mpf(ego.roll_rad), at_m)
+    position = rotate((0, -1, 0), mpf(ego.pitch_rad), position)
+    position = rotate((0, 0, 1), mpf(ego.yaw_rad) + mpf(ego.turn_rate_rad_per_s) * t, position)
+    return [a + mpf(p) + w for a, p, w in zip(position, ego.position_m, displacement, strict=True)]
 
 
-def scatterer(target, point, t):
-    """Where a point of a target is in the scene."""
-    at = [
+def locate_scatterer(target, point, t):
+    """Compute the position of a point of a target in the scene."""
+    position = [
         mpf(p) + mpf(v) * t + mpf(a) * t**2 / 2
         for p, v, a in zip(
             target.position_m, target.velocity_m_per_s, target.acceleration_m_per_s2, strict=True
         )
     ]
     if point is None:
-        return at
-    own = [mpf(x) for x in point.position_m]
+        return position
+    body_position = [mpf(x) for x in point.position_m]
     if point.rotation is not None:
-        center = [mpf(x) for x in point.rotation.center_m]
-        arm = [a - b for a, b in zip(own, center, strict=True)]
-        arm = about(point.rotation.axis, mpf(point.rotation.rate_rad_per_s) * t, arm)
-        own = [a + b for a, b in zip(center, arm, strict=True)]
+        centre = [mpf(x) for x in point.rotation.center_m]
+        arm = [a - b for a, b in zip(body_position, centre, strict=True)]
+        arm = rotate(point.rotation.axis, mpf(point.rotation.rate_rad_per_s) * t, arm)
+        body_position = [a + b for a, b in zip(centre, arm, strict=True)]
     if point.oscillation is not None:
         swing = point.oscillation
         sine = mpmath.sin(2 * mpmath.pi * mpf(swing.frequency_hz) * t + mpf(swing.phase_rad))
-        own = [a + mpf(b) * sine for a, b in zip(own, swing.amplitude_m, strict=True)]
-    turned = about((0, 0, 1), mpf(target.heading_rad), own)
-    return [a + b for a, b in zip(at, turned, strict=True)]
+        body_position = [
+            a + mpf(b) * sine for a, b in zip(body_position, swing.amplitude_m, strict=True)
+        ]
+    rotated = rotate((0, 0, 1), mpf(target.heading_rad), body_position)
+    return [a + b for a, b in zip(position, rotated, strict=True)]
 
 
-def sample(scene, radar, frame_index, m, rx, n):
-    """One sample of the cube, in 50 digits."""
+def compute_sample(scene, radar, frame_index, m, rx, n):
+    """Compute one sample of the cube in 50 digits."""
     with mpmath.workdps(50):
         frame, chirp = radar.frame, radar.frame.chirp
-        on_ramp = mpf(chirp.adc_start_s) + n / mpf(chirp.sample_rate_hz)
-        t = frame_index * mpf(frame.period_s) + m * mpf(frame.interval_s) + on_ramp
+        ramp_time = mpf(chirp.adc_start_s) + n / mpf(chirp.sample_rate_hz)
+        t = frame_index * mpf(frame.period_s) + m * mpf(frame.interval_s) + ramp_time
         f0, slope = mpf(chirp.start_frequency_hz), mpf(chirp.slope_hz_per_s)
         window = mpf(chirp.adc_start_s) + chirp.n_samples / mpf(chirp.sample_rate_hz) / 2
         wavelength = C / (f0 + slope * window)
         h, total = radar.hardware, mpmath.mpc(0)
-        come = way(scene.ego, t)
-        receiver = antenna(scene.ego, radar.array.rx_m[rx], t, come)
+        displacement = compute_displacement(scene.ego, t)
+        receiver = locate_antenna(scene.ego, radar.array.rx_m[rx], t, displacement)
         for target in scene.targets:
             points = [None] if target.body is None else target.body.scatterers
             for point in points:
                 rcs = target.rcs_m2 if point is None else point.rcs_m2
-                at = scatterer(target, point, t)
+                position = locate_scatterer(target, point, t)
                 for weight, tx_m in zip(frame.chirp_weights()[m], radar.array.tx_m, strict=True):
-                    there, back = (
-                        mpmath.sqrt(sum((a - b) ** 2 for a, b in zip(at, end, strict=True)))
-                        for end in (antenna(scene.ego, tx_m, t, come), receiver)
+                    tx_distance, rx_distance = (
+                        mpmath.sqrt(
+                            sum((a - b) ** 2 for a, b in zip(position, antenna, strict=True))
+                        )
+                        for antenna in (locate_antenna(scene.ego, tx_m, t, displacement), receiver)
                     )
-                    tau = (there + back) / C
-                    cycles = f0 * tau + slope * tau * on_ramp - slope * tau**2 / 2
+                    tau = (tx_distance + rx_distance) / C
+                    cycles = f0 * tau + slope * tau * ramp_time - slope * tau**2 / 2
                     power = mpf(h.transmit_power_w) * (mpf(h.antenna_gain) * wavelength) ** 2
-                    power *= mpf(rcs) / ((4 * mpmath.pi) ** 3 * (there * back) ** 2 * mpf(h.loss))
+                    power *= mpf(rcs) / (
+                        (4 * mpmath.pi) ** 3 * (tx_distance * rx_distance) ** 2 * mpf(h.loss)
+                    )
                     total += (
                         mpmath.mpc(complex(weight))
                         * mpmath.sqrt(power)
@@ -124,7 +130,7 @@ WHEEL = [
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 @pytest.mark.parametrize("multiplexing", ["tdm", "bpm", "phase-code"])
-def test_a_scene_that_moves_in_every_way_equals_fifty_digits(radar, multiplexing):
+def test_scene_with_every_kind_of_motion_matches_fifty_digits(radar, multiplexing):
     codes = {
         "tdm": dc.multiplexing.Tdm(order=(1, 0)),
         "bpm": dc.multiplexing.Bpm(order=(1, 0)),
@@ -158,9 +164,9 @@ def test_a_scene_that_moves_in_every_way_equals_fifty_digits(radar, multiplexing
     scene = dc.Scene(targets=targets, ego=ego)
     cube = dc.simulate(scene, radar, impairments=(), n_frames=2, dtype=np.complex128).values
 
-    # All echoes add: errors are held against the largest sample.
+    # Echoes are summed, so errors are relative to the largest sample.
     size = abs(cube).max()
     rng = np.random.default_rng(11)
     for _ in range(10):
         index = tuple(int(rng.integers(length)) for length in cube.shape)
-        assert abs(cube[index] - sample(scene, radar, *index)) <= 1e-9 * size
+        assert abs(cube[index] - compute_sample(scene, radar, *index)) <= 1e-9 * size

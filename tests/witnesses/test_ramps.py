@@ -1,15 +1,15 @@
-"""Ramps that differ: each as a plain sum of the echoes on its own sweep."""
+"""Modulations with different ramps: each ramp against a plain sum of its echoes."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from beat import plain_sum
+from beat_signal import sum_echoes_plainly
 
 import dechirp as dc
 from dechirp.simulation.echo_groups import direct_echo_groups
 
-# Start frequency and slope of each ramp, its start in the round, and how long a round takes.
+# Start frequency and slope of each ramp, its start in the cycle, and the cycle duration.
 RAMPS = {
     "triangular": ([(77e9, 20e12), (77.6e9, -20e12)], [0, 35e-6], 70e-6),
     "frequency-shift-keying": ([(76.9e9, 20e12), (77.1e9, 20e12)], [0, 35e-6], 70e-6),
@@ -28,9 +28,7 @@ RAMPS = {
     ],
     ids=lambda member: member.kind(),
 )
-def test_each_ramp_is_the_sum_of_the_echoes_on_its_own_sweep(
-    radar, modulation, sampling, fluctuation
-):
+def test_each_ramp_equals_plain_sum_of_its_echoes(radar, modulation, sampling, fluctuation):
     chirp = replace(radar.frame.chirp, sampling=sampling)
     frame = replace(radar.frame, chirp=chirp, n_chirps=3, modulation=modulation)
     radar = replace(radar, frame=frame)
@@ -45,23 +43,23 @@ def test_each_ramp_is_the_sum_of_the_echoes_on_its_own_sweep(
     np.testing.assert_allclose(cube.chirp, starts_s, atol=1e-15)
 
     expected = np.zeros((len(starts_s), 2, 256), complex)
-    for part in direct_echo_groups(scene, radar, 0, np.random.default_rng(7)):
-        rows = range(len(starts_s))[part.chirps]
-        mid_s = starts_s[rows[0]] - part.transmission.starts_s[0]
-        for place, row in enumerate(rows):
+    for echo_group in direct_echo_groups(scene, radar, 0, np.random.default_rng(7)):
+        rows = range(len(starts_s))[echo_group.chirps]
+        mid_s = starts_s[rows[0]] - echo_group.transmission.starts_s[0]
+        for index, row in enumerate(rows):
             start_hz, slope = ramps[row % len(ramps)]
-            factors = part.scatterers.chirp_factors
-            scatterers = part.scatterers._replace(
-                chirp_factors=None if factors is None else factors[place : place + 1]
+            factors = echo_group.scatterers.chirp_factors
+            scatterers = echo_group.scatterers._replace(
+                chirp_factors=None if factors is None else factors[index : index + 1]
             )
-            sent = part.transmission._replace(
+            transmission = echo_group.transmission._replace(
                 starts_s=starts_s[row : row + 1] - mid_s,
                 weights=np.ones((1, 1), complex),
                 start_frequency_hz=start_hz,
                 slope_hz_per_s=slope,
             )
-            expected[row] += plain_sum(scatterers, sent, 256)[0][0]
+            expected[row] += sum_echoes_plainly(scatterers, transmission, 256)[0][0]
     expected = expected if sampling == "complex" else np.sqrt(2) * expected.real
-    # The engine promises 1e-9 of the root mean square in double precision.
+    # Specified RMS error in double precision: 1e-9 of the echoes.
     error = np.mean(abs(cube.values[0] - expected) ** 2) / np.mean(abs(expected) ** 2)
     assert np.sqrt(error) < 1e-9

@@ -1,8 +1,7 @@
-"""Published formulas, evaluated elsewhere to 40 digits, against what the package computes.
+"""Published formulas, evaluated independently to 40 digits, against the package.
 
-`theory_public.json` holds one case for each formula, with its source and tolerance. The
-table says which function answers which quantity. What is not in the table, the package does
-not compute yet.
+`theory_public.json` contains one case for each formula, with its source and tolerance. The table
+FUNCTIONS maps quantities to functions. The package does not compute quantities outside the table.
 """
 
 import json
@@ -61,8 +60,8 @@ def coherent_snr_db(case):
 
 
 def albersheim_db(case):
-    found = snr_approximations.albersheim_snr(case["pd"], case["pfa"], n_summed=case["n_pulses"])
-    return to_decibels(found)
+    snr = snr_approximations.albersheim_snr(case["pd"], case["pfa"], n_summed=case["n_pulses"])
+    return to_decibels(snr)
 
 
 def shnidman_db(case):
@@ -126,14 +125,14 @@ def ordered_statistic_probability(case):
 def training_cells(case):
     range_, velocity = (case[f"train_{axis}"] for axis in ("range", "doppler"))
     guard_range, guard_velocity = (case[f"guard_{axis}"] for axis in ("range", "doppler"))
-    box = CorrelatedWindow(
+    window = CorrelatedWindow(
         range_covariance=np.eye(2 * (range_ + guard_range) + 1),
         velocity_covariance=np.eye(2 * (velocity + guard_velocity) + 1),
         guard_range=slice(range_, range_ + 2 * guard_range + 1),
         guard_velocity=slice(velocity, velocity + 2 * guard_velocity + 1),
         cell_under_test=(range_ + guard_range, velocity + guard_velocity),
     )
-    return box.n_training
+    return window.n_training
 
 
 def integrated_snr(case):
@@ -178,7 +177,7 @@ def upper_limit(case):
 
 
 def radar(case):
-    """Radar of a case; the frequency that the case gives is that of mid-window."""
+    """Make the radar of a case; the frequency of the case is that of mid-window."""
     n_samples, sample_rate_hz = case.get("n_samples", 256), case.get("fs_hz", 10e6)
     slope, duration_s = 10e12, n_samples / sample_rate_hz
     chirp = Chirp(
@@ -214,13 +213,13 @@ def sample_snr_db(case):
 
 
 def integrated_snr_db(case):
-    made = radar(case)
-    return to_decibels(sample_snr(made, **target(case)) * made.integration_gain)
+    case_radar = radar(case)
+    return to_decibels(sample_snr(case_radar, **target(case)) * case_radar.integration_gain)
 
 
 def integration_gain_db(case):
-    filled = {"fc_hz": 77e9, "pt_dbm": 0, "gt_dbi": 0, "loss_db": 0} | case
-    return to_decibels(radar(filled).integration_gain)
+    complete_case = {"fc_hz": 77e9, "pt_dbm": 0, "gt_dbi": 0, "loss_db": 0} | case
+    return to_decibels(radar(complete_case).integration_gain)
 
 
 def window(case):
@@ -237,7 +236,7 @@ def frame(case):
         n_samples=case["n_samples"],
         sampling="complex",
     )
-    # Transmitters that take turns: each comes again after n_tx chirps.
+    # TDM: each transmitter repeats after n_tx chirps.
     interval_s = case["n_tx_tdm"] * (case["idle_s"] + case["ramp_end_s"])
     return Frame(chirp=chirp, n_chirps=case["n_loops"], interval_s=interval_s)
 
@@ -257,7 +256,7 @@ def coupling_m(case):
 
 def beat_phase_cycles(case):
     samples = np.zeros((case["chirp_index"] + 1, 1, case["sample_index"] + 1), complex)
-    here_m, range_m = np.zeros((1, 3)), case["range0_m"]
+    antenna_m, range_m = np.zeros((1, 3)), case["range0_m"]
     path_m = np.array([[[range_m, 0.0, 0.0]], [[case["velocity_mps_receding"], 0.0, 0.0]]])
     direct.add_echoes(
         samples,
@@ -265,8 +264,8 @@ def beat_phase_cycles(case):
         Transmission(
             starts_s=case["chirp_interval_s"] * np.arange(len(samples)),
             weights=np.ones((len(samples), 1), complex),
-            tx_m=here_m,
-            rx_m=here_m,
+            tx_m=antenna_m,
+            rx_m=antenna_m,
             start_frequency_hz=case["f_start_hz"],
             slope_hz_per_s=case["slope_hz_per_s"],
             adc_start_s=0.0,
@@ -276,7 +275,7 @@ def beat_phase_cycles(case):
     return np.angle(samples[-1, 0, -1]) / (2 * np.pi) % 1
 
 
-COMPUTED = {
+FUNCTIONS = {
     "beat_phase_cycles_mod1": beat_phase_cycles,
     "threshold_square_law_normalised": threshold,
     "pd_noncoherent": detection_probability,
@@ -316,12 +315,12 @@ COMPUTED = {
 
 
 def is_computed(case):
-    return case["quantity"] in COMPUTED
+    return case["quantity"] in FUNCTIONS
 
 
 @pytest.mark.parametrize("case", list(filter(is_computed, CASES)), ids=lambda case: case["id"])
-def test_a_published_formula_gives_its_number(case):
-    compute = COMPUTED[case["quantity"]]
+def test_published_formula_gives_its_value(case):
+    compute = FUNCTIONS[case["quantity"]]
 
     expected = (
         pytest.approx(case["expected"], rel=0, abs=case["tol_abs"])
@@ -331,5 +330,5 @@ def test_a_published_formula_gives_its_number(case):
     assert float(compute(case["inputs"])) == expected
 
 
-def test_every_function_of_the_table_meets_a_case():
-    assert set(COMPUTED) <= {case["quantity"] for case in CASES}
+def test_every_function_of_table_has_case():
+    assert set(FUNCTIONS) <= {case["quantity"] for case in CASES}

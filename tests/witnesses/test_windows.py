@@ -1,4 +1,4 @@
-"""Windows against the table of their losses, SciPy's, their polynomials and their sidelobes."""
+"""Windows against published losses and sidelobes, SciPy, and their polynomials."""
 
 from typing import get_args
 
@@ -22,9 +22,9 @@ from dechirp.theory.windows import (
     window_weights,
 )
 
-# Coherent gain, noise bandwidth in bins and in dB, scalloping in dB. Sums of cosines are
-# periodic, the others symmetric: periodic ones have 1.5178 (Chebyshev 60 dB), 1.1701, 1.4118
-# and 1.4668 in the second column.
+# Coherent gain, noise bandwidth in bins and in dB, scalloping in dB. Cosine-sum windows are
+# periodic, the others symmetric. Periodic versions of the latter would have 1.5178 (Chebyshev
+# 60 dB), 1.1701, 1.4118 and 1.4668 in the second column.
 TABLE = [
     ("rectangular", 256, 1.0, 1.0, 0.0, 3.922),
     ("hann", 256, 0.5, 1.5, 1.761, 1.424),
@@ -40,33 +40,33 @@ TABLE = [
 
 
 @pytest.mark.parametrize(("window", "n", "gain", "bins", "loss_db", "scalloping_db"), TABLE)
-def test_a_window_costs_what_the_table_says(window, n, gain, bins, loss_db, scalloping_db):
+def test_window_losses_match_table(window, n, gain, bins, loss_db, scalloping_db):
     weights = window_weights(window, n)
 
-    # The last digit of the table may be rounded either way.
+    # The last digit of the table is rounded up or down.
     assert coherent_gain(weights) == pytest.approx(gain, abs=1e-4)
     assert noise_bandwidth_bins(weights) == pytest.approx(bins, abs=1e-4)
     assert to_decibels(noise_bandwidth_bins(weights)) == pytest.approx(loss_db, abs=1e-3)
     assert to_decibels(scalloping_loss(weights)) == pytest.approx(scalloping_db, abs=1e-3)
 
 
-def test_the_table_holds_every_window():
+def test_table_covers_every_window():
     assert [row[0] for row in TABLE] == list(get_args(Window))
 
 
-def spectrum(window, n, per_bin=64):
-    """Amplitude relative to the peak, at so many frequencies a bin up to half the rate."""
+def compute_spectrum(window, n, per_bin=64):
+    """Compute the amplitude relative to the peak at `per_bin` frequencies per bin."""
     weights = window_weights(window, n)
     return abs(np.fft.rfft(weights, per_bin * n)) / weights.sum()
 
 
-def first_null(amplitude):
+def find_first_null(amplitude):
     falls, rises = amplitude[1:-1] < amplitude[:-2], amplitude[1:-1] <= amplitude[2:]
     return int(np.argmax(falls & rises)) + 1
 
 
-# Harris's table, and what Dolph, Taylor and Kaiser designed for. Taylor's sidelobes come to
-# 30.3 dB, and with 6 nulls moved where 50 dB want 9 to 49.3 dB.
+# Levels from Harris's table and from the designs of Dolph, Taylor and Kaiser. Taylor sidelobes
+# reach -30.3 dB; with 6 shifted nulls, where 50 dB needs 9, they reach -49.3 dB.
 HIGHEST_SIDELOBE_DB = {
     "rectangular": -13.26,
     "hann": -31.47,
@@ -82,66 +82,68 @@ HIGHEST_SIDELOBE_DB = {
 
 
 @pytest.mark.parametrize("window", get_args(Window))
-def test_no_sidelobe_is_higher_than_its_source_says(window):
-    amplitude = spectrum(window, 256)
-    sidelobes = amplitude[first_null(amplitude) :]
-    # 64 points a bin miss the top of a lobe by 0.001 dB.
+def test_highest_sidelobe_matches_published_level(window):
+    amplitude = compute_spectrum(window, 256)
+    sidelobes = amplitude[find_first_null(amplitude) :]
+    # 64 points per bin miss the peak of a lobe by 0.001 dB.
     assert 2 * to_decibels(sidelobes.max()) == pytest.approx(HIGHEST_SIDELOBE_DB[window], abs=0.06)
 
 
 @pytest.mark.parametrize("n", [16, 33, 2200])
 @pytest.mark.parametrize("level_db", [20.0, 60.0, 120.0])
-def test_all_sidelobes_of_a_chebyshev_window_are_equal(n, level_db):
+def test_chebyshev_sidelobes_are_equal(n, level_db):
     weights = chebyshev_weights(n, level_db)
-    # 256 points a bin miss the tops by 0.004 dB at the most.
+    # 256 points per bin miss the peaks by at most 0.004 dB.
     amplitude = abs(np.fft.rfft(weights, 256 * n)) / weights.sum()
-    inner = amplitude[first_null(amplitude) : -1]
-    tops = inner[1:-1][(inner[1:-1] > inner[:-2]) & (inner[1:-1] > inner[2:])]
-    assert len(tops) >= n // 2 - 7
-    np.testing.assert_allclose(2 * to_decibels(tops), -level_db, atol=0.01)
+    sidelobes = amplitude[find_first_null(amplitude) : -1]
+    peaks = sidelobes[1:-1][(sidelobes[1:-1] > sidelobes[:-2]) & (sidelobes[1:-1] > sidelobes[2:])]
+    assert len(peaks) >= n // 2 - 7
+    np.testing.assert_allclose(2 * to_decibels(peaks), -level_db, atol=0.01)
 
 
 @pytest.mark.parametrize("n", [2, 7, 32])
-def test_a_chebyshev_window_has_the_transform_of_its_polynomial_in_thirty_digits(n):
+def test_chebyshev_transform_matches_polynomial_in_thirty_digits(n):
     weights = chebyshev_weights(n, 60.0)
     frequency = 2 * np.pi * np.linspace(0, 0.5, 41)
     middle = np.arange(n) - (n - 1) / 2
-    found = np.cos(frequency[:, None] * middle) @ weights / weights.sum()
+    transform = np.cos(frequency[:, None] * middle) @ weights / weights.sum()
     with mpmath.workdps(30):
-        ends_at = mpmath.cosh(mpmath.acosh(1000) / (n - 1))
+        edge_argument = mpmath.cosh(mpmath.acosh(1000) / (n - 1))
         expected = [
-            float(mpmath.chebyt(n - 1, ends_at * mpmath.cos(mpmath.mpf(w) / 2)) / 1000)
+            float(mpmath.chebyt(n - 1, edge_argument * mpmath.cos(mpmath.mpf(w) / 2)) / 1000)
             for w in frequency
         ]
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(transform, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 13, 64, 255, 2200])
-def test_windows_are_those_of_scipy(n):
-    theirs = scipy.signal.windows
+def test_windows_match_scipy(n):
+    scipy_windows = scipy.signal.windows
     for level_db in (50.0, 60.0, 80.0, 100.0):
         np.testing.assert_allclose(
-            chebyshev_weights(n, level_db), theirs.chebwin(n, level_db), rtol=0, atol=1e-11
+            chebyshev_weights(n, level_db), scipy_windows.chebwin(n, level_db), rtol=0, atol=1e-11
         )
     for n_bar, level_db in ((1, 20.0), (4, 30.0), (6, 50.0)):
         np.testing.assert_allclose(
             taylor_weights(n, n_bar, level_db),
-            theirs.taylor(n, n_bar, level_db),
+            scipy_windows.taylor(n, n_bar, level_db),
             rtol=0,
             atol=1e-12,
         )
-    np.testing.assert_allclose(kaiser_weights(n, 6.0), theirs.kaiser(n, 6.0), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        kaiser_weights(n, 6.0), scipy_windows.kaiser(n, 6.0), rtol=0, atol=1e-12
+    )
     for window in ("hann", "hamming", "blackman"):
-        expected = theirs.get_window(window, n, fftbins=True)
+        expected = scipy_windows.get_window(window, n, fftbins=True)
         np.testing.assert_allclose(window_weights(window, n), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [64, 63])
-def test_a_formula_is_one_in_its_middle_and_a_chebyshev_window_at_its_largest_weight(n):
+def test_peak_weight_is_one(n):
     for window in get_args(Window):
         weights = window_weights(window, n)
         periodic = window in ("rectangular", "hann", "hamming", "blackman", "blackman-harris")
-        # Periodic ones have a point in the middle if even, symmetric ones if odd.
+        # Periodic windows have a central point if n is even, symmetric windows if n is odd.
         if periodic == (n % 2 == 0):
             assert weights[n // 2] == pytest.approx(1.0, rel=1e-12)
         elif window.startswith("chebyshev"):
@@ -151,7 +153,7 @@ def test_a_formula_is_one_in_its_middle_and_a_chebyshev_window_at_its_largest_we
     assert np.argmax(chebyshev_weights(5000, 60.0)) in (0, 4999)
 
 
-def test_powers_of_neighbouring_bins_under_a_hann_window_are_correlated_by_four_ninths():
+def test_hann_window_correlates_powers_of_adjacent_bins_by_four_ninths():
     correlation = bin_correlation(window_weights("hann", 128), 128, np.arange(64))
     expected = np.zeros(64)
     expected[:3] = 1, 4 / 9, 1 / 36
@@ -159,7 +161,7 @@ def test_powers_of_neighbouring_bins_under_a_hann_window_are_correlated_by_four_
 
 
 @pytest.mark.parametrize("n_bins", (128, 200, 96), ids=("as many", "padded", "folded"))
-def test_correlation_between_bins_is_the_sum_over_points_that_defines_it(n_bins):
+def test_bin_correlation_matches_defining_sum(n_bins):
     weights, lags = window_weights("chebyshev-60", 128), np.array([[0, 1, -3], [70, 500, -129]])
     turns = np.exp(-2j * np.pi * np.outer(lags, np.arange(128)) / n_bins)
     expected = (turns @ weights**2 / np.sum(weights**2)).reshape(lags.shape)
@@ -167,7 +169,7 @@ def test_correlation_between_bins_is_the_sum_over_points_that_defines_it(n_bins)
 
 
 @pytest.mark.parametrize("window", get_args(Window))
-def test_a_lone_point_is_kept_as_it_is(window):
+def test_single_point_window_is_one(window):
     weights = window_weights(window, 1)
     np.testing.assert_array_equal(weights, [1.0])
     assert coherent_gain(weights) == noise_bandwidth_bins(weights) == 1.0
@@ -175,19 +177,19 @@ def test_a_lone_point_is_kept_as_it_is(window):
 
 @pytest.mark.parametrize("window", get_args(Window))
 @pytest.mark.parametrize("n", [32, 128, 2200])
-def test_the_main_lobe_ends_at_the_first_null(window, n):
-    null = first_null(spectrum(window, n)) / 64
-    # Nulls are found to half of 1 / 64 bin; windows of 32 points are up to 4 % wider.
+def test_main_lobe_ends_at_first_null(window, n):
+    null = find_first_null(compute_spectrum(window, n)) / 64
+    # Nulls are located within half of 1 / 64 bin; windows of 32 points are up to 4 % wider.
     assert null == pytest.approx(main_lobe_bins(window), abs=0.008, rel=1.28 / n)
 
 
 @pytest.mark.parametrize(
     ("window", "mean_db"), [("rectangular", -1.114), ("hann", -0.451)], ids=str
 )
-def test_the_power_of_a_tone_anywhere_between_bins_is_this_in_the_mean(window, mean_db):
+def test_mean_power_of_tone_between_bins(window, mean_db):
     weights = window_weights(window, 256)
-    off = np.linspace(-0.5, 0.5, 2001)[:-1] / 256
-    tones = np.exp(2j * np.pi * off[:, None] * np.arange(256))
+    offsets = np.linspace(-0.5, 0.5, 2001)[:-1] / 256
+    tones = np.exp(2j * np.pi * offsets[:, None] * np.arange(256))
     power = abs(tones @ weights / weights.sum()) ** 2
     assert to_decibels(power.mean()) == pytest.approx(mean_db, abs=5e-4)
     assert power.min() == pytest.approx(1 / scalloping_loss(weights), rel=1e-12)
@@ -195,10 +197,10 @@ def test_the_power_of_a_tone_anywhere_between_bins_is_this_in_the_mean(window, m
 
 @pytest.mark.parametrize("window", get_args(Window))
 @pytest.mark.parametrize("n", [2, 3, 16, 1023, 40_000])
-def test_weights_are_finite_never_above_one_and_lose_no_less_than_a_rectangle(window, n):
+def test_weights_are_at_most_one_and_noise_bandwidth_is_at_least_one(window, n):
     weights = window_weights(window, n)
     assert np.all(np.isfinite(weights))
-    # Blackman's first weight is 0 by a difference of 0.42, 0.5 and 0.08.
+    # The first Blackman weight is the difference 0.42 - 0.5 + 0.08, zero up to rounding.
     assert -1e-9 < weights.min() <= weights.max() <= 1 + 1e-12
     assert 0 < coherent_gain(weights) <= 1
     assert noise_bandwidth_bins(weights) >= 1 - 1e-12
@@ -206,7 +208,7 @@ def test_weights_are_finite_never_above_one_and_lose_no_less_than_a_rectangle(wi
 
 
 @pytest.mark.parametrize(
-    "make",
+    "make_window",
     [
         lambda: chebyshev_weights(0, 60.0),
         lambda: chebyshev_weights(64, 0.0),
@@ -238,9 +240,9 @@ def test_weights_are_finite_never_above_one_and_lose_no_less_than_a_rectangle(wi
         lambda: window_weights("taylor-30", True),
     ],
 )
-def test_a_window_that_cannot_be_is_refused(make):
-    # Even where an equal number, as 64 for 64.0 and 1 for True, has been asked for before.
+def test_rejects_invalid_window_settings(make_window):
+    # Equal valid keys (64 for 64.0, 1 for True) in the cache must not hide the error.
     window_weights("hann", 64)
     window_weights("taylor-30", 1)
     with pytest.raises(InvalidSetting):
-        make()
+        make_window()

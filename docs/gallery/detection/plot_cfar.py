@@ -49,6 +49,6 @@ for estimator in (
     axes.plot(cut.range, 10 * np.log10(threshold) + 30, label=type(estimator).kind())
     over = (cut > threshold).sel(range=slice(44, 46)).any().item()
     print(f"{type(estimator).kind():18} finds the weak target: {over}")
-axes.set(xlim=(15, 135), xlabel="range, m", ylabel="power, dBm", ylim=(-140, None))
+axes.set(xlim=(15, 135), xlabel="Range (m)", ylabel="Power (dBm)", ylim=(-140, None))
 axes.set_title("Thresholds for 1e-4: a weak target at 45 m, clutter from 90 m")
 axes.legend(loc="upper right", fontsize="small")

@@ -53,6 +53,6 @@ for place, model in enumerate(models):
     error = (share - low, high - share)
     axes.errorbar(levels_db, share, error, fmt="o", color=f"C{place}", capsize=3, label=model)
     print(f"{model}: largest difference {abs(share - theory).max():.2f}")
-axes.set(xlabel="signal-to-noise ratio in a sample, dB", ylabel="probability of detection")
+axes.set(xlabel="Signal-to-noise ratio in a sample (dB)", ylabel="Detection probability")
 axes.set_title("Trials with 95 % intervals, and the curves of theory")
 axes.legend(loc="lower right")

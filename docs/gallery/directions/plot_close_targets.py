@@ -38,7 +38,7 @@ for estimator in (dc.angle.Fft(), dc.angle.Capon(n_sources=2), dc.angle.Music(n_
     axes.plot(np.rad2deg(over.azimuth), level_db, label=type(estimator).kind())
 for azimuth in azimuths_deg:
     axes.axvline(azimuth, color="0.6", linestyle=":")
-axes.set(xlim=(-40, 40), ylim=(-50, 2), xlabel="azimuth, deg (left positive)")
-axes.set_ylabel("spectrum over its peak, dB")
+axes.set(xlim=(-40, 40), ylim=(-50, 2), xlabel="Azimuth (°, left positive)")
+axes.set_ylabel("Spectrum relative to its peak (dB)")
 axes.set_title("Two targets (dotted) 9° apart before eight elements")
 axes.legend()

@@ -36,7 +36,7 @@ doppler_khz = np.fft.fftshift(np.fft.fftfreq(len(line), radar.frame.single_inter
 
 figure, axes = plt.subplots()
 axes.plot(doppler_khz, 20 * np.log10(abs(line)) + 30)
-axes.set(xlabel="Doppler frequency, kHz", ylabel="power, dBm", ylim=(-145, -92))
+axes.set(xlabel="Doppler frequency (kHz)", ylabel="Power (dBm)", ylim=(-145, -92))
 own_khz = 2 * dc.truth(scene, radar).velocity.item() / radar.frame.chirp.wavelength_m / 1e3
 span_khz = 1e-3 / radar.frame.single_interval_s
 for slot, sender in enumerate(("transmitter 0", "transmitter 1", "transmitter 2", "nobody")):

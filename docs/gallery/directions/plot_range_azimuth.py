@@ -36,6 +36,6 @@ for ahead, left in places_m:
     corners = ((-2.5, -1), (-2.5, 1), (2.5, 1), (2.5, -1), (-2.5, -1))
     axes.plot(*np.array([(left + b, ahead + a) for a, b in corners]).T, "w:")
 axes.set(xlim=(15, -15), ylim=(0, 25), aspect="equal")
-axes.set(xlabel="y, m (left positive)", ylabel="x, m (ahead)")
+axes.set(xlabel="y (m, left positive)", ylabel="x (m, forward)")
 axes.set_title("Three parked cars and a rail, seen from above")
-figure.colorbar(image, label="power in one element, dBm")
+figure.colorbar(image, label="Power in one element (dBm)")

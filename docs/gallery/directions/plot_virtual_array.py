@@ -44,7 +44,7 @@ for values, mark, label in ((heard, "o", "as heard"), (still, "s", "motion undon
 axes.plot(y_m * 1e3, np.rad2deg(expected), color="0.6", label="wave from 20°")
 for edge in (7, 15):
     axes.axvline(edge * half_m * 1e3 / 2, color="0.8", linestyle=":")
-axes.set(xlabel="place of the virtual element, mm", ylabel="phase over the first element, deg")
+axes.set(xlabel="Position of the virtual element (mm)", ylabel="Phase relative to the first element (°)")
 axes.set_title("Three transmitters in turns, four receivers, without noise")
 axes.legend()
 off = np.rad2deg(np.abs(phase - phase[0] - expected).max())

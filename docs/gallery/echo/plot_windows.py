@@ -29,6 +29,6 @@ for window in ("rectangular", "hann", "blackman-harris", "chebyshev-80"):
     axes.plot(profile.range, level_db, label=window)
     print(f"{window:16} {level_db.sel(range=45.2, method='nearest').item():6.1f} dB there")
 axes.axvline(45.2, color="0.6", linestyle=":")
-axes.set(xlim=(33, 53), ylim=(-90, 3), xlabel="range, m", ylabel="power over the peak, dB")
+axes.set(xlim=(33, 53), ylim=(-90, 3), xlabel="Range (m)", ylabel="Power relative to the peak (dB)")
 axes.set_title("A pedestrian (dotted) behind a truck, under four windows")
 axes.legend(loc="upper left")

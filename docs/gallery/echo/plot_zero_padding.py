@@ -34,7 +34,7 @@ for axes, one in zip(columns, (radar, wider), strict=True):
         axes.plot(near.range, 10 * np.log10(near) + 30, style, label=f"{n_bins} bins")
     for at in places_m:
         axes.axvline(at, color="0.6", linestyle=":")
-    axes.set(xlabel="range, m", ylabel="power, dBm", ylim=(-130, None))
+    axes.set(xlabel="Range (m)", ylabel="Power (dBm)", ylim=(-130, None))
     axes.set_title(f"cells of {one.frame.chirp.range_resolution_m:.2f} m")
     axes.legend()
 figure.suptitle("Targets (dotted) 0.35 m apart")

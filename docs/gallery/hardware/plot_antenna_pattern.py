@@ -14,7 +14,7 @@ import numpy as np
 
 import dechirp as dc
 
-beam = dc.patterns.CosinePattern(
+beam = dc.patterns.Cosine(
     azimuth_beamwidth_rad=np.deg2rad(50), elevation_beamwidth_rad=np.deg2rad(20), gain=20
 )
 made = dc.design(
@@ -43,7 +43,7 @@ axes.plot(np.rad2deg(over), 10 * np.log10(both), color="0.6", label="product of 
 seen = found.snr * found.range**4 / ahead
 axes.plot(np.rad2deg(found.azimuth), 10 * np.log10(seen), "o", label="detections")
 axes.axvspan(-25, 25, color="0.95")
-axes.set(xlabel="azimuth, deg (left positive)", ylabel="echo over one ahead, dB", ylim=(-30, 2))
+axes.set(xlabel="Azimuth (°, left positive)", ylabel="Echo relative to boresight (dB)", ylim=(-30, 2))
 axes.set_title("A beam of 50° (grey): echoes at its edges are 6 dB down")
 axes.legend()
 print(f"{found.sizes['detection']} of {len(targets)} targets found")

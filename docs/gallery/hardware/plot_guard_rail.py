@@ -31,9 +31,9 @@ print("found at   ", np.sort(found.range).round(2), "m")
 
 figure, axes = plt.subplots()
 level_db = 10 * np.log10(power) + 30
-level_db.plot(ax=axes, x="velocity", vmin=-140, cbar_kwargs={"label": "power, dBm"})
+level_db.plot(ax=axes, x="velocity", vmin=-140, cbar_kwargs={"label": "Power (dBm)"})
 for name, at_m in ways_m.items():
     axes.text(6, at_m, name, color="w", va="center")
-axes.set(xlabel="velocity, m/s (receding positive)", ylabel="range, m")
+axes.set(xlabel="Velocity (m/s, receding positive)", ylabel="Range (m)")
 axes.set(xlim=(-2, 10), ylim=(12, 19))
 axes.set_title("One car beside a rail, by three ways")

@@ -38,6 +38,6 @@ for name, repair in (("as heard", ()), ("repaired", (dc.mitigation.InterferenceA
     cut = power.sel(velocity=6, method="nearest")
     right.plot(cut.range, 10 * np.log10(cut) + 30, label=name)
     print(f"{name}: median of the map {10 * np.log10(power.median().item()) + 30:.1f} dBm")
-right.set(xlabel="range, m", ylabel="power at 6 m/s, dBm", ylim=(-150, None))
+right.set(xlabel="Range (m)", ylabel="Power at 6 m/s (dBm)", ylim=(-150, None))
 right.set_title("A car at 40 m")
 right.legend()

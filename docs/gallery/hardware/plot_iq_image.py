@@ -34,6 +34,6 @@ print(f"image {ratio_db:.1f} dB below the target, by theory {theory_db:.1f} dB")
 
 figure, axes = plt.subplots()
 level_db = 10 * np.log10(power) + 30
-level_db.plot(ax=axes, x="velocity", vmin=-140, cbar_kwargs={"label": "power, dBm"})
-axes.set(xlabel="velocity, m/s (receding positive)", ylabel="range, m")
+level_db.plot(ax=axes, x="velocity", vmin=-140, cbar_kwargs={"label": "Power (dBm)"})
+axes.set(xlabel="Velocity (m/s, receding positive)", ylabel="Range (m)")
 axes.set_title("A target at 20 m and 10 m/s, and its image at -10 m/s")

@@ -37,7 +37,7 @@ figure, axes = plt.subplots()
 axes.plot(power.range, 10 * np.log10(power / power.max()), label="simulated")
 far = abs(power.range - 90) > 5
 axes.plot(power.range, 10 * np.log10(skirt / power.max()).where(far), label="theory")
-axes.set(ylim=(-75, 3), xlabel="range, m", ylabel="power over the line, dB")
+axes.set(ylim=(-75, 3), xlabel="Range (m)", ylabel="Power relative to the carrier (dB)")
 axes.set_title("A target at 90 m, seen with an oscillator of -95 dBc/Hz at 1 MHz")
 axes.legend()
 side = slice(40, 80)

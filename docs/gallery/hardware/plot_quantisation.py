@@ -29,6 +29,6 @@ for bits in (4, 6, 8, 12):
     floor_dbm = 10 * np.log10(power.sel(range=slice(30, 90)).mean().item()) + 30
     alone_dbm = 10 * np.log10(full_scale_w / (1.5 * 4**bits) * cell) + 30
     print(f"{bits:2} bits: floor {floor_dbm:.1f} dBm, of the converter alone {alone_dbm:.1f} dBm")
-axes.set(xlabel="range, m", ylabel="power, mean over velocity, dBm")
+axes.set(xlabel="Range (m)", ylabel="Power, mean over velocity (dBm)")
 axes.set_title("A strong target at 10 m, 6 dB below full scale")
 axes.legend()

@@ -48,7 +48,7 @@ for name, impairments in weather.items():
     peaks_db[name] = [
         10 * np.log10(power.sel(range=slice(at - 3, at + 3)).max().item()) for at in places_m
     ]
-axes.set(xlim=(0, 200), xlabel="range, m", ylabel="power, largest of -10 to 10 m/s, dBm")
+axes.set(xlim=(0, 200), xlabel="Range (m)", ylabel="Largest power from -10 to 10 m/s (dBm)")
 axes.set_title("Four corner reflectors, in clear air and in a cloudburst")
 axes.legend()
 lost_db = np.subtract(peaks_db["clear"], peaks_db["100 mm/h"])

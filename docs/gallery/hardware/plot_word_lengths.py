@@ -20,7 +20,7 @@ for place, signal in enumerate(ratios.signal.values):
     one = ratios.sel(signal=signal)
     axes.plot(one.bits, 10 * np.log10(one.predicted), color=f"C{place}")
     axes.plot(one.bits, 10 * np.log10(one.measured), "o", color=f"C{place}", label=str(signal))
-axes.set(xlabel="bits of each part of a number", ylabel="signal over quantisation noise, dB")
+axes.set(xlabel="Bits per real or imaginary part", ylabel="Signal-to-quantisation-noise ratio (dB)")
 axes.set_title("A transform of 256 points with block scaling; lines: theory")
 axes.legend()
 step_db = 10 * np.log10(ratios.measured.sel(bits=24) / ratios.measured.sel(bits=12)) / 12

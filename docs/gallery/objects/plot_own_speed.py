@@ -37,7 +37,7 @@ for motion in ("static", "moving"):
 azimuth = np.linspace(-60, 60, 121)
 speed = ego.vx.item()
 axes.plot(azimuth, -speed * np.cos(np.deg2rad(azimuth)), color="0.6", label="-v cos(azimuth)")
-axes.set(xlabel="azimuth, deg (left positive)", ylabel="velocity, m/s (receding positive)")
+axes.set(xlabel="Azimuth (°, left positive)", ylabel="Velocity (m/s, receding positive)")
 axes.set_title("Posts beside the road, and a car ahead, seen at 20 m/s")
 axes.legend()
 print(f"own speed {speed:.4f} m/s, standard error {ego.vx_std.item():.4f} m/s, truth 20 m/s")

@@ -38,7 +38,7 @@ before, after, apart = (
 axes.plot(before.range, 10 * np.log10(before) + 30, linewidth=4, alpha=0.4, label="simulated")
 axes.plot(after.range, 10 * np.log10(after) + 30, label="read back")
 axes.plot(apart.range, 10 * np.log10(apart) + 30, label="difference")
-axes.set(xlabel="range, m", ylabel="power at 5 m/s, dBm")
+axes.set(xlabel="Range (m)", ylabel="Power at 5 m/s (dBm)")
 axes.set_title("A car at 25 m, before and after a file of 16-bit words")
 axes.legend()
 for name, samples in (("simulated", cube), ("read back", again)):

@@ -42,7 +42,7 @@ for number in tracks.track.values:
     print(f"track {number}: {one.vx[-1].item():.2f} m/s, {one.vy[-1].item():+.2f} m/s across")
 for speed in (12, 3):
     right.axhline(speed, color="0.6", linestyle=":")
-left.set(xlabel="y, m (left positive)", ylabel="x, m (ahead)", xlim=(12, -12))
-right.set(xlabel="time, s", ylabel="velocity ahead, m/s")
+left.set(xlabel="y (m, left positive)", ylabel="x (m, forward)", xlim=(12, -12))
+right.set(xlabel="Time (s)", ylabel="Velocity ahead (m/s)")
 left.legend()
 figure.suptitle("A car at 12 m/s overtakes a truck at 3 m/s")

@@ -41,9 +41,9 @@ spectrum = dc.slow_time.displacement_spectrum(moved)
 
 figure, (left, right) = plt.subplots(1, 2)
 left.plot(moved.time, moved * 1e3)
-left.set(xlabel="time, s", ylabel="displacement, mm", title="Where the chest is")
+left.set(xlabel="Time (s)", ylabel="Displacement (mm)", title="Chest displacement")
 right.semilogy(spectrum.frequency, spectrum * 1e3)
-right.set(xlim=(0, 2), ylim=(1e-3, 4), xlabel="frequency, Hz", ylabel="amplitude, mm")
+right.set(xlim=(0, 2), ylim=(1e-3, 4), xlabel="Frequency (Hz)", ylabel="Amplitude (mm)")
 right.set_title("Breath at 0.25 Hz, heart at 1.2 Hz")
 for name, band_hz in (("breath", (0.1, 0.6)), ("heart", (0.9, 2.0))):
     line = dc.slow_time.strongest_oscillation(spectrum, band_hz)

@@ -29,10 +29,10 @@ power = dc.spectrogram(cube, radar, range_m=(6, 10), hop=32)
 
 figure, axes = plt.subplots()
 level_db = 10 * np.log10(power) + 30
-level_db.plot(ax=axes, x="time", vmin=level_db.max() - 40, cbar_kwargs={"label": "power, dBm"})
+level_db.plot(ax=axes, x="time", vmin=level_db.max() - 40, cbar_kwargs={"label": "Power (dBm)"})
 for side in (-1, 1):
     axes.axhline(side * rate * 0.4, color="w", linestyle=":")
-axes.set(xlabel="time, s", ylabel="velocity, m/s (receding positive)")
+axes.set(xlabel="Time (s)", ylabel="Velocity (m/s, receding positive)")
 axes.set_title(f"Two blades of 0.4 m at {rate:.0f} rad/s: tips at {rate * 0.4:.0f} m/s")
 speed = abs(power.velocity.where(level_db.max("time") > level_db.max() - 25)).max().item()
 print(f"fastest line {speed:.1f} m/s, of {rate * 0.4:.1f} m/s")

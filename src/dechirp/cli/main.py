@@ -20,8 +20,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 import dechirp
 from dechirp.cli import commands
-from dechirp.cli.errors import call_errors, print_errors
-from dechirp.cli.memory_errors import memory_error, startup_memory_error
+from dechirp.cli.errors import call_errors, memory_error, print_errors, startup_memory_error
 from dechirp.core.errors import DechirpError, Mistake
 
 

@@ -108,10 +108,10 @@ def _truth_of_detections(truth: xr.DataArray, target: np.ndarray, frame: np.ndar
 _TRACK_HEADINGS = {
     "number": "track",
     "frames": "frames",
-    "x": "x, m",
-    "y": "y, m",
-    "vx": "vx, m/s",
-    "vy": "vy, m/s",
+    "x": "x (m)",
+    "y": "y (m)",
+    "vx": "vx (m/s)",
+    "vy": "vy (m/s)",
     "target": "target",
 }
 

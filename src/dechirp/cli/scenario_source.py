@@ -10,9 +10,9 @@ from typing import Any
 from dechirp.cli.errors import name_options
 from dechirp.config import loading
 from dechirp.config.dumping import dump
-from dechirp.config.quoting import quote_text
 from dechirp.config.validation import Readers
 from dechirp.core.errors import DechirpError, InvalidFile, Mistake
+from dechirp.core.text import quote_text
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario, load, reference
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar

@@ -15,11 +15,11 @@ from dechirp.config.fields import (
     list_settings,
     setting_name,
 )
-from dechirp.config.quoting import quote_text
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean, nearest_name
 from dechirp.config.validation import ReferencedFileError
 from dechirp.config.yaml_tree import Location, YamlNode, join_path
 from dechirp.core.errors import InvalidSetting, Mistake
+from dechirp.core.text import quote_text
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 from dechirp.config.dumping import dump
 from dechirp.config.error_messages import SettingNode
-from dechirp.config.quoting import quote_text
 from dechirp.config.suggestions import did_you_mean
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import Location, YamlNode, join_path, parse_yaml
 from dechirp.core.errors import InvalidFile
+from dechirp.core.text import quote_text
 
 _OPTION_LOCATION = Location("--set")
 

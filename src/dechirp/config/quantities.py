@@ -4,10 +4,10 @@ import math
 import re
 from decimal import Decimal
 
-from dechirp.config.quoting import quote_text
 from dechirp.config.suggestions import nearest_name
 from dechirp.core.dimensions import DIMENSIONS, Dimension
 from dechirp.core.errors import InvalidSetting
+from dechirp.core.text import quote_text
 
 _GRAMMAR = re.compile(
     r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>[A-Za-z]\S*)?", re.ASCII

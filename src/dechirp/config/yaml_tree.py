@@ -21,8 +21,8 @@ from ruamel.yaml.events import (
     SequenceStartEvent,
 )
 
-from dechirp.config.quoting import quote_text
 from dechirp.core.errors import InvalidFile, Mistake
+from dechirp.core.text import quote_text
 
 Plain: TypeAlias = "str | int | float | bool | list[Plain] | dict[str, Plain] | None"
 

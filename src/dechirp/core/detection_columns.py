@@ -58,8 +58,9 @@ class DetectionColumn(NamedTuple):
 
     @property
     def title(self) -> str:
-        """Heading with the unit: "range, m"."""
-        return f"{self.heading}, {self.unit_symbol}" if self.unit_symbol else self.heading
+        """Heading with the unit: "Range (m)"."""
+        heading = self.heading[:1].upper() + self.heading[1:]
+        return f"{heading} ({self.unit_symbol})" if self.unit_symbol else heading
 
     def to_shown_unit(self, values: np.ndarray) -> np.ndarray:
         """Convert values in SI units to the unit that files and tables show."""

@@ -1,14 +1,15 @@
 """Families: interchangeable classes, one folder a family, which settings files select by `kind`.
 
 The folder contains the base class in `base.py`, and members in the other files. A member is a
-final class; its `kind` is `kind_name`, or else the name of its file with hyphens. A new file is
-all that a new member needs. Other packages add members by entry points in the group of the
-family, such as `dechirp.cfar`.
+final class; its `kind` is its name in lower case with hyphens: `OrderedStatistic` has the kind
+`ordered-statistic`. A new file is all that a new member needs. Other packages add members by entry
+points in the group of the family, such as `dechirp.cfar`.
 """
 
 import importlib
 import inspect
 import pkgutil
+import re
 from abc import ABC
 from collections.abc import Iterator
 from functools import cache
@@ -21,15 +22,13 @@ class Family(ABC):
 
     group: ClassVar[str]
     """Entry-point group through which other packages add members."""
-    kind_name: ClassVar[str] = ""
-    """Kind of a member that shares its file with others; if empty, the kind is the file's name."""
     experimental: ClassVar[bool] = False
     """True for a member never tried on real data; `dechirp list` marks it."""
 
     @classmethod
     def kind(cls) -> str:
         """Return the name of the member in settings files."""
-        return cls.kind_name or cls.__module__.rpartition(".")[2].replace("_", "-")
+        return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower()
 
     @classmethod
     def members(cls) -> dict[str, type]:

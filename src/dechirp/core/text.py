@@ -140,3 +140,10 @@ def _unit_factor(name: str, base: str) -> float | None:
     ]
     above, below = parts[0], parts[1] if len(parts) > 1 else 1.0
     return None if above is None or below is None else above / below
+
+
+def quote_text(text: str) -> str:
+    """Shorten a text to one printable line of at most 60 characters."""
+    line = " ".join(text.split())
+    line = line if line and line.isprintable() else repr(text)
+    return line if len(line) <= 60 else f"{line[:57]}..."

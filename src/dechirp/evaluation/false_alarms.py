@@ -1,14 +1,16 @@
-"""False-alarm probability of a chain, in a cell and in a whole frame."""
+"""False alarms: probability of a chain in a cell and in a frame, and counts in maps of noise."""
 
 from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import brentq
 
+from dechirp.evaluation.trial import NoiseMap
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.chain import Chain
-from dechirp.processing.range_doppler_map import residual_noise
+from dechirp.processing.mitigation.noise_loss import usable_cells
+from dechirp.processing.range_doppler_map import detect_cells, residual_noise
 from dechirp.processing.spectrum import Transform, independent_rows
 from dechirp.radar.radar import Radar
 from dechirp.theory.alarm_clusters import NeighbourCorrelation, local_maximum_fraction
@@ -105,3 +107,30 @@ def _false_alarm_probability_at_row(cfar: Cfar, noise: MapNoise, row: int) -> fl
         if low < np.log(_MIN_PROBABILITY):
             return np.nan
     return float(np.exp(brentq(missing, low, high, xtol=1e-9)))
+
+
+def count_noise_alarms(power: np.ndarray, radar: Radar, chain: Chain) -> NoiseMap:
+    """Count the alarms in a map of a scene without its targets.
+
+    Parameters
+    ----------
+    power : array (velocity, range), float32
+        As the detector reads it: after `processing.range_doppler_map`, or as
+        `processing.noise_maps.draw_noise_map` returns it.
+    radar : Radar
+        For triangles `Radar.with_rising_ramps_only`, with the map of the rising ramps.
+    chain : Chain
+        Fitted to the radar.
+    """
+    noise = chain.map_noise(radar)
+    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    is_over = chain.cfar.exceeds_threshold(np.ascontiguousarray(power[:, rows]), noise)
+    n_tested = is_over.size
+    if (residual_noise_map := residual_noise(radar, chain)) is not None:
+        is_usable = usable_cells(residual_noise_map)[:, rows]
+        is_over &= is_usable
+        n_tested = int(np.count_nonzero(is_usable))
+    n_over = int(np.count_nonzero(is_over))
+    # Most maps have no alarm, and then no peak: those are not looked for.
+    n_peaks = len(detect_cells(power, radar, chain)[0]) if n_over else 0
+    return NoiseMap(power, n_tested, n_over, n_peaks)

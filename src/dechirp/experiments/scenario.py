@@ -27,7 +27,7 @@ from dechirp.scene.truth import truth
 from dechirp.scene.validity import check_scene
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.impairments.base import Impairment
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.stages import sort_into_stages
 from dechirp.tracking.ego import EgoMotion
 from dechirp.tracking.tracker import Tracker

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dechirp.config.quoting import quote_text
 from dechirp.core.atomic_files import atomic_folder, check_replaceable
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import RecordingError
+from dechirp.core.text import quote_text
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.chain import StageOutput, stage_outputs
 from dechirp.processing.fixed_point.lookup_tables import LookupTables, make_lookup_tables

@@ -10,7 +10,7 @@ from dechirp.core.atomic_files import atomic_folder, check_replaceable, encode_u
 from dechirp.core.table_columns import dataset_to_records
 from dechirp.radar.radar import Radar
 from dechirp.recordings.cube_store import write_cube
-from dechirp.results.tables import csv_text, json_text
+from dechirp.results.text_files import csv_text, json_text
 
 _TEXTS = ("report.html", "scenario.yaml", "run.json")
 _MARK = "run.json"

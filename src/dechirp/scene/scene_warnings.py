@@ -9,7 +9,7 @@ import numpy as np
 from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.radar.angle_table import describe_angle_gap
-from dechirp.radar.patterns.table import TablePattern
+from dechirp.radar.patterns.table import Table
 from dechirp.radar.radar import Radar
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, echo_frequencies
 from dechirp.scene.rcs import target_cross_sections_m2
@@ -446,7 +446,7 @@ def _table_gap_findings(scene: Scene, radar: Radar) -> Iterator[Finding]:
         for name in ("tx_pattern", "rx_pattern"):
             tables[f"radar.hardware.{name}"] = getattr(radar.hardware, name)
     for setting, table in tables.items():
-        if not isinstance(table, RcsTable | TablePattern):
+        if not isinstance(table, RcsTable | Table):
             continue
         for axis in ("azimuth", "elevation"):
             gap = describe_angle_gap(getattr(table, f"{axis}_rad"))

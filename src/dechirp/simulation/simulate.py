@@ -26,7 +26,7 @@ from dechirp.simulation.echo_groups import (
 )
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.impairments.base import Impairment
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise
+from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.kernels import selection
 from dechirp.simulation.kernels.direct import PreviousRamps
 from dechirp.simulation.stages import (

@@ -16,10 +16,12 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import collect_findings
 from dechirp.core.threads import single_threaded
 from dechirp.evaluation.score.base import Score
-from dechirp.evaluation.score.detection_probability import DetectionProbability
 from dechirp.evaluation.score.errors import AzimuthRmse, RangeRmse, VelocityRmse
-from dechirp.evaluation.score.false_alarm_probability import FalseAlarmProbability
-from dechirp.evaluation.score.frame_false_alarm_probability import FrameFalseAlarmProbability
+from dechirp.evaluation.score.probabilities import (
+    DetectionProbability,
+    FalseAlarmProbability,
+    FrameFalseAlarmProbability,
+)
 from dechirp.evaluation.trial import TrialContext
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.results import estimate_score

@@ -12,9 +12,8 @@ from dechirp.studio.browser_events import BrowserState, browser_script, read_stu
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.compare import Compare
-from dechirp.studio.panels.errors import Errors
-from dechirp.studio.panels.findings import Findings
 from dechirp.studio.panels.hardware import Hardware
+from dechirp.studio.panels.messages import Errors, Findings
 from dechirp.studio.panels.processing import Processing
 from dechirp.studio.panels.radar import Radar
 from dechirp.studio.panels.recordings import Recordings
@@ -24,6 +23,7 @@ from dechirp.studio.panels.targets import Targets
 from dechirp.studio.panels.transport import Transport
 from dechirp.studio.scenario_edits import PageLimits
 from dechirp.studio.session import Session
+from dechirp.studio.teach import lesson_builders
 from dechirp.studio.theme import DARK, LIGHT, page_style, widget_theme
 from dechirp.studio.views.base import View
 from dechirp.studio.views.beat import BeatView
@@ -130,3 +130,11 @@ def _rate_limited(
             show(moment)
 
     return show_if_due
+
+
+def page_builders(
+    worker: Executor, *, scenario: Scenario, limits: PageLimits
+) -> dict[str, Callable[[Document], None]]:
+    """Return the builders of the live page and the lessons by address."""
+    live_page = partial(build_page, worker=worker, scenario=scenario, limits=limits)
+    return {"/": live_page, **lesson_builders(worker, limits)}

@@ -17,10 +17,10 @@ from dechirp.config.error_messages import SettingNode, explain_refusal
 from dechirp.config.fields import Slot
 from dechirp.config.loading import read_text, sort_mistakes, validate_node
 from dechirp.config.overrides import apply_override, parse_override
-from dechirp.config.quoting import quote_text
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import parse_yaml
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
+from dechirp.core.text import quote_text
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.scenario import READERS, Scenario
 from dechirp.experiments.study.variants import check_disjoint

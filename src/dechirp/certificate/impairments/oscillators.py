@@ -24,9 +24,11 @@ from dechirp.certificate.impairments.reference_radar import (
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.simulation.impairments.phase_noise import PhaseNoise
 from dechirp.simulation.impairments.pll import Pll
-from dechirp.simulation.impairments.polynomial_nonlinearity import PolynomialNonlinearity
-from dechirp.simulation.impairments.sinusoidal_nonlinearity import SinusoidalNonlinearity
-from dechirp.simulation.impairments.slope_drift import SlopeDrift
+from dechirp.simulation.impairments.sweep_nonlinearity import (
+    PolynomialNonlinearity,
+    SinusoidalNonlinearity,
+    SlopeDrift,
+)
 
 _RANGE_M = 40.0
 _MASK_HZ = (1e5, 1e6, 3e6)

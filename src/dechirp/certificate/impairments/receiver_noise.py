@@ -22,10 +22,8 @@ from dechirp.core.units import to_decibels
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 from dechirp.simulation.impairments.aperture_jitter import ApertureJitter
-from dechirp.simulation.impairments.coloured_noise import ColouredNoise
+from dechirp.simulation.impairments.noise import ColouredNoise, ThermalNoise, WhiteNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise
-from dechirp.simulation.impairments.white_noise import WhiteNoise
 from dechirp.theory.windows import window_weights
 
 _RANGE_M = 20.0

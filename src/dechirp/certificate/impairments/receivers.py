@@ -20,13 +20,13 @@ from dechirp.certificate.impairments.reference_radar import (
     tone_power_w,
 )
 from dechirp.core.units import from_decibels, to_decibels
+from dechirp.simulation.impairments.automotive_chip import AutomotiveChip
 from dechirp.simulation.impairments.channel_mismatch import ChannelMismatch
 from dechirp.simulation.impairments.compression import Compression
 from dechirp.simulation.impairments.dc_offset import DcOffset
 from dechirp.simulation.impairments.if_filter import IfFilter
 from dechirp.simulation.impairments.iq_imbalance import IqImbalance
 from dechirp.simulation.impairments.leakage import Leakage
-from dechirp.simulation.impairments.typical_77ghz import Typical77Ghz
 from dechirp.theory.windows import window_weights
 
 _RANGE_M = 20.0
@@ -124,14 +124,14 @@ def _measure_channel_mismatch(rng: np.random.Generator) -> Sequence[MeasuredPair
     return (float(2 * to_decibels(abs(ratio))), 0.5), (float(np.angle(ratio)), 0.2)
 
 
-def _measure_typical_77ghz(rng: np.random.Generator) -> Sequence[MeasuredPair]:
+def _measure_automotive_chip(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     """Measure the image rejection of a strong echo, and the noise without echoes.
 
     The image is measured without the leakage: their compression product lies at the frequency of
     the image, 11 dB lower.
     """
     radar = impairment_radar(128)
-    impairments = Typical77Ghz().impairments(radar)
+    impairments = AutomotiveChip().impairments(radar)
     without_leakage = [
         impairment for impairment in impairments if not isinstance(impairment, Leakage)
     ]
@@ -143,7 +143,7 @@ def _measure_typical_77ghz(rng: np.random.Generator) -> Sequence[MeasuredPair]:
     spectrum = (
         abs(
             np.fft.fft(
-                simulate_samples(EMPTY_SCENE, Typical77Ghz(), radar=radar, rng=rng) * weights
+                simulate_samples(EMPTY_SCENE, AutomotiveChip(), radar=radar, rng=rng) * weights
             )
         )
         ** 2
@@ -208,7 +208,7 @@ MEASUREMENTS = (
         measure=_measure_channel_mismatch,
     ),
     Measurement(
-        kind="typical-77ghz",
+        kind="automotive-chip",
         claim="With all impairments of a typical chip, the image rejection is that of the data"
         " sheet"
         " and the noise that of the noise factor.",
@@ -216,7 +216,7 @@ MEASUREMENTS = (
             Quantity(name="image rejection, without the leakage", unit="dB", tolerance=0.5),
             Quantity(name="noise density in 1 Hz, without echoes", unit="dBm", tolerance=0.5),
         ),
-        measure=_measure_typical_77ghz,
+        measure=_measure_automotive_chip,
         n_trials=64,
     ),
 )

@@ -54,7 +54,7 @@ def calibrate(
     from dechirp.processing.calibration.calibrate import calibrate as calibrate_array
     from dechirp.recordings.recording import open as open_recording
     from dechirp.recordings.settings.calibration import format_calibration
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     azimuths, elevations = (
         _parse_angles("--azimuth", azimuth),
@@ -270,7 +270,7 @@ def _show_calibration(
     screen = open_console()
     calibration = result.calibration
     has_positions = calibration.position_error_m is not None
-    columns = ["tx", "rx", "gain, dB", "phase, deg", "SNR, dB"] + ["y, mm", "z, mm"] * has_positions
+    columns = ["tx", "rx", "Gain (dB)", "Phase (deg)", "SNR (dB)"] + ["y (mm)", "z (mm)"] * has_positions
     rows = new_table(f"{len(calibration.elements)} elements", right=columns)
     for row in _element_rows(result):
         cells = [

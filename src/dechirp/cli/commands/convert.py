@@ -172,7 +172,7 @@ def _print_written(
 ) -> None:
     from dechirp.cli.console import finding_paragraphs, open_console
     from dechirp.config.dumping import to_json_data
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     if as_json:
         document = {

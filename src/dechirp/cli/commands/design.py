@@ -6,12 +6,24 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from dechirp.cli.options import Json, Quiet
+from dechirp.core.values import frozen_dataclass
+from dechirp.radar.design.design import TYPICAL_HARDWARE, TYPICAL_LIMITS
+from dechirp.radar.design.requirements import Limits
+from dechirp.radar.hardware import Hardware
 
 if TYPE_CHECKING:
-    from dechirp.cli.design_assumptions import DesignAssumptions
     from dechirp.core.errors import InvalidFile, Mistake
     from dechirp.radar.design.design import Design
     from dechirp.radar.design.requirements import Requirements
+
+
+@frozen_dataclass
+class DesignAssumptions:
+    """Limits and hardware of a design, both changed by `--set`."""
+
+    limits: Limits = TYPICAL_LIMITS
+    hardware: Hardware = TYPICAL_HARDWARE
+
 
 _Text = Annotated[str | None, Parameter(allow_leading_hyphen=True)]  # -3 m/s is wrong elsewhere
 _REQUIREMENT_PREFIX = "requirements."
@@ -122,9 +134,8 @@ def _limits_error(rule: str) -> "InvalidFile":
 
 def _read_requirements(
     path: Path | None, options: dict[str, str | None], changes: list[str]
-) -> "tuple[Requirements, DesignAssumptions]":
+) -> tuple["Requirements", DesignAssumptions]:
     """Read the requirements and the assumptions; options replace the values of the file."""
-    from dechirp.cli.design_assumptions import DesignAssumptions
     from dechirp.cli.errors import name_options
     from dechirp.config import loading
     from dechirp.core.errors import InvalidFile
@@ -162,7 +173,7 @@ def _read_requirements(
 
 def _print_design_json(design: "Design") -> None:
     from dechirp.config.dumping import to_json_data
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     frame = to_json_data(design.radar.frame)
     document = {

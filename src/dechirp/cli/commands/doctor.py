@@ -19,7 +19,7 @@ def doctor(*, as_json: Json = False) -> int:
 
     import dechirp
     from dechirp.core.memory import available_memory_bytes
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     dependencies, extras = _installed_versions()
     kernels, problem = _kernel_states()

@@ -57,7 +57,7 @@ def fixed_point(
     from dechirp.processing.fixed_point.word_lengths import WordLengths
     from dechirp.processing.range_doppler_map import power_map, threshold_map
     from dechirp.results.hex_vectors import check_output_folder, write_vectors
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     check_output_folder(out)
     lengths = WordLengths() if words is None else loading.read_settings(words, WordLengths)

@@ -31,8 +31,7 @@ def inspect(
     """
     from dechirp.cli.console import progress_bar
     from dechirp.experiments.inspection import inspect as inspect_recording
-    from dechirp.results.tables import json_text
-    from dechirp.results.text_files import check_output_folder, write_files
+    from dechirp.results.text_files import check_output_folder, json_text, write_files
 
     names = ("inspect.json", "map.png")
     check_output_folder(out, names)

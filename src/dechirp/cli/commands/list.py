@@ -38,7 +38,7 @@ def list_members(
     family
         Family to list; all by default.
     """
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     bases = base_classes()
     wanted = {name: bases[name] for name in bases if family in (None, name)}

@@ -131,7 +131,7 @@ def write_run(
     from dechirp.report.page import render_report
     from dechirp.report.pdf import html_to_pdf
     from dechirp.results.results import result_paths, write_results
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     started = perf_counter()
     simulated = result.scenario.scene is not None

@@ -18,11 +18,11 @@ def schema(kind: SettingsKind = "scenario", /) -> int:
     from dechirp.config.schema import Schema, build_schema
     from dechirp.experiments.scenario import READERS, Scenario
     from dechirp.experiments.study.schema import study_schema
-    from dechirp.experiments.tune.schema import tune_schema
+    from dechirp.experiments.tune.document import tune_schema
     from dechirp.radar.calibration import Calibration
     from dechirp.radar.design.requirements import Requirements
     from dechirp.radar.radar import Radar
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     document_schema: Schema
     match kind:

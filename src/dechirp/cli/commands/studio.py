@@ -41,7 +41,7 @@ def studio(
     from functools import partial
 
     _check_web_extra()
-    from dechirp.studio.pages import page_builders
+    from dechirp.studio.page import page_builders
     from dechirp.studio.scenario_edits import PageLimits, check_scenario_size
     from dechirp.studio.server import StudioServer
 

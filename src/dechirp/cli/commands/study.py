@@ -137,7 +137,7 @@ def _write_study(
     from dechirp.experiments.study.results import iter_trial_sums, write_points, write_trials
     from dechirp.report.pdf import write_pdf
     from dechirp.report.study.page import StudyOrigin, render_study_page
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     study = outcome.result.study
     data_set = _DATA_SET_FILES if study.keep else ()
@@ -235,7 +235,7 @@ def _replay_trial(
     from dechirp.experiments.study.plan import Plan
     from dechirp.experiments.study.run import replay_trial
     from dechirp.results.results import check_output_folder
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     plan = Plan.from_study(study)
     if plan.n_points != 1:

@@ -54,7 +54,7 @@ def tune(
     from dechirp.experiments.tune.parsing import load_tune
     from dechirp.experiments.tune.run import run_search
     from dechirp.report.pdf import check_pdf
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     n_workers = None if workers is None else parse_integer("--workers", workers, 1, 10_000)
     first_seed = None if seed is None else parse_integer("--seed", seed, 0, 2**63 - 1)
@@ -114,7 +114,7 @@ def _write_tune(tuned: "TuneResult", out: Path, *, with_pdf: bool) -> dict[str, 
     from dechirp.experiments.tune.document import tune_document
     from dechirp.report.pdf import write_pdf
     from dechirp.report.tune import render_tune_page
-    from dechirp.results.tables import json_text
+    from dechirp.results.text_files import json_text
 
     yamls = [] if tuned.best is None else [dump(scenario) for scenario in tuned.scenarios]
     names = [*_TUNE_FILES, *(_best_scenario_file(number) for number in range(len(yamls)))]

@@ -60,8 +60,7 @@ def twin(
     from dechirp.recordings.recording import open as open_recording
     from dechirp.report.pdf import check_pdf, html_to_pdf
     from dechirp.report.twin import render_twin_page
-    from dechirp.results.tables import json_text
-    from dechirp.results.text_files import check_output_folder, write_files
+    from dechirp.results.text_files import check_output_folder, json_text, write_files
 
     limits = _parse_limits(power_tolerance, bin_tolerance)
     number = 0 if seed is None else parse_integer("--seed", seed, 0, 2**63 - 1)
@@ -125,12 +124,12 @@ def _show_twin(document: Mapping[str, Any], out: Path) -> None:
 
     screen = open_console()
     right = [
-        "range, m",
-        "velocity, m/s",
-        "over noise, dB",
-        "power, dB",
-        "range, bins",
-        "vel., bins",
+        "Range (m)",
+        "Velocity (m/s)",
+        "SNR (dB)",
+        "Power (dB)",
+        "Range (bins)",
+        "Vel. (bins)",
     ]
     rows = new_table(format_headline(document), right=right, left=[])
     differences = [difference for difference in document["differences"] if difference["judged"]]

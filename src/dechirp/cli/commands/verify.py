@@ -44,8 +44,7 @@ def verify(
     from dechirp.certificate.paper import render_paper
     from dechirp.cli.console import progress_bar
     from dechirp.report.pdf import check_pdf, html_to_pdf
-    from dechirp.results.tables import json_text
-    from dechirp.results.text_files import check_output_folder, write_files
+    from dechirp.results.text_files import check_output_folder, json_text, write_files
 
     n_trials = None if trials is None else parse_integer("--trials", trials, 1, 100_000_000)
     first_seed = 1 if seed is None else parse_integer("--seed", seed, 0, 2**63 - 1)

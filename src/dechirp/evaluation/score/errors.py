@@ -165,7 +165,6 @@ def _has_errors(sums: np.ndarray) -> np.ndarray:
 class RangeBias(BiasScore):
     """Mean error of the range of a detected target."""
 
-    kind_name: ClassVar[str] = "range-bias"
     unit: ClassVar[str | None] = "m"
     axis: ClassVar[Axis] = "range"
 
@@ -174,7 +173,6 @@ class RangeBias(BiasScore):
 class RangeRmse(RmseScore):
     """Root mean square error of the range of a detected target."""
 
-    kind_name: ClassVar[str] = "range-rmse"
     unit: ClassVar[str | None] = "m"
     axis: ClassVar[Axis] = "range"
 
@@ -183,7 +181,6 @@ class RangeRmse(RmseScore):
 class VelocityBias(BiasScore):
     """Mean error of the velocity of a detected target."""
 
-    kind_name: ClassVar[str] = "velocity-bias"
     unit: ClassVar[str | None] = "m_per_s"
     axis: ClassVar[Axis] = "velocity"
 
@@ -192,7 +189,6 @@ class VelocityBias(BiasScore):
 class VelocityRmse(RmseScore):
     """Root mean square error of the velocity of a detected target."""
 
-    kind_name: ClassVar[str] = "velocity-rmse"
     unit: ClassVar[str | None] = "m_per_s"
     axis: ClassVar[Axis] = "velocity"
 
@@ -201,7 +197,6 @@ class VelocityRmse(RmseScore):
 class AzimuthBias(BiasScore):
     """Mean error of the azimuth of a detected target."""
 
-    kind_name: ClassVar[str] = "azimuth-bias"
     unit: ClassVar[str | None] = "rad"
     axis: ClassVar[Axis] = "azimuth"
 
@@ -210,7 +205,6 @@ class AzimuthBias(BiasScore):
 class AzimuthRmse(RmseScore):
     """Root mean square error of the azimuth of a detected target."""
 
-    kind_name: ClassVar[str] = "azimuth-rmse"
     unit: ClassVar[str | None] = "rad"
     axis: ClassVar[Axis] = "azimuth"
 
@@ -219,7 +213,6 @@ class AzimuthRmse(RmseScore):
 class ElevationBias(BiasScore):
     """Mean error of the elevation of a detected target."""
 
-    kind_name: ClassVar[str] = "elevation-bias"
     unit: ClassVar[str | None] = "rad"
     axis: ClassVar[Axis] = "elevation"
 
@@ -228,6 +221,5 @@ class ElevationBias(BiasScore):
 class ElevationRmse(RmseScore):
     """Root mean square error of the elevation of a detected target."""
 
-    kind_name: ClassVar[str] = "elevation-rmse"
     unit: ClassVar[str | None] = "rad"
     axis: ClassVar[Axis] = "elevation"

@@ -19,12 +19,12 @@ from dechirp.config.error_messages import SettingNode, explain_refusal
 from dechirp.config.fields import Slot, list_settings
 from dechirp.config.loading import build_value, read_text, sort_mistakes, validate_node
 from dechirp.config.overrides import apply_override, parse_override
-from dechirp.config.quoting import quote_text
 from dechirp.config.setting_paths import SettingPath
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import Location, YamlNode, find_duplicate_keys, join_path, parse_yaml
 from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
+from dechirp.core.text import quote_text
 from dechirp.evaluation.score.base import Score
 from dechirp.experiments.scenario import READERS, Scenario
 from dechirp.experiments.study.dumping import score_unit

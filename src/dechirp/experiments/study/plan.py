@@ -14,10 +14,10 @@ import numpy as np
 from dechirp.config.dumping import dump_line
 from dechirp.config.error_messages import SettingNode
 from dechirp.config.fields import Slot
-from dechirp.config.quoting import quote_text
 from dechirp.config.setting_paths import find_files
 from dechirp.config.yaml_tree import YamlNode, join_path, parse_yaml
 from dechirp.core.checks import check_integer
+from dechirp.core.text import quote_text
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.dumping import dump_study
 from dechirp.experiments.study.study import RandomSetting, Study, SweptSetting

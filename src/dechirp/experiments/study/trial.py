@@ -14,7 +14,7 @@ from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 from dechirp.core.findings import Finding, PhysicsWarning, collect_findings
 from dechirp.core.threads import single_threaded
 from dechirp.evaluation.association import Associator
-from dechirp.evaluation.noise_only import count_noise_alarms
+from dechirp.evaluation.false_alarms import count_noise_alarms
 from dechirp.evaluation.score.base import Need, Score
 from dechirp.evaluation.trial import NoiseMap, TrialContext, TrialResult
 from dechirp.experiments.object_stage import run_object_stage

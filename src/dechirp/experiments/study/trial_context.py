@@ -7,8 +7,7 @@ from dechirp.evaluation.trial import TrialContext
 from dechirp.experiments.link_budget import added_noise_w
 from dechirp.experiments.scenario import Scenario
 from dechirp.scene.truth import truth
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise
-from dechirp.simulation.impairments.white_noise import WhiteNoise
+from dechirp.simulation.impairments.noise import ThermalNoise, WhiteNoise
 
 
 def build_trial_context(scenario: Scenario) -> TrialContext:

@@ -7,11 +7,11 @@ from decimal import Decimal
 from dechirp.config.error_messages import SettingNode
 from dechirp.config.fields import Slot, describe_slot
 from dechirp.config.quantities import convert_difference, convert_quantity, split_quantity
-from dechirp.config.quoting import quote_text
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
 from dechirp.config.yaml_tree import YamlNode
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
+from dechirp.core.text import quote_text
 
 LEVEL_UNITS = {name for kind in DIMENSIONS.values() for name, _ in kind.db_units}
 """Units of levels, whose equal steps are equal ratios."""

@@ -19,13 +19,13 @@ from dechirp.config.error_messages import SettingNode
 from dechirp.config.fields import Slot, list_settings
 from dechirp.config.loading import validate_node
 from dechirp.config.quantities import convert_quantity, format_decimal, split_quantity
-from dechirp.config.quoting import quote_text
 from dechirp.config.setting_paths import with_absolute_paths
 from dechirp.config.suggestions import did_you_mean, nearest_name
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import Location, YamlNode, parse_yaml, resolve_scalar
 from dechirp.core.dimensions import DIMENSIONS
 from dechirp.core.errors import InvalidFile, Mistake
+from dechirp.core.text import quote_text
 from dechirp.experiments.study.study import RandomSetting, SweptSetting
 from dechirp.experiments.study.vary_mapping import (
     LEVEL_UNITS,

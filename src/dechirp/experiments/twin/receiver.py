@@ -9,8 +9,8 @@ from dechirp.processing.spectrum import noise_gain
 from dechirp.radar.budget import noise_power_w
 from dechirp.radar.radar import Radar
 from dechirp.simulation.impairments.base import Impairment
-from dechirp.simulation.impairments.coloured_noise import ColouredNoise
 from dechirp.simulation.impairments.dc_offset import DcOffset
+from dechirp.simulation.impairments.noise import ColouredNoise
 
 _ISOLATION = 1e6  # transmit power to strongest cell, for recordings without noise
 

@@ -1,8 +1,8 @@
 # Written by tests/test_api.py.
 
 from dechirp.processing.cfar.cell_averaging import CellAveraging as CellAveraging
-from dechirp.processing.cfar.greatest_of import GreatestOf as GreatestOf
+from dechirp.processing.cfar.cell_averaging import GreatestOf as GreatestOf
+from dechirp.processing.cfar.cell_averaging import SmallestOf as SmallestOf
 from dechirp.processing.cfar.ordered_statistic import OrderedStatistic as OrderedStatistic
-from dechirp.processing.cfar.smallest_of import SmallestOf as SmallestOf
 from dechirp.processing.cfar.trimmed_mean import TrimmedMean as TrimmedMean
 from dechirp.processing.cfar.two_step import TwoStep as TwoStep

@@ -1,11 +1,26 @@
-"""Cell-averaging CFAR: most sensitive in homogeneous noise (Finn & Johnson 1968)."""
+"""Cell-averaging CFAR and its greatest-of and smallest-of variants.
+
+Cell averaging is most sensitive in homogeneous noise. Greatest-of keeps its false-alarm rate at
+clutter edges; smallest-of detects a target that another one in one half would mask.
+
+References
+----------
+H. M. Finn and R. S. Johnson, Adaptive detection mode with threshold control as a function of
+spatially sampled clutter-level estimates, RCA Review 29, 1968.
+V. G. Hansen and J. H. Sawyers, Detectability loss due to greatest-of selection in a
+cell-averaging CFAR, IEEE Trans. AES 16(1), 1980.
+G. V. Trunk, Range resolution of targets using automatic detectors, IEEE Trans. AES 14(5), 1978.
+"""
+
+from typing import ClassVar
 
 import numpy as np
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
+from dechirp.processing.cfar.split_window import SplitWindowEstimator, split_halves
 from dechirp.processing.cfar.window_means import exceeds_window_means, window_means
-from dechirp.theory.cfar import cell_averaging_factor
+from dechirp.theory.cfar import cell_averaging_factor, greatest_of_factor, smallest_of_factor
 from dechirp.theory.cfar_calibration import CalibratedFactor
 from dechirp.theory.cfar_correlated_cells import CorrelatedWindow, correlated_factor
 
@@ -45,3 +60,27 @@ class CellAveraging(NoiseEstimator):
         return CalibratedFactor(
             value=correlated_factor(false_alarm_probability, box, n_summed=n_channels)
         )
+
+
+@frozen_dataclass
+class GreatestOf(SplitWindowEstimator):
+    """Larger mean of the two halves of the training cells."""
+
+    select_mean: ClassVar[np.ufunc] = np.maximum
+    halves_factor = staticmethod(greatest_of_factor)
+
+    def low_subsets(self, offsets: np.ndarray) -> np.ndarray:
+        """Return both halves as one set: a false alarm needs both low."""
+        return np.any(split_halves(offsets), axis=0, keepdims=True)
+
+
+@frozen_dataclass
+class SmallestOf(SplitWindowEstimator):
+    """Smaller mean of the two halves of the training cells."""
+
+    select_mean: ClassVar[np.ufunc] = np.minimum
+    halves_factor = staticmethod(smallest_of_factor)
+
+    def low_subsets(self, offsets: np.ndarray) -> np.ndarray:
+        """Return each half as a set: either causes false alarms if it is low."""
+        return split_halves(offsets)

@@ -1,10 +1,20 @@
-"""Interference repair of single chirps: base class."""
+"""Interference repair of single chirps, by zeros or by autoregression.
+
+References
+----------
+A. J. E. M. Janssen, R. N. J. Veldhuis and L. B. Vries, "Adaptive interpolation of discrete-time
+signals that can be modeled as autoregressive processes", IEEE Trans. ASSP-34(2), 1986.
+"""
 
 from abc import abstractmethod
 
 import numpy as np
+from scipy import sparse
+from scipy.linalg import solveh_banded
 
+from dechirp.core.checks import check_count
 from dechirp.core.findings import Finding
+from dechirp.core.values import frozen_dataclass
 from dechirp.processing.mitigation.base import Mitigation, check_frame_samples
 from dechirp.processing.mitigation.burst_detection import detect_bursts
 from dechirp.processing.quality.background import MIN_CHIRPS, MIN_SAMPLES
@@ -60,3 +70,64 @@ class InterferenceRepair(Mitigation):
                 fix="remove this mitigation; it has no effect",
             )
         ]
+
+
+@frozen_dataclass
+class InterferenceZeroing(InterferenceRepair):
+    """Replacement of samples in bursts by the static echoes; moving echoes are zeroed.
+
+    A moving target loses the share of its samples that are zeroed, twice in decibels: 1 dB where
+    bursts take 11 % of all samples, or 6 % in the middle of chirps under a Hann window. The lost
+    energy spreads over the map: of a target of 20 dB in a sample, more than noise.
+    """
+
+    n_taper: int = 4
+    """Samples on each side of a burst over which moving echoes fade."""
+
+    def __post_init__(self) -> None:
+        check_count(self, "n_taper", at_least=0, at_most=1000)
+
+    def repair_chirp(
+        self, moving: np.ndarray, is_burst: np.ndarray, predictor: np.ndarray
+    ) -> np.ndarray:
+        """Fade to zero and back, by half a cosine on each side."""
+        fade = np.ones(is_burst.size, np.float32)
+        for distance in range(self.n_taper, 0, -1):
+            level = np.sin(np.pi / 2 * distance / (self.n_taper + 1)) ** 2
+            is_near = np.convolve(is_burst, np.ones(2 * distance + 1), "same") > 0
+            fade[is_near] = level
+        fade[is_burst] = 0
+        return moving * fade
+
+
+@frozen_dataclass
+class InterferenceAutoregression(InterferenceRepair):
+    """Interpolation of samples in bursts by a linear predictor from both sides.
+
+    The interpolated samples minimise the squared prediction error from the samples before and
+    after, with a predictor fitted to the quieter half of the chirps (covariance method, 16
+    weights). Targets continue through a burst as far as they stand out of the noise: in a chirp
+    of noise and weak targets, the prediction fades to zero as in zeroing.
+    """
+
+    def repair_chirp(
+        self, moving: np.ndarray, is_burst: np.ndarray, predictor: np.ndarray
+    ) -> np.ndarray:
+        """Minimise the squared errors of forward and backward prediction."""
+        n, order = is_burst.size, predictor.size
+        shape = (n - order, n)
+        forward = sparse.diags([*-predictor[::-1], 1], range(order + 1), shape, dtype=complex)
+        backward = sparse.diags([1, *-predictor.conj()], range(order + 1), shape, dtype=complex)
+        errors = sparse.vstack([forward, backward]).tocsc()
+        burst_free = np.where(is_burst, 0, moving)
+        unknown = errors[:, is_burst]
+        normal_matrix = (unknown.conj().T @ unknown).todia()
+        right_side = -(unknown.conj().T @ (errors @ burst_free.T))
+        band = np.zeros((order + 1, right_side.shape[0]), complex)
+        for k in range(order + 1):
+            diagonal = normal_matrix.diagonal(-k)
+            band[k, : diagonal.size] = diagonal
+        out = moving.copy()
+        solved = solveh_banded(band, right_side, lower=True).T
+        out[:, is_burst] = solved if np.iscomplexobj(moving) else solved.real
+        return out

@@ -1,9 +1,9 @@
 # Written by tests/test_api.py.
 
 from dechirp.radar.devices.bgt60tr13c import Bgt60tr13c as Bgt60tr13c
-from dechirp.radar.devices.cascade import Cascade as Cascade
-from dechirp.radar.devices.xwr1443 import Xwr1443 as Xwr1443
-from dechirp.radar.devices.xwr1642 import Xwr1642 as Xwr1642
-from dechirp.radar.devices.xwr1843 import Xwr1843 as Xwr1843
-from dechirp.radar.devices.xwr2944 import Xwr2944 as Xwr2944
-from dechirp.radar.devices.xwr6843 import Xwr6843 as Xwr6843
+from dechirp.radar.devices.ti import Cascade as Cascade
+from dechirp.radar.devices.ti import Xwr1443 as Xwr1443
+from dechirp.radar.devices.ti import Xwr1642 as Xwr1642
+from dechirp.radar.devices.ti import Xwr1843 as Xwr1843
+from dechirp.radar.devices.ti import Xwr2944 as Xwr2944
+from dechirp.radar.devices.ti import Xwr6843 as Xwr6843

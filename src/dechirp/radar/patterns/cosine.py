@@ -19,7 +19,7 @@ from dechirp.radar.patterns.base import (
 
 
 @frozen_dataclass
-class CosinePattern(Pattern):
+class Cosine(Pattern):
     r"""Cosine-power beam: half of its peak at half of each beamwidth, zero behind.
 
     .. math:: G = G_0 \cos^m(\alpha) \cos^n(\epsilon),

@@ -17,7 +17,7 @@ from dechirp.radar.patterns.base import (
 
 
 @frozen_dataclass
-class TablePattern(Pattern):
+class Table(Pattern):
     """Measured gains, bilinear in decibels between the angles.
 
     The table wraps round a full circle of azimuths; outside the measured angles the gain at the

@@ -1,9 +1,15 @@
 """ROS 2 bags with radar point clouds, without samples.
 
 A folder with `metadata.yaml`, which names the message files (`.db3` or `.mcap`) in it.
+
+References
+----------
+ros2/rosbag2, rosbag2_storage_sqlite3: tables `topics` and `messages`.
 """
 
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path, PurePath
 from typing import Any, ClassVar
 
@@ -11,7 +17,7 @@ from dechirp.config.yaml_tree import parse_yaml
 from dechirp.core.errors import InvalidFile, RecordingError
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
-from dechirp.recordings.messages import mcap_messages, sqlite_messages
+from dechirp.recordings.messages import mcap_messages
 from dechirp.recordings.messages.contents import read_messages
 from dechirp.recordings.messages.ros import Message
 from dechirp.recordings.readers.base import (
@@ -22,12 +28,39 @@ from dechirp.recordings.readers.base import (
     check_stays_in_folder,
 )
 
+_MESSAGES = """
+SELECT topics.name, topics.type, messages.timestamp, messages.data
+FROM messages JOIN topics ON messages.topic_id = topics.id
+ORDER BY messages.timestamp, messages.id
+"""
+_TABLES = """
+SELECT count(*) FROM sqlite_master
+WHERE type = 'table' AND name IN ('topics', 'messages') AND sql NOT LIKE '%virtual%'
+"""
+
+
+def iter_sqlite_messages(path: Path) -> Iterator[Message]:
+    """Yield all messages; raises any error of SQLite for damaged bytes."""
+    # Read-only and immutable: SQLite takes no lock and creates no files.
+    address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+    with closing(sqlite3.connect(address, uri=True)) as file:
+        # No value can be larger than the file, whatever its columns declare.
+        file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(path.stat().st_size, 2**20))
+        file.execute("PRAGMA trusted_schema = OFF")
+        if file.execute(_TABLES).fetchone() != (2,):
+            raise ValueError("no tables topics and messages")
+        for topic, kind, time_ns, data in file.execute(_MESSAGES):
+            if not isinstance(data, bytes):
+                raise ValueError("a message that is not bytes")
+            yield Message(str(topic), str(kind), int(time_ns), data)
+
+
 METADATA = "metadata.yaml"
 
 _MARK = "rosbag2_bagfile_information"
 _MAX_METADATA_BYTES = 2**20  # bytes of metadata; a topic takes a few hundred
 _STORAGES = {
-    "sqlite3": sqlite_messages.iter_sqlite_messages,
+    "sqlite3": iter_sqlite_messages,
     "mcap": mcap_messages.iter_mcap_messages,
 }
 _EXPECTED = "a complete ROS 2 bag with storage sqlite3 or mcap, without bag compression"

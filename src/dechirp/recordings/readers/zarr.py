@@ -1,4 +1,4 @@
-"""Native Zarr stores: `cube.zarr`, or the folder of a run that contains it."""
+"""Zarr: native stores (`cube.zarr`, or the folder of a run that contains it) and single arrays."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,10 +10,12 @@ import numpy as np
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import RecordingError
 from dechirp.core.values import frozen_dataclass
+from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 from dechirp.recordings.arrays.named_axes import interpret_array
 from dechirp.recordings.arrays.zarr_arrays import (
     EXPECTED,
+    METADATA_NAMES,
     lazy_zarr_array,
     read_json,
     read_small_array,
@@ -139,3 +141,22 @@ def _read_gaps(path: Path, folder: Path) -> np.ndarray | None:
 def _find_cube_folder(path: Path) -> Path | None:
     """Return the folder of the cube that a path refers to; None if there is none."""
     return next((folder for folder in (path / _CUBE, path) if (folder / _MARK).is_file()), None)
+
+
+@frozen_dataclass
+class ZarrArray(Format):
+    """Zarr arrays, whose axes the user names.
+
+    Chunks that were never written become gaps.
+    """
+
+    options: ClassVar[tuple[str, ...]] = ("axes", "encoding", "iq")
+    encodings: ClassVar[tuple[str, ...]] = tuple(LIMITS)
+
+    def recognise(self, path: Path) -> MatchQuality:
+        is_zarr = path.is_dir() and any((path / mark).is_file() for mark in METADATA_NAMES)
+        return MatchQuality.CONTAINER if is_zarr else MatchQuality.NO
+
+    def read(self, path: Path, hints: RecordingHints) -> Contents:
+        samples, file_bytes = lazy_zarr_array(path, hints)
+        return interpret_array(path, samples, hints, file_bytes=file_bytes)

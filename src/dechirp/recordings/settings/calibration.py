@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from dechirp.config.dumping import to_json_data
-from dechirp.config.quoting import quote_text
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
+from dechirp.core.text import quote_text
 from dechirp.radar.calibration import Calibration
 
 _MAX_BYTES = 2**20  # 192 elements take 40 kB

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.writers.hdf5_base import Hdf5Writer
+from dechirp.recordings.writers.hdf5 import Hdf5Writer
 
 
 @frozen_dataclass

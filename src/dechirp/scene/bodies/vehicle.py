@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -273,8 +273,6 @@ class Car(Vehicle):
     the centre. See `Vehicle` for the model.
     """
 
-    kind_name: ClassVar[str] = "car"
-
     length_m: float = 5.0
     width_m: float = 2.0
     height_m: float = 1.6
@@ -295,8 +293,6 @@ class Van(Vehicle):
 
     The origin is on the ground, below the centre. See `Vehicle` for the model.
     """
-
-    kind_name: ClassVar[str] = "van"
 
     length_m: float = 5.9
     width_m: float = 2.0
@@ -320,8 +316,6 @@ class Truck(Vehicle):
     (directive 96/53/EC). The origin is on the ground, below the centre; it does not articulate. See
     `Vehicle` for the model.
     """
-
-    kind_name: ClassVar[str] = "truck"
 
     length_m: float = 16.5
     width_m: float = 2.55

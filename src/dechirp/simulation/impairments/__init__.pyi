@@ -1,9 +1,9 @@
 # Written by tests/test_api.py.
 
 from dechirp.simulation.impairments.aperture_jitter import ApertureJitter as ApertureJitter
+from dechirp.simulation.impairments.automotive_chip import AutomotiveChip as AutomotiveChip
 from dechirp.simulation.impairments.bumper import Bumper as Bumper
 from dechirp.simulation.impairments.channel_mismatch import ChannelMismatch as ChannelMismatch
-from dechirp.simulation.impairments.coloured_noise import ColouredNoise as ColouredNoise
 from dechirp.simulation.impairments.compression import Compression as Compression
 from dechirp.simulation.impairments.dc_offset import DcOffset as DcOffset
 from dechirp.simulation.impairments.fog_attenuation import FogAttenuation as FogAttenuation
@@ -14,18 +14,18 @@ from dechirp.simulation.impairments.interference import Interferer as Interferer
 from dechirp.simulation.impairments.iq_imbalance import IqImbalance as IqImbalance
 from dechirp.simulation.impairments.leakage import Leakage as Leakage
 from dechirp.simulation.impairments.mutual_coupling import MutualCoupling as MutualCoupling
+from dechirp.simulation.impairments.noise import ColouredNoise as ColouredNoise
+from dechirp.simulation.impairments.noise import ThermalNoise as ThermalNoise
+from dechirp.simulation.impairments.noise import WhiteNoise as WhiteNoise
 from dechirp.simulation.impairments.phase_noise import PhaseNoise as PhaseNoise
 from dechirp.simulation.impairments.pll import Pll as Pll
-from dechirp.simulation.impairments.polynomial_nonlinearity import PolynomialNonlinearity as PolynomialNonlinearity
 from dechirp.simulation.impairments.position_errors import PositionErrors as PositionErrors
 from dechirp.simulation.impairments.quantisation import Quantisation as Quantisation
 from dechirp.simulation.impairments.radome import Radome as Radome
 from dechirp.simulation.impairments.rain_attenuation import RainAttenuation as RainAttenuation
 from dechirp.simulation.impairments.rain_backscatter import RainBackscatter as RainBackscatter
-from dechirp.simulation.impairments.sinusoidal_nonlinearity import SinusoidalNonlinearity as SinusoidalNonlinearity
-from dechirp.simulation.impairments.slope_drift import SlopeDrift as SlopeDrift
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise as ThermalNoise
+from dechirp.simulation.impairments.sweep_nonlinearity import PolynomialNonlinearity as PolynomialNonlinearity
+from dechirp.simulation.impairments.sweep_nonlinearity import SinusoidalNonlinearity as SinusoidalNonlinearity
+from dechirp.simulation.impairments.sweep_nonlinearity import SlopeDrift as SlopeDrift
 from dechirp.simulation.impairments.two_ray_ground import TwoRayGround as TwoRayGround
-from dechirp.simulation.impairments.typical_77ghz import Typical77Ghz as Typical77Ghz
 from dechirp.simulation.impairments.wall_multipath import WallMultipath as WallMultipath
-from dechirp.simulation.impairments.white_noise import WhiteNoise as WhiteNoise

@@ -12,8 +12,7 @@ from dechirp.experiments.scenario import Scenario
 from dechirp.radar.budget import noise_power_w
 from dechirp.scene.target import Target
 from dechirp.simulation.impairments.base import Impairment
-from dechirp.simulation.impairments.thermal_noise import ThermalNoise
-from dechirp.simulation.impairments.white_noise import WhiteNoise
+from dechirp.simulation.impairments.noise import ThermalNoise, WhiteNoise
 from dechirp.studio.panels.base import Panel
 from dechirp.studio.panels.knob_widgets import KnobForm, setting_changer
 from dechirp.studio.panels.knobs import NONE, member_label

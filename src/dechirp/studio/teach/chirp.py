@@ -108,10 +108,10 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
         (r"S = \dfrac{B}{T}\,,\quad \Delta R = \dfrac{c}{2B}", "slope; width of a range cell"),
     )
     knobs: ClassVar = {
-        "bandwidth_mhz": Dial("Bandwidth B, MHz", 20, 600, 10, 150),
+        "bandwidth_mhz": Dial("Bandwidth B (MHz)", 20, 600, 10, 150),
         "duration_us": Dial("Duration T of the ramp, µs", 5, 20, 0.1, 7.3),
-        "range_m": Dial("Range R of the target, m", 1, 200, 1, 50),
-        "elapsed": Dial("Part of the ramp that is over, %", 1, 100, 1, 100),
+        "range_m": Dial("Range R of the target (m)", 1, 200, 1, 50),
+        "elapsed": Dial("Elapsed part of the ramp (%)", 1, 100, 1, 100),
     }
     animated_dial = ("elapsed", 1)
     experiments = (
@@ -145,7 +145,7 @@ class ChirpLesson(Lesson[ChirpSettings, ChirpFrame]):
         super().__init__(ChirpSettings)
         self._ramps = LineFigure(
             x="time since the start of the ramp, µs",
-            y="frequency over 77 GHz, MHz",
+            y="Frequency over 77 GHz (MHz)",
             x_range=(0, 8),
             y_range=(0, 150),
         )

@@ -26,7 +26,7 @@ from dechirp.studio.views.line_figure import LineFigure
 _MAX_VELOCITY_M_PER_S = 70.0
 """Limit of the velocity axes."""
 _ADD_CHIRPS, _WHOLE_FRAMES = "chirps are added", "whole frames follow"
-_RANGE, _BEAT = "range, m", "beat frequency, MHz"
+_RANGE, _BEAT = "Range (m)", "Beat frequency (MHz)"
 _LOW_DB, _HIGH_DB = -5.0, 45.0
 
 
@@ -98,7 +98,7 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
             width=8,
             padding=2,
             margin=2,
-            title="over the noise, dB",
+            title="Power over noise (dB)",
             title_text_font_size="11px",
             title_text_font_style="normal",
         )
@@ -113,8 +113,8 @@ class DopplerLesson(Lesson[MixerSettings, MixerComparison]):
         self._phase.add_marks("two", "echo", label="two mixers", size=5)
         self._phase.add_legend(orientation="horizontal")
         self._cut = LineFigure(
-            x="velocity, m/s (receding positive)",
-            y="power over the noise, dB",
+            x="Velocity (m/s, receding positive)",
+            y="Power over noise (dB)",
             x_range=(-_MAX_VELOCITY_M_PER_S, _MAX_VELOCITY_M_PER_S),
             y_range=(_LOW_DB - 5, _HIGH_DB + 18),
         )
@@ -218,7 +218,7 @@ class _MapFigure(LineFigure):
     def __init__(self, mapper: LinearColorMapper) -> None:
         super().__init__(
             x=_RANGE,
-            y="velocity, m/s (receding positive)",
+            y="Velocity (m/s, receding positive)",
             x_range=(35, 65),
             y_range=(-_MAX_VELOCITY_M_PER_S, _MAX_VELOCITY_M_PER_S),
         )

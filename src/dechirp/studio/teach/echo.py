@@ -133,7 +133,7 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
         (r"\Delta R = \dfrac{c}{2\,S\,N/f_\mathrm{s}}", "range bin of N samples"),
     )
     knobs: ClassVar = {
-        "range_m": Dial("Range of the target, m", 40, 60, 0.1, 50),
+        "range_m": Dial("Range of the target (m)", 40, 60, 0.1, 50),
         "second_target": Choice(
             "Second target", (_NO_SECOND_TARGET, *SECOND_TARGETS), _NO_SECOND_TARGET
         ),
@@ -188,7 +188,7 @@ class EchoLesson(Lesson[EchoSettings, EchoFrame]):
         self._signal.add_line("window", "muted", label="window", line_width=2)
         self._signal.add_legend()
         self._spectrum = LineFigure(
-            x="range, m",
+            x="Range (m)",
             y="power, dB over the first target",
             x_range=SHOWN_M,
             y_range=(LOWEST_DB, 9),

@@ -41,7 +41,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         ),
     )
     knobs: ClassVar = {
-        "snr_db": Dial("Echo over noise in each sample, dB", *SNR_DB, 1, -24),
+        "snr_db": Dial("SNR per sample (dB)", *SNR_DB, 1, -24),
         "window": Choice("Window of the right detector", ("rectangular", "hann"), "rectangular"),
         "play": Choice(
             "Each new frame has", (_INCREASING_NOISE, _CONSTANT_NOISE), _INCREASING_NOISE
@@ -85,7 +85,7 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         super().__init__(NoiseSettings)
         self._hits = HitCounter()
         self._cut = LineFigure(
-            x="range, m", y="power over the mean noise, dB", x_range=_SHOWN_M, y_range=(-8, 56)
+            x="Range (m)", y="Power over mean noise (dB)", x_range=_SHOWN_M, y_range=(-8, 56)
         )
         self._cut.add_line("power", "echo", label="power", line_width=1.5)
         self._cut.add_line("report", "track", label="the report's threshold", line_width=2)
@@ -95,8 +95,8 @@ class NoiseLesson(Lesson[NoiseSettings, NoiseFrame]):
         )
         self._cut.add_legend(orientation="horizontal")
         self._shares = LineFigure(
-            x="echo over noise in each sample, dB",
-            y="probability of detection",
+            x="SNR per sample (dB)",
+            y="Detection probability",
             x_range=(SNR_DB[0] - 0.5, SNR_DB[1] + 0.5),
             y_range=(-0.04, 1.08),
         )

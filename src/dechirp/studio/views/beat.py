@@ -12,10 +12,9 @@ from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.figure_style import STATIC_LEVEL
+from dechirp.studio.views.figure_style import STATIC_LEVEL, floor_db, stable_limits_db, stable_top
 from dechirp.studio.views.line_figure import LineFigure
 from dechirp.studio.views.map_markers import truth_on_map
-from dechirp.studio.views.stable_limits import floor_db, stable_limits_db, stable_top
 from dechirp.studio.views.toggle_tile import ToggleTile, colour_text
 
 _MAX_BLOCKS = 300  # two points each: as many as a tile has pixels
@@ -41,7 +40,7 @@ class BeatView(View):
         self.signal.add_line("imaginary", "muted", line_width=1, line_alpha=0.8)
         self.signal.add_line("real", "echo", line_width=1.5)
         self.spectrum = LineFigure(
-            x="beat frequency, MHz", y="power", x_range=(0, 1), y_range=(-1, 1)
+            x="Beat frequency (MHz)", y="power", x_range=(0, 1), y_range=(-1, 1)
         )
         self.spectrum.add_vertical_lines("truth", "truth", line_width=1.5, line_dash="2 3")
         self.spectrum.add_vertical_lines("cursor", "cursor", line_width=1, line_dash="3 3")

@@ -166,7 +166,7 @@ class MapView(View):
 
 def _colour_bar(mapper: LinearColorMapper) -> ColorBar:
     return ColorBar(
-        title="power, dBm",
+        title="Power (dBm)",
         level=STATIC_LEVEL,
         color_mapper=mapper,
         ticker=BasicTicker(desired_num_ticks=4),

@@ -20,7 +20,7 @@ class MicroDopplerView(MapView):
 
     def __init__(self, session: Session) -> None:
         super().__init__(
-            session, title="Micro-Doppler", x="time, s", y="velocity, m/s (receding +)"
+            session, title="Micro-Doppler", x="Time (s)", y="Velocity (m/s, receding positive)"
         )
         times = self.figure.xaxis[0]
         times.ticker.desired_num_ticks = 4  # their labels have many decimals

@@ -20,7 +20,7 @@ class RangeAzimuthView(MapView):
     name = "range_azimuth"
 
     def __init__(self, session: Session) -> None:
-        super().__init__(session, title=_TITLE, x="azimuth, ° (left +)", y="range, m")
+        super().__init__(session, title=_TITLE, x="Azimuth (°, left positive)", y="Range (m)")
 
     def show_frame(self, moment: FrameState) -> None:
         power = moment.azimuth_power

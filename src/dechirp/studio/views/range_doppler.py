@@ -17,7 +17,7 @@ class RangeDopplerView(MapView):
 
     def __init__(self, session: Session) -> None:
         super().__init__(
-            session, title="Range-Doppler map", x="range, m", y="velocity, m/s (receding +)"
+            session, title="Range-Doppler map", x="Range (m)", y="Velocity (m/s, receding positive)"
         )
 
     def show_frame(self, moment: FrameState) -> None:

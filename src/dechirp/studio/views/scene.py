@@ -1,6 +1,7 @@
 """Top view of the scene: x forward is up, y left is left; targets can be dragged."""
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, Tap
@@ -10,8 +11,11 @@ from dechirp.core.display import pluralise
 from dechirp.core.errors import InvalidSetting, Mistake
 from dechirp.core.text import TIMES_SIGN, format_number
 from dechirp.experiments.scenario import Scenario
+from dechirp.report.figures.common import choose_body_scatterers
 from dechirp.report.figures.top_view import ellipse_magnification, round_down_to_1_2_5
 from dechirp.scene.aliasing import RangeVelocity, map_position
+from dechirp.scene.rotations import from_local_axes, to_local_axes
+from dechirp.scene.scene import Scene
 from dechirp.scene.scene import Scene as Targets
 from dechirp.studio.browser_events import on_position_event
 from dechirp.studio.cursor import Cursor
@@ -19,12 +23,79 @@ from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
-from dechirp.studio.views.dragged import format_position, initial_position_m
 from dechirp.studio.views.figure_style import join_lines
 from dechirp.studio.views.ground import TopView, arc_m, move_marks
 from dechirp.studio.views.map_markers import detections_with_azimuth, ranges_without_azimuth
-from dechirp.studio.views.standing import target_positions
-from dechirp.studio.views.tails import TrackTails
+from dechirp.studio.views.tracks import TrackTails
+
+
+def initial_position_m(
+    scene: Scene, name: str, position_m: tuple[float, float], time_s: float
+) -> tuple[float, float, float]:
+    """Return the position at time zero of a target that is at a given position later.
+
+    Parameters
+    ----------
+    position_m : (2,)
+        x and y at that time in coordinates of the radar; the height above the radar is kept.
+    time_s : float
+        Time of the shown frame.
+
+    Raises
+    ------
+    InvalidSetting
+        If the target has waypoints: moving only the first one would bend its trajectory.
+    """
+    target = scene.find_target(name)
+    if target.waypoints:
+        raise InvalidSetting(
+            f"scene.targets.{name}.position",
+            value="dragged, of a target with waypoints",
+            expected="a target with constant velocity",
+            fix="change its waypoints in the settings file, or remove them",
+        )
+    at_s = np.array([time_s])
+    axes = scene.ego.axes(at_s)
+    from_radar_m = scene.offsets_from_radar_m(at_s, np.array([scene.names.index(name)]))
+    old_m = to_local_axes(axes, from_radar_m)
+    new_m = np.array([[[*position_m, old_m[0, 0, 2]]]])
+    displacement_m = from_local_axes(axes, new_m - old_m)[0, 0]
+    x, y, z = (np.array(target.position_m) + displacement_m).tolist()
+    return x, y, z
+
+
+def format_position(position_m: tuple[float, float, float]) -> str:
+    """Format a position for settings, to a tenth of a millimetre."""
+    return f"[{', '.join(f'{coordinate:.4f} m' for coordinate in position_m)}]"
+
+
+_MAX_POINTS = 400
+
+
+class TargetPositions(NamedTuple):
+    """Positions and velocities of targets at one time, in coordinates of the radar."""
+
+    names: tuple[str, ...]
+    positions_m: np.ndarray
+    """(n_targets, 2)"""
+    velocities_m_per_s: np.ndarray
+    """(n_targets, 2), over ground."""
+    scatterers_m: np.ndarray
+    """(n, 2): scatterers that outline the bodies; a subset if there are many."""
+
+
+def target_positions(scene: Scene, time_s: float) -> TargetPositions:
+    """Return positions and velocities of targets, and scatterers of bodies."""
+    at_s = np.array([time_s])
+    own = to_local_axes(scene.ego.axes(at_s), scene.ego.velocities_m_per_s(at_s)[:, None])
+    bodies = choose_body_scatterers(scene, _MAX_POINTS)
+    return TargetPositions(
+        names=scene.names,
+        positions_m=scene.target_positions_m(at_s)[0, :, :2],
+        velocities_m_per_s=(scene.target_velocities_m_per_s(at_s) + own)[0, :, :2],
+        scatterers_m=scene.positions_m(at_s)[0, bodies, :2] if len(bodies) else np.empty((0, 2)),
+    )
+
 
 _MAX_ELLIPSES, _MAX_ARCS = 60, 20
 _MAX_LARGE_MARKS = 15  # detections drawn large

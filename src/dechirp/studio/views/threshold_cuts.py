@@ -16,13 +16,13 @@ from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
 from dechirp.studio.theme import Theme
 from dechirp.studio.views.base import View
+from dechirp.studio.views.figure_style import floor_db, stable_limits_db
 from dechirp.studio.views.line_figure import LineFigure
-from dechirp.studio.views.stable_limits import floor_db, stable_limits_db
 from dechirp.studio.views.toggle_tile import ToggleTile, colour_text
 
 _MAX_BLOCKS = 300
 _AXES: dict[str, MapAxis] = {"Range": "range", "Velocity": "velocity"}
-_LABELS = {"range": "range, m", "velocity": "velocity, m/s (receding +)"}
+_LABELS = {"range": "Range (m)", "velocity": "Velocity (m/s, receding positive)"}
 
 
 class ThresholdCutView(View):

@@ -1,4 +1,4 @@
-"""Table of the tracks of a frame."""
+"""Tracks of a frame: table, and tails of past positions."""
 
 from collections.abc import Sequence
 
@@ -15,19 +15,49 @@ from dechirp.studio.views.base import View
 from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at_cursor
 from dechirp.tracking.online import Track
 
+_MAX_FRAMES = 40  # frames
+
+
+class TrackTails:
+    """Positions of tracks by step; a rewind or a jump discards them."""
+
+    def __init__(self) -> None:
+        self._step = 0
+        self._places: dict[int, dict[int, tuple[float, float]]] = {}
+
+    def add_frame(self, moment: FrameState) -> None:
+        """Add the tracks of a frame; a frame that is shown again replaces itself."""
+        if moment.step not in (self._step, self._step + 1):
+            self._places = {}
+        self._step = moment.step
+        oldest = moment.step - _MAX_FRAMES
+        places = {}
+        for track in moment.tracks:
+            x, _, y, _ = track.state
+            previous = self._places.get(track.number, {})
+            recent = {step: position for step, position in previous.items() if step > oldest}
+            places[track.number] = {**recent, moment.step: (y, x)}
+        self._places = places
+
+    @property
+    def lines_m(self) -> list[np.ndarray]:
+        """Line (n, 2) of each track: left and forward."""
+        return [np.array(list(places.values())) for places in self._places.values()]
+
+
 _HEADINGS = {
     "number": Heading("track", "0", 40),
     "status": Heading("status", width=70),
     "age": Heading("frames", "0", 45),
-    "range": Heading("range, m", "0.00"),
-    "velocity": Heading("velocity, m/s", "0.00", 75),
-    "x": Heading("ahead, m", "0.00"),
+    "range": Heading("Range (m)", "0.00"),
+    "velocity": Heading("Velocity (m/s)", "0.00", 75),
+    "x": Heading("Ahead (m)", "0.00"),
     "x_std": Heading("± m", "0.00", 50),
-    "y": Heading("left, m", "0.00"),
+    "y": Heading("Left (m)", "0.00"),
     "y_std": Heading("± m", "0.00", 50),
-    "vx": Heading("ahead, m/s", "0.00"),
+    "vx": Heading("Ahead (m/s)", "0.00"),
     "vx_std": Heading("± m/s", "0.00", 50),
-    "vy": Heading("left, m/s", "0.00"),
+    "vy": Heading("Left (m/s)", "0.00"),
     "vy_std": Heading("± m/s", "0.00", 50),
 }
 

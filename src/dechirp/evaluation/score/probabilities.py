@@ -1,0 +1,127 @@
+"""Probabilities of detection, of resolution and of false alarms."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from dechirp.core.errors import InvalidSetting
+from dechirp.core.values import frozen_dataclass
+from dechirp.evaluation import false_alarms
+from dechirp.evaluation.detected_targets import is_detected
+from dechirp.evaluation.preconditions import check_has_targets, check_rising_ramps
+from dechirp.evaluation.predicted_detection import detection_probabilities
+from dechirp.evaluation.proportions import estimate_proportion
+from dechirp.evaluation.score.base import Better, Estimate, Need, Score
+from dechirp.evaluation.trial import TrialContext, TrialResult
+from dechirp.evaluation.trial_statistics import estimate_rate
+
+
+@frozen_dataclass
+class DetectionProbability(Score):
+    """Fraction of frames in which a target has a detection."""
+
+    better: ClassVar[Better] = "more"
+    n_sums: ClassVar[int] = 2
+
+    def check_context(self, context: TrialContext) -> None:
+        check_has_targets(context, self.label())
+
+    def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
+        """Return the frames in which each target is detected, and all frames."""
+        detected = is_detected(result, context)
+        return np.stack([detected.sum(axis=1), np.full(len(detected), detected.shape[1])], axis=1)
+
+    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+        return estimate_proportion(*sums.T, confidence=confidence)
+
+    def theory(self, context: TrialContext) -> np.ndarray:
+        return detection_probabilities(context)
+
+
+@frozen_dataclass
+class ResolutionProbability(Score):
+    """Fraction of frames in which every target of the scene has its own detection.
+
+    A detection belongs to the nearest target only, so two merged targets leave one without.
+    """
+
+    better: ClassVar[Better] = "more"
+    n_sums: ClassVar[int] = 2
+
+    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+        return ()
+
+    def check_context(self, context: TrialContext) -> None:
+        if len(context.names) < 2:
+            raise InvalidSetting(
+                "scores",
+                value=f"{self.label()}, in a scene of {len(context.names)} targets",
+                expected="two or more targets to be resolved",
+                fix=f"add a target to the scene, or leave out {self.label()}",
+            )
+
+    def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
+        """Return frames in which all targets are detected, and frames."""
+        detected = is_detected(result, context)
+        return np.array([[detected.all(axis=0).sum(), detected.shape[1]]], dtype=float)
+
+    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+        return estimate_proportion(*sums.T, confidence=confidence)
+
+
+@frozen_dataclass
+class FalseAlarmProbability(Score):
+    """Fraction of tested cells over threshold in maps of the scenario without its targets.
+
+    In theory the design value of the detector, or the value of its offset in white noise.
+    """
+
+    better: ClassVar[Better] = "less"
+    needs: ClassVar[frozenset[Need]] = frozenset({"noise"})
+    n_sums: ClassVar[int] = 2
+
+    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+        return ()
+
+    def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
+        """Return cells over threshold, and tested cells."""
+        assert result.noise is not None
+        return np.array([[result.noise.n_over, result.noise.n_tested]], float)
+
+    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+        """Estimate from the scatter of maps, since alarms are clustered; see `trial_statistics`."""
+        return estimate_rate(*sums.T, confidence=confidence)
+
+    def theory(self, context: TrialContext) -> np.ndarray:
+        """Return the law of the detector, NaN for an offset without one."""
+        return np.array([false_alarms.cell_false_alarm_probability(context.radar, context.chain)])
+
+
+@frozen_dataclass
+class FrameFalseAlarmProbability(Score):
+    """Fraction of frames of the scenario without its targets that have a detection.
+
+    Theory is for white noise, see `evaluation.false_alarms`.
+    """
+
+    better: ClassVar[Better] = "less"
+    needs: ClassVar[frozenset[Need]] = frozenset({"noise"})
+    n_sums: ClassVar[int] = 2
+
+    def subjects(self, context: TrialContext) -> tuple[str, ...]:
+        return ()
+
+    def check_context(self, context: TrialContext) -> None:
+        check_rising_ramps(context, self.label())
+
+    def trial_sums(self, result: TrialResult, context: TrialContext) -> np.ndarray:
+        """Return 1 for a frame with a detection, and the number of frames, 1."""
+        assert result.noise is not None
+        return np.array([[result.noise.n_peaks > 0, 1]], float)
+
+    def estimate(self, sums: np.ndarray, *, confidence: float) -> Estimate:
+        return estimate_proportion(*sums.T, confidence=confidence)
+
+    def theory(self, context: TrialContext) -> np.ndarray:
+        """Return the law, NaN if false alarms of a frame are clustered."""
+        return np.array([false_alarms.frame_false_alarm_probability(context.radar, context.chain)])

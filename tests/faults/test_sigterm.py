@@ -1,0 +1,55 @@
+"""SIGTERM, sent by systems and schedulers: same behaviour as Ctrl-C, with status 143."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from dechirp.core.errors import DechirpError
+from dechirp.experiments.study.ledger_reader import LedgerReader
+from faults.conftest import each_write_command
+from faults.signal_injection import run_with_signal
+from nightly import nightly
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+
+
+@each_write_command
+def test_sigterm_leaves_old_results_unchanged(command, folder, call, monkeypatch):
+    assert run_with_signal(command, signal.SIGTERM, folder, call, monkeypatch) == 143
+
+
+def count_blocks(out) -> int:
+    try:
+        with LedgerReader.open_existing(out) as record:
+            return len(record.finished_blocks())
+    except DechirpError:
+        return 0
+
+
+@nightly
+def test_sigterm_keeps_finished_blocks_of_study(folder):
+    arguments = ("study", "study.yaml", "--workers", "2", "--out", "out", "--quiet")
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    study = subprocess.Popen(
+        [sys.executable, "-m", "dechirp", *arguments, "--set", "trials.at_most=10000"],
+        env=paths,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 120
+    while not (n_finished := count_blocks(folder / "out")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    workers = psutil.Process(study.pid).children(recursive=True)
+    study.terminate()
+    out, err = study.communicate(timeout=120)
+
+    assert (study.returncode, out, err) == (143, "", "")
+    assert count_blocks(folder / "out") >= n_finished > 0
+    _, alive = psutil.wait_procs(workers, timeout=20)
+    assert [worker for worker in alive if worker.status() != psutil.STATUS_ZOMBIE] == []

@@ -1,0 +1,70 @@
+"""Checks of report pages: captions of figures, and completeness of the PDF."""
+
+import re
+
+from dechirp.report.html_tree import Element, parse_html
+from dechirp.report.pdf import html_to_pdf
+
+
+def figure_captions(page: str) -> list[tuple[str, str]]:
+    """Return the title and the caption of each figure."""
+    found_captions = []
+    for figure in parse_html(page).descendants("figure"):
+        (caption,) = figure.descendants("figcaption")
+        title = next(caption.descendants("b"))
+        found_captions.append((title.text, caption.text.replace(title.text, "", 1)))
+    return found_captions
+
+
+def check_captions(page: str) -> None:
+    page_captions = figure_captions(page)
+    assert page_captions
+    assert page.count("<figure") == len(page_captions)
+    for title, text in page_captions:
+        assert title.strip()
+        # A caption of fewer than five words cannot describe a figure.
+        assert len(text.split()) >= 5, (title, text)
+
+
+def extract_pdf_text(pdf: bytes) -> str:
+    """Return the text of a PDF without spaces, since its lines differ from those of the page."""
+    import pypdfium2
+
+    pages = pypdfium2.PdfDocument(pdf)
+    texts = (page.get_textpage().get_text_range() for page in pages)
+    # A paragraph may continue on the next page, with the page number in between.
+    return remove_spaces_and_dashes(
+        "".join(re.sub(r"\s*\d+ / \d+\s*$|^\s*\d+ / \d+\s*", "", text) for text in texts)
+    )
+
+
+def check_pdf_contains_page_text(page: str) -> bytes:
+    """Convert a page to PDF, and check that the PDF contains all of its text."""
+    pdf = html_to_pdf(page)
+    pdf_text, tree = extract_pdf_text(pdf), parse_html(page)
+    for kind in ("h1", "h2", "h3", "figcaption", "th", "td", "p", "li", "pre"):
+        for element in tree.descendants(kind):
+            for part in _text_parts(element):
+                assert remove_spaces_and_dashes(part) in pdf_text, (kind, part)
+    return pdf
+
+
+def _text_parts(element: Element) -> list[str]:
+    """Return the text of an element, split at formulas and at children on separate lines."""
+    parts = [""]
+    for child in element.children:
+        if isinstance(child, str):
+            parts[-1] += child
+        elif child.tag in {"svg", "br", "small", "code", "sup", "div"}:
+            parts += [*_text_parts(child), ""]
+        else:
+            first, *others = _text_parts(child)
+            parts[-1] += first
+            parts += others
+    return parts
+
+
+def remove_spaces_and_dashes(text: str) -> str:
+    """Remove the characters that a PDF does not preserve: spaces and line ends."""
+    # Dashes too: at the end of a line, a PDF does not distinguish hyphens from dashes.
+    return re.sub(r"[\s\u200b\u00ad\ufffe\x00-\x1f\N{EN DASH}-]+", "", text)

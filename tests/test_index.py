@@ -1,0 +1,150 @@
+"""Index of tests: `tests/index.txt` lists the test files of every source file.
+
+python tests/test_index.py        writes it anew
+"""
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import dechirp
+from dechirp.radar.devices.base import Device
+from dechirp.recordings.writers.base import Writer
+from families.test_members import FAMILIES
+from test_api import NAMESPACES, namespace_names
+from test_layers import FILES, ROOT, imported_files, iter_imports, parse_file
+
+TESTS = Path(__file__).parent
+INDEX = TESTS / "index.txt"
+MAX_LISTED = 6  # of 40 and more for widely used files: those with the most references
+HEADER = """\
+# Test files of each source file: those that refer to it most often, at most six.
+# "through x": no test refers to the file itself; the tests of its importer x cover it.
+# Written by: python tests/test_index.py
+"""
+
+
+def module_file(module: str) -> Path | None:
+    """Return the source file of a module, None for packages and other libraries."""
+    path = ROOT.parent.joinpath(*module.split(".")).with_suffix(".py")
+    return path if path.is_file() and module.startswith("dechirp.") else None
+
+
+def package_files(name: str) -> set[Path]:
+    """Return the files that the package of an imported name imports, such as those of lessons."""
+    init = ROOT.parent.joinpath(*name.split(".")[:-1], "__init__.py")
+    return imported_files(init) if init in FILES else set()
+
+
+@cache
+def files_by_word() -> dict[str, list[Path]]:
+    """Return the files of commands and family members by the words that select them."""
+    files: dict[str, list[Path]] = {}
+    for path in FILES:
+        if path.parent.name == "commands":
+            files.setdefault(path.stem.replace("_", "-"), []).append(path)
+    for base in [*FAMILIES, Device, Writer]:
+        for kind, member in base.members().items():
+            for word in (kind, *getattr(member, "suffixes", ())):
+                files.setdefault(word, []).extend(filter(None, [module_file(member.__module__)]))
+    return files
+
+
+@cache
+def public_owner(*names: str) -> Path | None:
+    """Return the file that defines `dechirp.name` or `dechirp.namespace.name`, if it is public."""
+    if names and names[0] in NAMESPACES:
+        namespace = NAMESPACES[names[0]]
+        members = namespace_names(namespace) if len(names) > 1 else {}
+        return module_file(members.get(names[-1], namespace))
+    if names and names[0] in dechirp._MODULES:
+        return module_file(f"dechirp.{dechirp._MODULES[names[0]]}")
+    return None
+
+
+def attribute_names(node: ast.Attribute) -> tuple[str, ...]:
+    """Return the names after `dc` in `dc.cfar.CellAveraging`, and none for other objects."""
+    names: list[str] = []
+    value: ast.expr = node
+    while isinstance(value, ast.Attribute):
+        names.insert(0, value.attr)
+        value = value.value
+    is_package = isinstance(value, ast.Name) and value.id in {"dc", "dechirp"}
+    return tuple(names[:2]) if is_package else ()
+
+
+def iter_references(test_file: Path) -> Iterator[Path]:
+    """Yield the source file of every import and every public name in a test file."""
+    for node in ast.walk(parse_file(test_file)):
+        owners: list[Path | None] = []
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("dechirp"):
+            imported = [alias.name for alias in node.names]
+            owners = [module_file(f"{node.module}.{name}") for name in imported]
+            owners += [module_file(str(node.module))] * any(owner is None for owner in owners)
+        elif isinstance(node, ast.Import):
+            owners = [module_file(alias.name) for alias in node.names]
+        elif isinstance(node, ast.Attribute):
+            names = attribute_names(node)
+            owners = [public_owner(*names), public_owner(*names[:1])]
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            words = [node.value, *re.findall(r"\bkind: ([a-z0-9-]+)", node.value)]
+            owners = [file for word in words for file in files_by_word().get(word, ())]
+        yield from filter(None, owners)
+
+
+def tests_by_file() -> dict[Path, list[Path]]:
+    """Return the test files that refer to each source file, most references first."""
+    counts: dict[Path, Counter[Path]] = {path: Counter() for path in FILES}
+    for test_file in sorted(TESTS.rglob("test_*.py")):
+        for source in iter_references(test_file):
+            if source in counts:
+                counts[source][test_file] += 1
+    return {source: [test for test, _ in count.most_common()] for source, count in counts.items()}
+
+
+def index_lines() -> list[str]:
+    """Return one line for each source file: its tests, or the tested file that imports it."""
+    tests = tests_by_file()
+    importers: dict[Path, list[Path]] = {path: [] for path in FILES}
+    for path in FILES:
+        packages = {file for _, name in iter_imports(path) for file in package_files(name)}
+        for imported in (imported_files(path) | packages) & importers.keys():
+            importers[imported].append(path)
+    lines = []
+    for source in FILES:
+        if source.name == "__init__.py":
+            continue
+        listed = [str(test.relative_to(TESTS)) for test in tests[source][:MAX_LISTED]]
+        if not listed:
+            listed = ["through", nearest_tested_importer(source, importers, tests)]
+        lines.append(f"{source.relative_to(ROOT)}: {' '.join(listed)}")
+    return lines
+
+
+def nearest_tested_importer(
+    source: Path, importers: dict[Path, list[Path]], tests: dict[Path, list[Path]]
+) -> str:
+    """Return the nearest file that imports a source file, also through others, and has tests."""
+    level, seen = [source], {source}
+    while level:
+        for path in level:
+            if tests[path]:
+                return str(path.relative_to(ROOT))
+        level = [up for path in level for up in importers[path] if up not in seen]
+        seen.update(level)
+    return "NO TEST"
+
+
+def test_index_lists_tests_of_every_source_file():
+    assert INDEX.read_text(encoding="utf-8") == HEADER + "\n".join(index_lines()) + "\n", (
+        "run python tests/test_index.py"
+    )
+    assert [line for line in index_lines() if "NO TEST" in line] == []
+
+
+if __name__ == "__main__":
+    INDEX.write_text(HEADER + "\n".join(index_lines()) + "\n", encoding="utf-8")
+    print(INDEX)

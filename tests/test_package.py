@@ -1,0 +1,173 @@
+"""Package hygiene: fast start, module docstrings, and declared libraries."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+import dechirp
+from test_layers import FILES, ROOT, ROOT_FILES, iter_imports, parse_file
+
+PYPROJECT = ROOT.parents[1] / "pyproject.toml"
+
+# Libraries that another one imports: optuna ranks settings by a random forest, trimesh traces rays.
+INDIRECT_LIBRARIES = {"scikit-learn": "optuna", "embreex": "trimesh"}
+
+# Import names that differ from the names of the distributions.
+IMPORT_NAMES = {"ruamel-yaml": "ruamel", "python-can": "can", "osi-python": "osi3"}
+
+
+def test_module_docstring_starts_with_one_sentence():
+    docstrings = {path: ast.get_docstring(parse_file(path)) for path in [*FILES, *ROOT_FILES]}
+
+    # The first line is one sentence; details follow after an empty line.
+    unclear = [
+        path
+        for path, text in docstrings.items()
+        if not re.match(r"\S.{0,98}\.(\n\n|$)", text or "")
+    ]
+    assert [str(path.relative_to(ROOT)) for path in unclear] == []
+
+
+def test_settings_in_messages_belong_to_existing_classes():
+    classes = {
+        node.name
+        for path in FILES
+        for node in ast.walk(parse_file(path))
+        if isinstance(node, ast.ClassDef)
+    }
+    owners = {
+        (str(path.relative_to(ROOT)), owner)
+        for path in FILES
+        for owner in re.findall(r'"([A-Z][a-z]\w+)\.[a-z_{]', path.read_text(encoding="utf-8"))
+    }
+
+    # Thumbs.db is a file of a file manager.
+    assert {owner for _, owner in owners if owner not in classes} <= {"Thumbs"}, owners
+
+
+def declared_libraries() -> dict[str, list[str]]:
+    """Return the libraries that users can install, by extra; `core` for those without extra."""
+    project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    user_extras = {name for name in extras if name not in {"all", "dev", "docs", "fuzz", "release"}}
+    requirements = {"core": project["dependencies"], **{name: extras[name] for name in user_extras}}
+    return {
+        name: [library_name(requirement) for requirement in entries]
+        for name, entries in requirements.items()
+    }
+
+
+def library_name(requirement: str) -> str:
+    """Return the name in a requirement, without extra, version and marker."""
+    return re.split(r"[\s\[<>=!~;]", requirement)[0].lower().replace(".", "-").replace("_", "-")
+
+
+def import_name(library: str) -> str:
+    return IMPORT_NAMES.get(library, library.replace("-", "_"))
+
+
+@cache
+def imported_libraries() -> dict[str, set[Path]]:
+    """Return the files that import each library, at any level."""
+    files_by_library: dict[str, set[Path]] = {}
+    for path in FILES:
+        for _, name in iter_imports(path):
+            files_by_library.setdefault(name.partition(".")[0], set()).add(path)
+    return {
+        name: paths
+        for name, paths in files_by_library.items()
+        if name != "dechirp" and name not in sys.stdlib_module_names
+    }
+
+
+def test_every_declared_library_is_imported():
+    declared = {library for libraries in declared_libraries().values() for library in libraries}
+    unused = {library for library in declared if import_name(library) not in imported_libraries()}
+
+    assert unused == set(INDIRECT_LIBRARIES)
+    assert set(INDIRECT_LIBRARIES.values()) <= declared
+
+
+def test_every_imported_library_is_declared():
+    declared = {
+        import_name(library) for libraries in declared_libraries().values() for library in libraries
+    }
+    # Dependencies of declared libraries that their users import directly.
+    dependencies = {
+        "pydantic_core": "pydantic",
+        "llvmlite": "numba",
+        "markupsafe": "jinja2",
+        "pandas": "xarray",
+        "numcodecs": "zarr",
+        "distributed": "dask",
+        "google": "osi-python",
+        "zstandard": "mcap",
+        "lz4": "mcap",
+    }
+
+    assert set(imported_libraries()) - declared == set(dependencies)
+    for name, parent in dependencies.items():
+        parent_requirements = {
+            library_name(requirement) for requirement in metadata.requires(parent) or ()
+        }
+        assert {"google": "protobuf"}.get(name, name).replace("_", "-") in parent_requirements, (
+            f"{parent}: {name}"
+        )
+
+
+COLD_START_SCRIPT = """
+import sys
+
+optional, other = (set(names.split()) for names in sys.argv[1:])
+
+
+def loaded():
+    return {name.partition(".")[0] for name in sys.modules}
+
+
+import dechirp
+
+assert not loaded() & (optional | other), loaded() & (optional | other)
+
+from dechirp.cli.main import main
+
+
+def status(*words):
+    try:
+        main(words)
+    except SystemExit as end:
+        return end.code
+
+
+assert status("--help") == 0
+assert loaded() & (optional | other) == {"cyclopts", "rich"}, loaded() & (optional | other)
+
+# None in place of a library: it is not installed.
+sys.modules.update(dict.fromkeys(optional))
+assert status("run", "--quiet", "--set", "radar.frame.n_chirps=32") == 0
+"""
+
+
+def test_start_loads_few_libraries_and_run_needs_no_extra(tmp_path):
+    declared = declared_libraries()
+    core_libraries = {import_name(library) for library in declared.pop("core")}
+    optional = {import_name(library) for libraries in declared.values() for library in libraries}
+    optional |= {"sklearn", "distributed", "sphinx", "pytest"} - {"scikit_learn"}
+
+    process = subprocess.run(
+        [sys.executable, "-c", COLD_START_SCRIPT, " ".join(optional), " ".join(core_libraries)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+    assert process.returncode == 0, process.stderr
+    assert (tmp_path / "dechirp-run" / "report.html").is_file()
+    assert dechirp.__version__ in metadata.version("dechirp")
