@@ -59,8 +59,8 @@ def noise(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
 def error_ratio(estimator: Any, seen: Aperture, n: int) -> str:
     """Root mean square error over the bound, for each angle that the array tells."""
     rng = np.random.default_rng(1)
-    azimuth = rng.uniform(-np.pi / 3, np.pi / 3, n) * seen.resolves[0]
-    elevation = rng.uniform(-0.44, 0.44, n) * seen.resolves[1]
+    azimuth = rng.uniform(-np.pi / 3, np.pi / 3, n) * seen.resolves_azimuth_and_elevation[0]
+    elevation = rng.uniform(-0.44, 0.44, n) * seen.resolves_azimuth_and_elevation[1]
     x = np.sqrt(SNR) * seen.steering_vectors(azimuth, elevation) + noise((n, seen.n_elements), rng)
     found = estimator.find_directions(x[:, None], seen, np.ones(n))
     bound = np.array(
@@ -71,14 +71,14 @@ def error_ratio(estimator: Any, seen: Aperture, n: int) -> str:
                 elevation_rad=[at[1]],
                 amplitudes=[np.sqrt(SNR)],
                 noise_power=1.0,
-                unknown=seen.resolves,
+                unknown=seen.resolves_azimuth_and_elevation,
             )[0]
             for at in zip(azimuth, elevation, strict=True)
         ]
     )
     ratios = []
     for axis, truth in enumerate((azimuth, elevation)):
-        if seen.resolves[axis]:
+        if seen.resolves_azimuth_and_elevation[axis]:
             error = (found[axis][:, 0] - truth) / bound[:, axis]
             true = np.mean(((found[axis][:, 0] - truth) / found[axis + 2][:, 0]) ** 2)
             ratios.append(f"{np.sqrt(np.mean(error**2)):.3f} ({true:.2f})")

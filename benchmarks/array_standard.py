@@ -31,7 +31,7 @@ for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 
 import dechirp as dc
-from dechirp.processing.peaks import local_maxima
+from dechirp.processing.peaks import strongest_local_maxima_and_n_dropped
 from dechirp.processing.range_doppler_map import range_doppler_power
 
 
@@ -97,7 +97,7 @@ def libraries() -> dict[str, Any]:
 def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
     """One frame through ours and through each library."""
     chain = dc.Chain(range_window="hann", doppler_window="hann").fit_to_radar(radar)
-    law = chain.map_noise(radar)
+    law = chain.map_noise_statistics(radar)
     samples = np.ascontiguousarray(dc.simulate(scene, radar, seed=1).values[0])
     ring = chain.cfar.training_window
     sizes = (
@@ -119,7 +119,7 @@ def compare(name: str, radar: dc.Radar, scene: dc.Scene) -> dict[str, Any]:
     def ours() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         power = range_doppler_power(samples, radar, chain)
         over = chain.cfar.exceeds_threshold(power, law)
-        return power, over, local_maxima(power, over)[0]
+        return power, over, strongest_local_maxima_and_n_dropped(power, over)[0]
 
     power, over, peaks = ours()
     inside = slice(sizes[0] + sizes[2], samples.shape[2] - sizes[0] - sizes[2])

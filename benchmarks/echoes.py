@@ -62,7 +62,7 @@ def measured(name: str, case: Case, most_ms: float, rng: np.random.Generator) ->
     n = len(scatterers.amplitudes)
     engine = Engine()
     out = np.zeros(shape, np.complex64)
-    predicted = selection.predict_costs(shape, scatterers, sent, 1e-5)
+    predicted = selection.predict_kernel_times(shape, scatterers, sent, 1e-5)
     (first_s,) = timed(lambda: selection.add_echoes(out, scatterers, sent, engine=engine), 1)
     chirps = np.unique(rng.integers(shape[0], size=max(1, min(8, 4000 // n))))
     (plain_s,) = timed(lambda: direct_sum(scatterers, sent, shape[2], chirps), 1)
@@ -78,7 +78,7 @@ def measured(name: str, case: Case, most_ms: float, rng: np.random.Generator) ->
     took = timed(lambda: selection.add_echoes(out, scatterers, sent, engine=engine), turns)
     return {
         "case": name,
-        "kernel": predicted.cheapest,
+        "kernel": predicted.cheapest_kernel,
         "ms": 1e3 * median(took),
         "fastest_ms": 1e3 * min(took),
         "not_above_ms": most_ms,

@@ -4,7 +4,7 @@ Frames of 1 MiB: 128 chirps, 8 receivers, 256 complex samples, noise of 12 bits;
 256. All in the file cache, in one folder of the disk that the argument names (a temporary one
 without it), files new each time. Ratios of the fastest of turns A B A B:
 
-write    `write_cube` of int16 codes over `ndarray.tofile` of the same codes; at most 2.
+write    `write_cube_store` of int16 codes over `ndarray.tofile` of the same codes; at most 2.
 encode   the same of the complex64 cube, whose codes are made and checked bit by bit, over its
          codes made by NumPy, cube / scale, rint and astype, and `tofile` of those.
 read     all codes by `zarr.open_array(...)[:]` over `numpy.fromfile`; at most 2.
@@ -35,7 +35,7 @@ import zarr
 
 import dechirp as dc
 from dechirp.radar.cube import label_cube
-from dechirp.recordings.cube_store import write_cube
+from dechirp.recordings.cube_store import write_cube_store
 from dechirp.simulation.adc_codes import extract_adc_codes
 
 N_CHIRPS, N_RX, N_SAMPLES = 128, 8, 256
@@ -82,7 +82,7 @@ class Case:
 
     def write(self, frames: list[xr.DataArray]) -> None:
         """Write frames to a store."""
-        write_cube(self.store, frames, n_frames=len(frames), radar=RADAR, groups={})
+        write_cube_store(self.store, frames, n_frames=len(frames), radar=RADAR, groups={})
 
     def by_hand(self) -> None:
         """Make codes of the samples with NumPy and write them to a bare file."""

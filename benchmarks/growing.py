@@ -22,7 +22,7 @@ from dechirp.processing.angle.base import DirectionEstimator
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cluster import cluster
 from dechirp.processing.refine import refine_tones
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.kernels import selection
 from dechirp.theory.cfar_correlated_cells import correlated_factor
@@ -105,7 +105,7 @@ def _maps() -> Iterator[Job]:
         over_range, over_velocity = (
             Transform(window="hann", n_points=n, n_bins=n) for n in (n_samples, n_chirps)
         )
-        return lambda: mean_power(cube, "complex", over_range, over_velocity)
+        return lambda: mean_range_doppler_power(cube, "complex", over_range, over_velocity)
 
     yield Job("map", "chirps", "n log n", doubled(64, 5), lambda n: work(n_chirps=n))
     yield Job("map", "samples", "n log n", doubled(256, 5), lambda n: work(n_samples=n))
@@ -151,12 +151,12 @@ def _detectors() -> Iterator[Job]:
         )  # fmt: skip
 
     def exact(n: int) -> Work:
-        noise = dc.Chain().map_noise(dc.reference().radar)
+        noise = dc.Chain().map_noise_statistics(dc.reference().radar)
         ring = TrainingWindow(
             n_training=dc.Cells(range=10, velocity=8),
             n_guard=dc.Cells(range=n // 9 // 2, velocity=4),
         )
-        box = ring.noise_box(noise, ring.half_range)
+        box = ring.noise_covariance_in_box(noise, ring.half_range)
         return lambda: correlated_factor(1e-6, box)
 
     yield Job("CFAR factor, exact", "guard cells", "n^3", (81, 171, 351, 711), exact)

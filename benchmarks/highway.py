@@ -96,7 +96,7 @@ def seconds(work: Callable[[], object], n_times: int = 3) -> float:
 
 def ends_of(scene: dc.Scene) -> tuple[int, int]:
     """The nearest scatterer and the farthest."""
-    range_m = np.linalg.norm(scene.positions_m([0.0])[0], axis=-1)
+    range_m = np.linalg.norm(scene.scatterer_positions_m([0.0])[0], axis=-1)
     return int(range_m.argmin()), int(range_m.argmax())
 
 
@@ -111,7 +111,7 @@ def phase_noise(scene: dc.Scene, radar: dc.Radar) -> Callable[[], None]:
     def stage() -> None:
         reach = phase_error.find_delay_spread(parts, kept, radar)
         wide = kept.widen(reach.n_before, reach.n_after)
-        phase_rad = noise.phase_error_rad(reach.phase_window(wide), radar, rng)
+        phase_rad = noise.phase_error_rad(reach.phase_sample_window(wide), radar, rng)
         phase_error.apply_phase_error(echo[..., : wide.n_times], phase_rad, reach, radar)
 
     echo = np.zeros((radar.frame.n_chirps_total, radar.array.n_rx, 512), np.complex64)
@@ -138,13 +138,16 @@ def main() -> None:
         )
 
     alone_s = frames_s([])
-    found = {"echoes alone": alone_s, "automotive-chip": frames_s([dc.impairments.AutomotiveChip()])}
+    found = {
+        "echoes alone": alone_s,
+        "automotive-chip": frames_s([dc.impairments.AutomotiveChip()]),
+    }
     for impairment in dc.impairments.AutomotiveChip().impairments(radar):
         found[f"echoes and {impairment.kind()}"] = frames_s([impairment])
     for name, took_s in found.items():
         print(f"{name:>32} {1e3 * took_s:7.1f} ms a frame, {took_s / alone_s:5.2f} x echoes alone")
     print(f"{scene.n_scatterers} scatterers, {1 / found['automotive-chip']:.1f} frames/s")
-    ends = [scene.positions_m([0.0])[0, place] for place in ends_of(scene)]
+    ends = [scene.scatterer_positions_m([0.0])[0, place] for place in ends_of(scene)]
     two = dc.Scene(
         targets=[
             dc.Target(position_m=tuple(at_m), velocity_m_per_s=(38 * way, 0, 0), rcs_m2=10)

@@ -48,7 +48,7 @@ from sides.plain_maps import (
 
 import dechirp as dc
 from dechirp.processing.cfar.base import TrainingWindow
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 
 FACTOR = 13.965
 # Rank 3 / 4 of 644 cells at 1e-6: log 4 = 1.386 times the mean, within 1 %.
@@ -94,7 +94,9 @@ def of_map() -> dict[str, dict[str, float]]:
     over_velocity = Transform(window="hann", n_points=128, n_bins=128)
     frame, chain = cube.isel(frame=0), dc.Chain(n_range_bins=4096)
     works: dict[str, Callable[[], object]] = {
-        "map, kernel": lambda: mean_power(samples, "complex", over_range, over_velocity),
+        "map, kernel": lambda: mean_range_doppler_power(
+            samples, "complex", over_range, over_velocity
+        ),
         "map, power_map": lambda: dc.power_map(frame, scenario.radar, chain),
     }
     plain = partial(plain_map, samples[:, 0], taper, 4096)

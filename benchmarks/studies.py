@@ -66,7 +66,7 @@ def works() -> Works:
     chain = scenario.chain.fit_to_radar(radar)
     rng, law, trials = (
         np.random.default_rng(1),
-        chain.map_noise(radar),
+        chain.map_noise_statistics(radar),
         MonteCarloSimulator(scene, radar),
     )
     again = trials.simulate_trial(rng)

@@ -240,7 +240,7 @@ def factors(_folder: str) -> Found:
     import dechirp as dc
     from dechirp.processing.cfar.base import NoiseEstimator
 
-    noise = dc.Chain().map_noise(dc.reference().radar)
+    noise = dc.Chain().map_noise_statistics(dc.reference().radar)
     found: Found = {}
     print(f"{'':20} {'one':>8} {'two receivers':>15} {'error':>8}", file=sys.stderr)
     for kind, member in NoiseEstimator.members().items():
@@ -251,15 +251,15 @@ def factors(_folder: str) -> Found:
         for n_channels in (1, 2):
             law = replace(noise, n_channels=n_channels)
             start = perf_counter()
-            cfar.false_alarm_error(law)
+            cfar.false_alarm_probability_error(law)
             seconds.append(perf_counter() - start)
         found[kind] = {
             "one_s": seconds[0],
             "two_s": seconds[1],
-            "error": cfar.false_alarm_error(noise),
+            "error": cfar.false_alarm_probability_error(noise),
         }
         print(
-            f"{kind:20} {seconds[0]:8.3f} {seconds[1]:15.3f} {cfar.false_alarm_error(noise):8.4f}",
+            f"{kind:20} {seconds[0]:8.3f} {seconds[1]:15.3f} {cfar.false_alarm_probability_error(noise):8.4f}",
             file=sys.stderr,
         )
     return found

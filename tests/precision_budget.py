@@ -12,11 +12,16 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.angle.aperture import FieldOfView
 from dechirp.processing.angle.bartlett import Bartlett
 from dechirp.processing.cfar.base import MapNoise
-from dechirp.processing.cfar.window_means import window_means
-from dechirp.processing.direction_finding import direction_aperture
-from dechirp.processing.peak_interpolation import interpolate_peaks
+from dechirp.processing.cfar.window_means import scaled_window_means
+from dechirp.processing.direction_finding import checked_direction_aperture
+from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
 from dechirp.processing.refine import refine_tones
-from dechirp.processing.spectrum import Transform, amplitude_weights, mean_power, split_spectrum
+from dechirp.processing.spectrum import (
+    Transform,
+    amplitude_range_weights,
+    mean_range_doppler_power,
+    range_doppler_real_and_imaginary,
+)
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 from dechirp.simulation.kernels.direct import add_echoes
 from small_radars import simulate_echoes, small_radar
@@ -48,7 +53,7 @@ def double_precision_spectrum(samples) -> np.ndarray:
 
 def single_precision_spectrum(samples) -> np.ndarray:
     """Return the spectrum as the package computes it."""
-    parts = split_spectrum(samples, "complex", *AXES)
+    parts = range_doppler_real_and_imaginary(samples, "complex", *AXES)
     return parts[:, :, 0] + 1j * parts[:, :, 1].astype(np.complex128)
 
 
@@ -122,7 +127,7 @@ def echo_phase_error(range_m=100.0, start_s=10.0) -> float:
 def window_error() -> float:
     """Return the largest spectral amplitude that rounded weights add, relative to a tone."""
     exact = AXES[0].weights / AXES[0].weights.sum()
-    rounded = amplitude_weights(AXES[0], "complex").astype(float)
+    rounded = amplitude_range_weights(AXES[0], "complex").astype(float)
     return float(abs(np.fft.fft(rounded - exact, 16 * N_SAMPLES)).max())
 
 
@@ -149,7 +154,9 @@ def channel_power_error() -> float:
     """Return the error of the mean power of eight channels, relative to the mean cell."""
     samples = random_noise((N_CHIRPS, 8, N_SAMPLES))
     exact = (abs(double_precision_spectrum(samples)) ** 2).mean(axis=1)
-    return root_mean_square(mean_power(samples, "complex", *AXES) - exact) / float(exact.mean())
+    return root_mean_square(mean_range_doppler_power(samples, "complex", *AXES) - exact) / float(
+        exact.mean()
+    )
 
 
 def training_mean_error(target_db: float | None = None) -> float:
@@ -157,7 +164,7 @@ def training_mean_error(target_db: float | None = None) -> float:
     cells = np.random.default_rng(2).exponential(size=(64, 200)).astype(np.float32)
     if target_db is not None:
         cells[20, [50, 51, 90]] = 10 ** (target_db / 10)
-    means = window_means(cells, np.ones(200, np.float32), 6, 4, 2, 2).astype(float)
+    means = scaled_window_means(cells, np.ones(200, np.float32), 6, 4, 2, 2).astype(float)
     box = np.zeros(cells.shape)
     for dv in range(-6, 7):
         for dr in range(-8, 9):
@@ -171,7 +178,7 @@ def training_mean_error(target_db: float | None = None) -> float:
 def longest_training_sum_error() -> float:
     """Return the relative error of a training mean over 2^20 cells, a generous upper limit."""
     cells = np.random.default_rng(2).exponential(size=(1025, 1027)).astype(np.float32)
-    means = window_means(cells, np.ones(1027, np.float32), 511, 511, 1, 1)
+    means = scaled_window_means(cells, np.ones(1027, np.float32), 511, 511, 1, 1)
     # Around range 512 the window contains ranges 0 to 1024, and all velocities.
     guard = cells[:, 511:514].sum(axis=1, dtype=float)
     guard = guard + np.roll(guard, 1) + np.roll(guard, -1)
@@ -182,10 +189,13 @@ def longest_training_sum_error() -> float:
 def peak_position_error() -> float:
     """Return the error of a peak position between bins, in bins."""
     exact = abs(double_precision_spectrum(make_tone())[:, 0]) ** 2
-    rounded = mean_power(make_tone(), "complex", *AXES)
+    rounded = mean_range_doppler_power(make_tone(), "complex", *AXES)
     transforms = MapNoise(range_transform=AXES[0], doppler_transform=AXES[1])
     cell = np.array([np.unravel_index(exact.argmax(), exact.shape)])
-    positions = [np.ravel(interpolate_peaks(power, cell, transforms)) for power in (rounded, exact)]
+    positions = [
+        np.ravel(interpolate_peak_frequencies(power, cell, transforms))
+        for power in (rounded, exact)
+    ]
     return float((abs(positions[0] - positions[1]) / (2 * np.pi) * (N_CHIRPS, N_SAMPLES)).max())
 
 
@@ -201,7 +211,7 @@ def frequency_error() -> float:
 def azimuth_error() -> float:
     """Return the azimuth error of beams, relative to the Cramer-Rao bound at 40 dB."""
     radar = small_radar(n_rx=8)
-    aperture = direction_aperture(radar, FieldOfView())
+    aperture = checked_direction_aperture(radar, FieldOfView())
     true = 0.3217
     x = aperture.steering_vectors(true)
     sources = Bartlett().find_directions(x.reshape(1, 1, -1), aperture, np.array([1e-4]))

@@ -19,7 +19,7 @@ import pytest
 
 import dechirp
 from dechirp.core.families import Family
-from dechirp.core.namespaces import public_names
+from dechirp.core.namespaces import modules_by_public_name
 from test_layers import ROOT, parse_file
 
 API_TEXT = Path(__file__).with_name("api.txt")
@@ -87,7 +87,7 @@ def namespace_names(module: str) -> dict[str, str]:
     """Map the names of a namespace to the modules that define them."""
     namespace = importlib.import_module(module)
     if hasattr(namespace, "__path__"):
-        return public_names(module)
+        return modules_by_public_name(module)
     return {name: getattr(namespace, name).__module__ for name in namespace.__all__}
 
 
@@ -139,7 +139,7 @@ def stubs() -> dict[Path, str]:
         if hasattr(namespace, "__path__"):
             texts[Path(namespace.__path__[0]) / "__init__.pyi"] = sorted(
                 f"from {owner} import {name} as {name}"
-                for name, owner in public_names(module).items()
+                for name, owner in modules_by_public_name(module).items()
             )
     return {
         path: "\n".join(["# Written by tests/test_api.py.", "", *lines, ""])

@@ -6,7 +6,7 @@ import dechirp as dc
 from dechirp.config import loading
 from dechirp.evaluation.track_trial import TrackTrial, draw_trial
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.centroids import to_detection_cells
+from dechirp.processing.centroids import detections_to_resolution_cells
 from dechirp.processing.cfar.base import TrainingWindow
 from dechirp.processing.cluster import Reach
 from dechirp.simulation.kernels.base import Scatterers, Transmission
@@ -61,9 +61,9 @@ def noise_maps(n_maps: int, n_velocity: int, n_range: int, pfa: float, step: flo
         n_guard=dc.Cells(velocity=GUARD[0], range=GUARD[1]),
     )
     rank = 3 * N_RING // 4
-    middle = ring.offsets(ring.half_range)
+    middle = ring.training_cell_offsets(ring.half_range)
     factors = [
-        estimator.independent_cells_factor(pfa, middle, n_channels=1)
+        estimator.independent_cells_threshold_factor(pfa, middle, n_channels=1)
         for estimator in (dc.cfar.CellAveraging(), dc.cfar.OrderedStatistic(rank=rank))
     ]
     return {
@@ -112,7 +112,7 @@ def snapshots(n: int, n_elements: int) -> Inputs:
         elevation_rad=[0.0],
         amplitudes=[np.sqrt(SNR)],
         noise_power=1.0,
-        unknown=seen.resolves,
+        unknown=seen.resolves_azimuth_and_elevation,
     )[0, 0]
     return {
         "snapshots": x.astype(np.complex64),
@@ -150,7 +150,7 @@ def points(n: int) -> Inputs:
         "snr": 100 * rng.exponential(size=n),
     }
     unknown = {"elevation": np.full(n, np.nan), "ambiguity_number": np.full(n, np.nan)}
-    cells = to_detection_cells(told | unknown, radar).cells / Reach().by_axis
+    cells = detections_to_resolution_cells(told | unknown, radar).cells / Reach().as_array_by_axis
     return {f"detections_{name}": values for name, values in told.items()} | {
         "places": cells[:, :3],
         "owner": owner,

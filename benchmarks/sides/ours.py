@@ -64,10 +64,10 @@ def masks(estimator: NoiseEstimator, x: Inputs) -> Timed:
     """Edges with factors of their own: fewer guard cells fit into a box at the end of the map."""
     training, guard = (dc.Cells(velocity=n[0], range=n[1]) for n in (TRAINING, GUARD))
     ring = TrainingWindow(n_training=training, n_guard=guard)
-    places = ring.box_rows(x["power"].shape[2])
+    places = ring.box_row_of_map_rows(x["power"].shape[2])
     factors = {
-        place: estimator.independent_cells_factor(
-            float(x["false_alarm_probability"]), ring.offsets(place), n_channels=1
+        place: estimator.independent_cells_threshold_factor(
+            float(x["false_alarm_probability"]), ring.training_cell_offsets(place), n_channels=1
         )
         for place in np.unique(places).tolist()
     }

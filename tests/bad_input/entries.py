@@ -265,8 +265,8 @@ def _udp(file: Path, _: Path) -> object:
     senders = np.array([sender for sender, _ in packets], np.int64)
     window = ReassemblyWindow(4096, max_lost_frames=1000)
     last = -1
-    placed = window.reassemble(PacketSlots(content, sizes, senders))
-    for frame in chain(placed, window.flush_before(2**40)):
+    placed = window.reassemble_frames(PacketSlots(content, sizes, senders))
+    for frame in chain(placed, window.flush_frames_before(2**40)):
         assert frame.number > last, "a frame came twice, or late"
         last = frame.number
         assert frame.received_mask.any(), "a frame of nothing"

@@ -18,7 +18,7 @@ import dechirp as dc
 from bad_input.entries import must_say_all
 from dechirp.core.errors import DechirpError
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 
 SRC = Path(dechirp.__file__).parent
 
@@ -43,7 +43,7 @@ def _study(folder: Path) -> None:
 
 
 def _huge_cube(_: Path) -> None:
-    check_memory("the cube", needed_bytes=1e18, fix="take fewer chirps")
+    check_free_memory("the cube", needed_bytes=1e18, fix="take fewer chirps")
 
 
 def _far_target(_: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.recordings.cube_store import write_cube
+from dechirp.recordings.cube_store import write_cube_store
 from dechirp.simulation.adc_codes import extract_adc_codes
 from dechirp.simulation.impairments.noise import ThermalNoise
 from dechirp.simulation.impairments.quantisation import Quantisation
@@ -23,7 +23,7 @@ def simulate_quantised_cube(radar, sampling="complex", **changes):
 
 
 def write_frames(path, cube, radar):
-    write_cube(
+    write_cube_store(
         path,
         (cube.isel(frame=slice(i, i + 1)) for i in range(cube.sizes["frame"])),
         n_frames=cube.sizes["frame"],

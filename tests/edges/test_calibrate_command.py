@@ -8,7 +8,7 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.cli.main import main
-from dechirp.recordings.settings.calibration import format_calibration, read_calibration
+from dechirp.recordings.settings.calibration import format_calibration_json, read_calibration
 from dechirp.recordings.settings.read import read_radar
 
 RADAR = """\
@@ -163,7 +163,7 @@ def test_calibration_file_reads_back_equal(tmp_path):
             range_offset_m=rng.normal(),
             residual=None if position_errors_m is None else 0.1,
         )
-        (tmp_path / "cal.json").write_text(format_calibration(calibration))
+        (tmp_path / "cal.json").write_text(format_calibration_json(calibration))
         assert read_calibration(tmp_path / "cal.json") == calibration
 
 

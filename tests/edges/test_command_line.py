@@ -348,7 +348,7 @@ def test_interrupted_run_writes_nothing_and_keeps_old_result(run_cli, folder, mo
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(results, "write_cube", interrupt)
+    monkeypatch.setattr(results, "write_cube_store", interrupt)
 
     assert run_cli("run", "small.yaml") == (130, "", "Interrupted; nothing was written.\n")
     new_times_ns = {

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import xarray as xr
 
-from dechirp.core.dataset_arrays import dataset_from_arrays, dataset_to_arrays
+from dechirp.core.dataset_arrays import dataset_from_arrays, dataset_to_arrays_and_description
 
 
 def test_dataset_of_numbers_texts_and_flags_reads_back_equal():
@@ -19,7 +19,7 @@ def test_dataset_of_numbers_texts_and_flags_reads_back_equal():
         {"frame": ("frame", [0.25], {"units": "s"})},
         {"convention": "receding positive", "least": np.float64(0.5)},
     )
-    columns, description = dataset_to_arrays(table)
+    columns, description = dataset_to_arrays_and_description(table)
     result = dataset_from_arrays(columns, json.loads(json.dumps(description)))
     assert result.identical(table.assign_attrs(least=0.5))
     assert all(
@@ -29,5 +29,5 @@ def test_dataset_of_numbers_texts_and_flags_reads_back_equal():
 
 def test_dataset_without_rows_reads_back_without_rows():
     table = xr.Dataset({"label": ("detection", np.array([], dtype="U8"))})
-    columns, description = dataset_to_arrays(table)
+    columns, description = dataset_to_arrays_and_description(table)
     assert dataset_from_arrays(columns, description)["label"].shape == (0,)

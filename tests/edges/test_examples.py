@@ -82,11 +82,13 @@ def list_detectable_targets(result: dc.Result) -> list[str]:
 def is_hit(result: dc.Result, name: str, frame: int) -> bool:
     """Return whether a detection lies within two cells of a scatterer of the target."""
     scene, radar = result.scenario.scene, result.radar
-    target_scatterers = scene.owners == scene.names.index(name)
+    target_scatterers = scene.target_of_scatterer == scene.names.index(name)
     mid_s = result.truth.time.values[frame]
     # Range of each scatterer, and its change within two microseconds.
     before_m, at_m, after_m = (
-        np.linalg.norm(scene.positions_m([mid_s + shift_s])[0, target_scatterers], axis=-1)
+        np.linalg.norm(
+            scene.scatterer_positions_m([mid_s + shift_s])[0, target_scatterers], axis=-1
+        )
         for shift_s in (-1e-6, 0, 1e-6)
     )
     velocity = (after_m - before_m) / 2e-6
@@ -201,7 +203,7 @@ def test_scenes_contain_documented_targets_and_radars():
     corner = dc.load(EXAMPLES / "corner-radar.yaml")
     assert len(corner.radar.array.tx_m) == 3 and corner.radar.n_channels == 12
     assert corner.scene.ego.is_turning
-    min_x_m = [corner.scene.positions_m([t])[..., 0].min() for t in (0, 0.6)]
+    min_x_m = [corner.scene.scatterer_positions_m([t])[..., 0].min() for t in (0, 0.6)]
     assert min(min_x_m) > 0
 
     parking = dc.load(EXAMPLES / "parking-radar.yaml").radar.frame

@@ -10,7 +10,7 @@ import dechirp as dc
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.processing.fixed_point.chain import fixed_point_map, stage_outputs
 from dechirp.processing.fixed_point.lookup_tables import make_lookup_tables
-from dechirp.processing.fixed_point.samples import to_integer_samples
+from dechirp.processing.fixed_point.samples import to_integer_samples_and_step
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 from dechirp.results.hex_vectors import (
     FILES,
@@ -48,7 +48,7 @@ def test_all_stages_and_tables_read_back_equal(tmp_path, radar, sampling, words)
     vectors = read_vectors(tmp_path / "v")
 
     plan = make_lookup_tables(radar, CHAIN.fit_to_radar(radar), words)
-    for block in stage_outputs(to_integer_samples(frame, radar, words)[0], radar, plan):
+    for block in stage_outputs(to_integer_samples_and_step(frame, radar, words)[0], radar, plan):
         assert np.array_equal(vectors.pop(block.name), block.integers), block.name
     for name, table in (
         ("range_weights", plan.range_window),

@@ -255,7 +255,7 @@ def test_map_repr_shows_size_and_power_limits():
 def test_html_formats_only_rows_that_it_shows(monkeypatch):
     targets = [dc.Target(name=f"car {n}", position_m=(10 + n, 0, 0)) for n in range(50)]
     formatted_targets = []
-    cells_of = dc.Target._summary_cells
+    cells_of = dc.Target._display_position_velocity_reflection
     monkeypatch.setattr(
         dc.Target,
         "_summary_cells",

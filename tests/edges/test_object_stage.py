@@ -155,11 +155,11 @@ def test_rejects_impossible_tracking_settings_before_simulation(street, changes,
 
 
 def test_rejects_recording_with_too_few_frames_before_processing(result, tmp_path):
-    from dechirp.recordings.cube_store import write_cube
+    from dechirp.recordings.cube_store import write_cube_store
 
     path = tmp_path / "two.zarr"
     frames = (result.cube.isel(frame=[i]) for i in range(2))
-    write_cube(path, frames, n_frames=2, radar=result.radar, groups={})
+    write_cube_store(path, frames, n_frames=2, radar=result.radar, groups={})
     progress_calls = []
     scenario = dc.Scenario(recording=RecordingSource(path=str(path)), tracker=Tracker())
     with pytest.raises(dc.InvalidSetting, match="tracker.confirm_after: 3 detections, in a run"):

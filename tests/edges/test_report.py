@@ -10,7 +10,7 @@ import xarray as xr
 
 from dechirp.core.conventions import axis_coordinate
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.text import EN_DASH, decimals_for_std, format_probability, format_si
+from dechirp.core.text import EN_DASH, decimals_for_std, format_probability, format_with_si_prefix
 from dechirp.evaluation.association import associate_detections
 from dechirp.experiments.run import run
 from dechirp.experiments.scenario import Scenario
@@ -30,7 +30,7 @@ from dechirp.report.figures.range_doppler import block_maxima
 from dechirp.report.figures.style import thin_line
 from dechirp.report.page import render_report
 from dechirp.report.page_context import build_page_context
-from dechirp.scene.aliasing import apparent_truth, map_position
+from dechirp.scene.aliasing import apparent_range_and_velocity, range_doppler_map_position
 from dechirp.scene.bodies.corner_reflector import CornerReflector
 from dechirp.scene.bodies.pedestrian import Pedestrian
 from dechirp.scene.bodies.point_cloud import PointCloud
@@ -398,7 +398,9 @@ def test_aliased_target_is_expected_at_peak_of_its_echo(sampling):
     with pytest.warns(PhysicsWarning):
         cube = simulate(scene, radar, impairments=(), seed=1)
 
-    expected = map_position(apparent_truth(truth(scene, radar), radar), radar)
+    expected = range_doppler_map_position(
+        apparent_range_and_velocity(truth(scene, radar), radar), radar
+    )
 
     power = power_map(cube.isel(frame=0), radar, Chain())
     row, column = np.unravel_index(int(power.values.argmax()), power.shape)
@@ -578,9 +580,9 @@ def test_link_budget_bars_are_contiguous():
 
 
 def test_si_format_has_prefix_and_no_trailing_zeros():
-    assert format_si(149.896e6, "Hz", 6) == "149.896 MHz"
-    assert format_si(7.3333e-6, "s", 5) == "7.3333 µs"
-    assert format_si(999.99999, "Hz") == "1000 Hz"
-    assert format_si(0.0, "s") == "0 s"
+    assert format_with_si_prefix(149.896e6, "Hz", 6) == "149.896 MHz"
+    assert format_with_si_prefix(7.3333e-6, "s", 5) == "7.3333 µs"
+    assert format_with_si_prefix(999.99999, "Hz") == "1000 Hz"
+    assert format_with_si_prefix(0.0, "s") == "0 s"
     assert format_probability(1e-6) == "10⁻⁶"
     assert format_probability(2.5e-5).endswith("10⁻⁵")

@@ -295,7 +295,7 @@ def test_interrupted_output_check_leaves_no_files(tmp_path, monkeypatch):
 
 
 def make_failing_writer(error):
-    """Return a `write_cube` that raises an error after half of the data."""
+    """Return a `write_cube_store` that raises an error after half of the data."""
 
     def write_half(path, frames, **_):
         path.mkdir()
@@ -313,7 +313,7 @@ def test_interrupted_write_keeps_old_result_and_no_temporary_files(
     out = tmp_path / "out"
     write_result_folder(out, radar)
     (out / "report.html").write_text("old")
-    monkeypatch.setattr(results, "write_cube", make_failing_writer(error))
+    monkeypatch.setattr(results, "write_cube_store", make_failing_writer(error))
 
     with pytest.raises(type(error)):
         write_result_folder(out, radar)
@@ -324,7 +324,7 @@ def test_interrupted_write_keeps_old_result_and_no_temporary_files(
 
 
 def test_interrupted_first_write_leaves_nothing(tmp_path, radar, monkeypatch):
-    monkeypatch.setattr(results, "write_cube", make_failing_writer(KeyboardInterrupt()))
+    monkeypatch.setattr(results, "write_cube_store", make_failing_writer(KeyboardInterrupt()))
 
     with pytest.raises(KeyboardInterrupt):
         write_result_folder(tmp_path / "out", radar)
@@ -334,7 +334,7 @@ def test_interrupted_first_write_leaves_nothing(tmp_path, radar, monkeypatch):
 
 def test_full_disk_gives_message(tmp_path, radar, monkeypatch):
     error = OSError(errno.ENOSPC, "No space left on device")
-    monkeypatch.setattr(results, "write_cube", make_failing_writer(error))
+    monkeypatch.setattr(results, "write_cube_store", make_failing_writer(error))
 
     with pytest.raises(DechirpError, match=r"not writable \(No space left on device\).*free space"):
         write_result_folder(tmp_path / "out", radar)
@@ -383,7 +383,7 @@ def test_leftovers_of_killed_run_are_restored_or_removed(tmp_path, radar, monkey
     else:
         (tmp_path / ".out.0123abcd.before").mkdir()
     (tmp_path / ".out.mine.before").mkdir()
-    monkeypatch.setattr(results, "write_cube", make_failing_writer(KeyboardInterrupt()))
+    monkeypatch.setattr(results, "write_cube_store", make_failing_writer(KeyboardInterrupt()))
 
     with pytest.raises(KeyboardInterrupt):
         write_result_folder(out, radar)

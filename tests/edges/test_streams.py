@@ -20,7 +20,7 @@ from dechirp.config.dumping import dump
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.experiments.streaming import open_stream
 from dechirp.recordings.live.reassembly import N_PACKETS, ReassemblyWindow
-from dechirp.recordings.live.replay import build_packet, iter_packets
+from dechirp.recordings.live.replay import build_dca1000_packet, iter_file_as_packets
 from dechirp.recordings.live.socket_reader import PacketSlots, RecvfromReader, fastest_socket_reader
 from udp_packets import receive_packets, send_packets, wait_for_packets
 
@@ -79,7 +79,7 @@ def find_gap_chirps(lost_packets: Iterable[int], sensor: dc.Radar) -> np.ndarray
 
 
 def test_replayed_capture_gives_recorded_frames(capture, sensor, recorded_frames):
-    frames, stream = receive_packets(iter_packets(capture), sensor, **RECORDING_OPTIONS)
+    frames, stream = receive_packets(iter_file_as_packets(capture), sensor, **RECORDING_OPTIONS)
 
     assert len(frames) == N_FRAMES
     for frame, expected in zip(frames, recorded_frames, strict=True):
@@ -92,7 +92,7 @@ def test_lost_packets_are_marked_and_order_and_duplicates_change_nothing(
     capture, sensor, recorded_frames
 ):
     rng = np.random.default_rng(3)
-    packets = list(iter_packets(capture))
+    packets = list(iter_file_as_packets(capture))
     lost_packets = {n for n in range(1, len(packets)) if rng.random() < 0.01}
     assert lost_packets
     arrivals = [n for n in range(len(packets)) if n not in lost_packets]
@@ -115,7 +115,7 @@ def test_lost_packets_are_marked_and_order_and_duplicates_change_nothing(
 
 
 def test_only_lost_samples_of_chirp_are_zero(capture, sensor, recorded_frames):
-    packets = list(iter_packets(capture))
+    packets = list(iter_file_as_packets(capture))
 
     frames, _ = receive_packets(packets[:3] + packets[4:], sensor, **RECORDING_OPTIONS)
 
@@ -130,7 +130,7 @@ def test_only_lost_samples_of_chirp_are_zero(capture, sensor, recorded_frames):
 
 
 def test_stream_joins_running_radar_at_current_frame(capture, sensor, recorded_frames):
-    packets = list(iter_packets(capture))
+    packets = list(iter_file_as_packets(capture))
 
     frames, stream = receive_packets(packets[30:], sensor, **RECORDING_OPTIONS)
 
@@ -144,7 +144,7 @@ def test_stream_joins_running_radar_at_current_frame(capture, sensor, recorded_f
 
 
 def test_completely_lost_frames_are_omitted_and_counted(capture, sensor):
-    packets = list(iter_packets(capture))
+    packets = list(iter_file_as_packets(capture))
     frames, stream = receive_packets(
         packets[:12] + packets[48:], sensor, **RECORDING_OPTIONS
     )  # none of frames 2 and 3
@@ -156,7 +156,7 @@ def test_completely_lost_frames_are_omitted_and_counted(capture, sensor):
 
 
 def test_invalid_packets_are_counted_and_discarded(capture, sensor, recorded_frames):
-    packets = list(iter_packets(capture))
+    packets = list(iter_file_as_packets(capture))
     invalid_packets = [
         b"",
         b"\x01",
@@ -164,7 +164,7 @@ def test_invalid_packets_are_counted_and_discarded(capture, sensor, recorded_fra
         packets[0] + b"\x00",
         bytes(9000),
         (7).to_bytes(4, "little") + (2**47).to_bytes(6, "little") + bytes(1456),
-        build_packet(3_000_000_000, bytes(1456)),  # consistent counters, and 4 TB ahead
+        build_dca1000_packet(3_000_000_000, bytes(1456)),  # consistent counters, and 4 TB ahead
         bytes([255]) * 1466,
     ]
     all_packets = packets[:20] + invalid_packets + packets[20:]
@@ -180,11 +180,11 @@ def test_invalid_packets_are_counted_and_discarded(capture, sensor, recorded_fra
 
 def test_packets_of_other_sender_are_ignored(capture, sensor, recorded_frames):
     stream = dc.listen("127.0.0.1:0", radar=sensor, **RECORDING_OPTIONS, idle_s=0.5)
-    packets = list(iter_packets(capture))
+    packets = list(iter_file_as_packets(capture))
     with stream:
         send_packets(stream, packets[:30])
         send_packets(
-            stream, [build_packet(n, bytes(1456)) for n in range(20, 60)]
+            stream, [build_dca1000_packet(n, bytes(1456)) for n in range(20, 60)]
         )  # from another port
         wait_for_packets(stream, 70)
         frames = list(stream)
@@ -197,7 +197,7 @@ def test_packets_of_other_sender_are_ignored(capture, sensor, recorded_frames):
 
 
 def test_restarted_radar_ends_stream(sensor):
-    packets = [build_packet(n, bytes(1456)) for n in range(1, 400)]
+    packets = [build_dca1000_packet(n, bytes(1456)) for n in range(1, 400)]
 
     frames, stream = receive_packets([*packets, *packets[:5]], sensor, **RECORDING_OPTIONS)
 
@@ -209,7 +209,7 @@ def test_restarted_radar_ends_stream(sensor):
 def test_restart_is_detected_at_any_packet_number(sensor, n_before, restart_number):
     rng = np.random.default_rng(8)
     first_packets, second_packets = (
-        [build_packet(n, rng.bytes(1456)) for n in range(begin, begin + n_sent)]
+        [build_dca1000_packet(n, rng.bytes(1456)) for n in range(begin, begin + n_sent)]
         for begin, n_sent in ((1, n_before), (restart_number, 249))
     )
 
@@ -242,7 +242,7 @@ def test_rejects_port_in_use(sensor):
 
 
 def test_port_is_released_when_stream_ends(capture, sensor):
-    _, stream = receive_packets(iter_packets(capture), sensor, **RECORDING_OPTIONS)
+    _, stream = receive_packets(iter_file_as_packets(capture), sensor, **RECORDING_OPTIONS)
 
     with dc.listen(stream.address, radar=sensor, **RECORDING_OPTIONS) as second_stream:
         assert second_stream.address == stream.address
@@ -282,8 +282,8 @@ def test_single_and_batched_socket_readers_receive_same_packets():
             slots, n = _make_slots(), 0
             reader = kind(receiver, slots)
             while n < len(packets):
-                n += reader.read_packets(n, 64 - n)
-            assert reader.read_packets(n, 64 - n) == 0
+                n += reader.read_packets_into_slots(n, 64 - n)
+            assert reader.read_packets_into_slots(n, 64 - n) == 0
             assert len(set(slots.senders[:n].tolist())) == 1
             results.append((slots.sizes[:n].tolist(), slots.content[:n].copy()))
 
@@ -305,14 +305,14 @@ def test_frames_of_any_size_are_reassembled_from_reordered_packets(frame_bytes):
     order = np.argsort(np.arange(300) + rng.uniform(0, 50, 300))
     content, sizes = np.zeros((300, 1472), np.uint8), np.full(300, 1466, np.int64)
     for row, n in zip(content, order.tolist(), strict=True):
-        packet = build_packet(n + 1, stream[n * 1456 : (n + 1) * 1456].tobytes())
+        packet = build_dca1000_packet(n + 1, stream[n * 1456 : (n + 1) * 1456].tobytes())
         row[:1466] = np.frombuffer(packet, np.uint8)
     window = ReassemblyWindow(frame_bytes, max_lost_frames=1200)
 
     contents = {}
-    for frame in window.reassemble(PacketSlots(content, sizes, np.zeros(300, np.int64))):
+    for frame in window.reassemble_frames(PacketSlots(content, sizes, np.zeros(300, np.int64))):
         contents[frame.number] = frame.content.copy()
-    for frame in window.flush_before(window.frame_in_progress + 1):
+    for frame in window.flush_frames_before(window.frame_number_in_progress + 1):
         contents[frame.number] = frame.content[frame.received_mask].copy()
 
     assert window.counters[N_PACKETS] == 300
@@ -326,12 +326,14 @@ def test_stream_joins_radar_after_packet_number_wraps(frame_bytes):
     window, n_bytes = ReassemblyWindow(frame_bytes, max_lost_frames=1200), 0
     for number in range(first, first + 2000):
         row = np.zeros((1, 1472), np.uint8)
-        row[0, :1466] = np.frombuffer(build_packet(number, bytes(1456)), np.uint8)
-        for frame in window.reassemble(PacketSlots(row, np.array([1466]), np.zeros(1, np.int64))):
+        row[0, :1466] = np.frombuffer(build_dca1000_packet(number, bytes(1456)), np.uint8)
+        for frame in window.reassemble_frames(
+            PacketSlots(row, np.array([1466]), np.zeros(1, np.int64))
+        ):
             n_bytes += int(frame.received_mask.sum())
     n_bytes += sum(
         int(frame.received_mask.sum())
-        for frame in window.flush_before(window.frame_in_progress + 1)
+        for frame in window.flush_frames_before(window.frame_number_in_progress + 1)
     )
 
     assert n_bytes == 2000 * 1456
@@ -342,17 +344,19 @@ def test_jump_of_packet_number_yields_no_frames_in_between():
     window, n_frames = ReassemblyWindow(512, max_lost_frames=2_000_000), 0
     for number in (1, 700_000, 1_400_000, 1):
         row = np.zeros((1, 1472), np.uint8)
-        row[0, :1466] = np.frombuffer(build_packet(number, bytes(1456)), np.uint8)
+        row[0, :1466] = np.frombuffer(build_dca1000_packet(number, bytes(1456)), np.uint8)
         slots = PacketSlots(row, np.array([1466]), np.zeros(1, np.int64))
-        n_frames += sum(1 for _ in window.reassemble(slots))
+        n_frames += sum(1 for _ in window.reassemble_frames(slots))
 
     assert n_frames <= 3 * 4
-    assert window.frame_in_progress > 3_000_000  # no packet was rejected
+    assert window.frame_number_in_progress > 3_000_000  # no packet was rejected
 
 
 def test_packet_more_than_60_s_ahead_is_rejected(capture, sensor, recorded_frames):
-    packets = list(iter_packets(capture))
-    distant_packet = build_packet(15_000, bytes(1456))  # 1200 frames of 11.3 packets: 13,500
+    packets = list(iter_file_as_packets(capture))
+    distant_packet = build_dca1000_packet(
+        15_000, bytes(1456)
+    )  # 1200 frames of 11.3 packets: 13,500
     frames, stream = receive_packets(
         [*packets[:20], distant_packet, *packets[20:]], sensor, **RECORDING_OPTIONS
     )
@@ -365,9 +369,9 @@ def test_packet_more_than_60_s_ahead_is_rejected(capture, sensor, recorded_frame
 
 
 def test_gap_of_more_than_60_s_ends_stream(capture, sensor):
-    late_packets = [build_packet(n, bytes(1456)) for n in range(15_000, 15_100)]
+    late_packets = [build_dca1000_packet(n, bytes(1456)) for n in range(15_000, 15_100)]
     frames, stream = receive_packets(
-        [*iter_packets(capture), *late_packets], sensor, **RECORDING_OPTIONS
+        [*iter_file_as_packets(capture), *late_packets], sensor, **RECORDING_OPTIONS
     )
 
     assert len(frames) == N_FRAMES

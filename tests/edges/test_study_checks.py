@@ -168,10 +168,10 @@ def test_ordered_statistic_has_more_effective_cells_than_mean(load_study):
     checked_study = load_study(vary="chain.cfar.estimator: [{kind: ordered-statistic}]")
     context = build_trial_context(Plan.from_study(checked_study).scenario(0))
     noise, training_window = (
-        context.chain.map_noise(context.radar),
+        context.chain.map_noise_statistics(context.radar),
         context.chain.cfar.training_window,
     )
-    box = training_window.noise_box(noise, training_window.half_range)
+    box = training_window.noise_covariance_in_box(noise, training_window.half_range)
     roots = [np.linalg.cholesky(c) for c in (box.velocity_covariance, box.range_covariance)]
     rng = np.random.default_rng(3)
     shape = (20_000, len(roots[0]), len(roots[1]))

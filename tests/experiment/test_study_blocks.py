@@ -11,7 +11,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.core.errors import DechirpError
-from dechirp.core.threads import single_threaded
+from dechirp.core.threads import single_numba_thread
 from dechirp.evaluation.score.errors import RangeRmse, VelocityRmse
 from dechirp.evaluation.score.probabilities import DetectionProbability
 from dechirp.experiments.scenario import Scenario
@@ -63,7 +63,7 @@ def test_blocks_of_a_point_can_run_in_threads(frequent_switches):
 
 def test_single_threaded_restores_thread_count():
     n_threads = numba.get_num_threads()
-    with pytest.raises(ZeroDivisionError), single_threaded():
+    with pytest.raises(ZeroDivisionError), single_numba_thread():
         assert numba.get_num_threads() == 1
         raise ZeroDivisionError
     assert numba.get_num_threads() == n_threads

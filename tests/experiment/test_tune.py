@@ -106,7 +106,7 @@ def test_search_adds_missing_training_cells(reference_result):
 
     assert (
         len(
-            context.chain.cfar.training_window.offsets(
+            context.chain.cfar.training_window.training_cell_offsets(
                 context.chain.cfar.training_window.half_range
             )
         )

@@ -49,7 +49,7 @@ def training_cells(power, v, j, ring):
 
 def fits(estimator, ring):
     try:
-        estimator.check_window(ring)
+        estimator.check_enough_training_cells(ring)
     except dc.InvalidSetting:
         return False
     return True
@@ -120,9 +120,9 @@ def test_where_the_training_cells_are_is_the_same_for_maps_and_for_laws(kind):
         if not fits(estimator, ring):
             continue
         for place in {0, ring.half_range // 2, ring.half_range}:
-            box = ring.noise_box(noise, place)
-            assert (box.offsets == ring.offsets(place)).all()
-            sets = estimator.low_subsets(box.offsets)
+            box = ring.noise_covariance_in_box(noise, place)
+            assert (box.offsets == ring.training_cell_offsets(place)).all()
+            sets = estimator.subsets_causing_false_alarms(box.offsets)
             assert sets.shape[1] == box.n_training and sets.any(axis=1).all()
             # In cells that are all alike a law is about one factor and no other.
             alarms_more, alarms_less = (

@@ -47,7 +47,7 @@ def test_available_memory_is_bounded_by_limit(monkeypatch):
     # Memory allocated by the process in the meantime also counts.
     assert memory.available_memory_bytes() <= 2**28 + 2**26
     with pytest.raises(NotEnoughMemory, match=r"the map: 0\.5 GiB of memory"):
-        memory.check_memory("the map", needed_bytes=2**29, fix="take fewer chirps")
+        memory.check_frame_memory("the map", needed_bytes=2**29, fix="take fewer chirps")
 
 
 @pytest.mark.parametrize(

@@ -30,10 +30,10 @@ from dechirp.recordings.readers.dca1000 import _scan_packet_headers
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.recording import open as open_recording
 from dechirp.recordings.samples.layouts import SampleCode, TwoLanes
-from dechirp.recordings.settings.read import find_settings
-from dechirp.recordings.streams.byte_sources import open_files
-from dechirp.recordings.streams.packets import assemble_packets, to_run_step
-from dechirp.recordings.streams.scan import scan_file
+from dechirp.recordings.settings.read import find_settings_file
+from dechirp.recordings.streams.byte_sources import open_concatenated_files
+from dechirp.recordings.streams.packets import assemble_packet_payloads, wrap_scan_to_return_runs
+from dechirp.recordings.streams.scan import scan_file_in_windows
 from dechirp.simulation.adc_codes import has_adc_codes
 from formats.corruption import assert_cube_or_error, corrupted_bytes
 
@@ -764,7 +764,7 @@ def test_finds_studio_settings_by_capture_name(tmp_path):
     for name in ("adc_data_settings.yaml", "other.yaml"):
         (tmp_path / name).write_text(yaml.read_text())
 
-    assert find_settings(tmp_path / "adc_data_Raw_0.bin").name == "adc_data_settings.yaml"
+    assert find_settings_file(tmp_path / "adc_data_Raw_0.bin").name == "adc_data_settings.yaml"
 
 
 def test_rejects_run_of_points_without_samples(tmp_path):
@@ -782,8 +782,8 @@ def test_packet_index_size_grows_with_losses_only(tmp_path, lost_numbers):
     file = tmp_path / "adc_data_Raw_0.bin"
     file.write_bytes(encode_with_headers(received_packets))
 
-    runs, _ = scan_file(file, to_run_step(_scan_packet_headers), 0)
-    packets, findings = assemble_packets(file, open_files(file), runs)
+    runs, _ = scan_file_in_windows(file, wrap_scan_to_return_runs(_scan_packet_headers), 0)
+    packets, findings = assemble_packet_payloads(file, open_concatenated_files(file), runs)
 
     # One run before each gap, one up to the end, and one for the shorter last packet.
     n_gaps = sum(number - 1 not in lost_numbers for number in lost_numbers)

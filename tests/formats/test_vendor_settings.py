@@ -12,7 +12,7 @@ from dechirp.core.errors import InvalidFile, RecordingError
 from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
-from dechirp.recordings.settings.read import find_settings, read_radar, read_settings
+from dechirp.recordings.settings.read import find_settings_file, read_radar, read_settings
 
 
 def read_settings_text(tmp_path, text, name="settings.cfg", device_name=None):
@@ -645,12 +645,12 @@ def test_rejects_unsupported_infineon_settings(tmp_path, changes):
 def test_setup_and_its_settings_are_one_candidate(tmp_path):
     recording = tmp_path / "adc_data.bin"
     (tmp_path / "walk.mmwave.json").write_text(format_studio())
-    assert find_settings(recording) == tmp_path / "walk.mmwave.json"
+    assert find_settings_file(recording) == tmp_path / "walk.mmwave.json"
     (tmp_path / "walk.setup.json").write_text(
         json.dumps(SETUP | {"configUsed": "walk.mmwave.json"})
     )
 
-    assert find_settings(recording) == tmp_path / "walk.setup.json"
+    assert find_settings_file(recording) == tmp_path / "walk.setup.json"
 
 
 def test_either_file_of_settings_pair_may_have_name_of_recording(tmp_path):
@@ -658,9 +658,9 @@ def test_either_file_of_settings_pair_may_have_name_of_recording(tmp_path):
     (tmp_path / "day.setup.json").write_text(json.dumps(SETUP | {"configUsed": "run.mmwave.json"}))
     (tmp_path / "other.cfg").write_text(CFG)
 
-    assert find_settings(tmp_path / "run.bin") == tmp_path / "day.setup.json"
+    assert find_settings_file(tmp_path / "run.bin") == tmp_path / "day.setup.json"
     with pytest.raises(RecordingError, match=re.escape("day.setup.json, other.cfg")):
-        find_settings(tmp_path / "walk.bin")
+        find_settings_file(tmp_path / "walk.bin")
 
 
 def test_setup_file_of_other_folder_is_ignored(tmp_path):
@@ -669,14 +669,14 @@ def test_setup_file_of_other_folder_is_ignored(tmp_path):
         json.dumps(SETUP | {"configUsed": "C:\\captures\\a.mmwave.json"})
     )
 
-    assert find_settings(tmp_path / "a.bin") == tmp_path / "a.mmwave.json"
+    assert find_settings_file(tmp_path / "a.bin") == tmp_path / "a.mmwave.json"
 
 
 def test_recognises_cfg_by_commands(tmp_path):
     (tmp_path / "radar.cfg").write_text(CFG)
     (tmp_path / "tool.cfg").write_text("[section]\nkey = 1\n")
 
-    assert find_settings(tmp_path / "capture.bin") == tmp_path / "radar.cfg"
+    assert find_settings_file(tmp_path / "capture.bin") == tmp_path / "radar.cfg"
 
 
 def test_links_out_of_folder_are_ignored(tmp_path):
@@ -688,11 +688,11 @@ def test_links_out_of_folder_are_ignored(tmp_path):
     (recording_folder / "round.cfg").symlink_to(recording_folder / "round.cfg")
 
     with pytest.raises(RecordingError, match="no settings in the recording"):
-        find_settings(recording_folder / "capture.bin")
+        find_settings_file(recording_folder / "capture.bin")
 
     (recording_folder / "radar.cfg").write_text(CFG)
     (recording_folder / "capture_1.cfg").symlink_to(recording_folder / "radar.cfg")
-    assert find_settings(recording_folder / "capture_1.bin").name == "capture_1.cfg"
+    assert find_settings_file(recording_folder / "capture_1.bin").name == "capture_1.cfg"
 
 
 def test_settings_content_takes_precedence_over_suffix(tmp_path):

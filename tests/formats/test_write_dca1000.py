@@ -142,13 +142,13 @@ def test_every_layout_decodes_encoded_codes(
     words = layout.encode(numbers, code)
 
     chirp = make_chirp(n_samples=n_samples, sampling="complex" if is_complex else "real")
-    assert words.shape == (n_chirps, layout.chirp_words(chirp, n_rx))
+    assert words.shape == (n_chirps, layout.words_per_chirp(chirp, n_rx))
     decoded_samples = np.empty(
         (n_chirps, n_rx, n_samples), np.complex64 if is_complex else np.float32
     )
     layout.decode(words.copy(), decoded_samples, code)
     np.testing.assert_array_equal(
-        decoded_samples.view(np.float32).ravel() / code.scale, numbers.ravel()
+        decoded_samples.view(np.float32).ravel() / code.step_relative_to_full_scale, numbers.ravel()
     )
 
 

@@ -27,8 +27,8 @@ from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.recordings.in_memory import recording_from_cube
 from dechirp.recordings.messages import ros
-from dechirp.recordings.writers.point_clouds import iter_messages
-from dechirp.recordings.writers.ros_messages import cloud_message, text_message
+from dechirp.recordings.writers.point_clouds import iter_ros2_messages
+from dechirp.recordings.writers.ros_messages import build_cloud_message, build_text_message
 from formats.corruption import assert_cube_or_error, corrupted_bytes
 
 pytest.importorskip("rosbags")
@@ -112,7 +112,7 @@ def read_clouds_with_rosbags(path, topic):
     with Reader(path) as bag:
         connections = [connection for connection in bag.connections if connection.topic == topic]
         for connection, time_ns, data in bag.messages(connections=connections):
-            yield time_ns, ros.message_types().deserialize_cdr(data, connection.msgtype)
+            yield time_ns, ros.ros2_message_types().deserialize_cdr(data, connection.msgtype)
 
 
 def decode_positions(cloud):
@@ -259,7 +259,7 @@ def test_truth_is_cloud_of_targets_per_frame(tmp_path):
 
 def make_foreign_cloud(rows, *, fields, topic="/front/points", time_ns=10**18):
     points = np.array(rows, dtype=[(name, "<f4") for name in fields])
-    return cloud_message(topic, time_ns, points)
+    return build_cloud_message(topic, time_ns, points)
 
 
 def write_mcap(path, messages):
@@ -283,7 +283,7 @@ def write_bag(path, messages):
         for message in messages:
             if message.topic not in topics:
                 topics[message.topic] = bag.add_connection(
-                    message.topic, message.type, typestore=ros.message_types()
+                    message.topic, message.type, typestore=ros.ros2_message_types()
                 )
             bag.write(topics[message.topic], message.time_ns, message.data)
 
@@ -294,7 +294,7 @@ def test_foreign_points_become_detections_with_findings(tmp_path, write):
     rows = [(3.0, 4.0, 0.0, -2.0, 20.0, 1.5, 0.0), (UNKNOWN,) * 7]
     lidar = make_foreign_cloud([(1.0, 1.0, 1.0)], fields=("x", "y", "z"), topic="/lidar")
     messages = [
-        text_message("/notes", "rain"),
+        build_text_message("/notes", "rain"),
         lidar,
         make_foreign_cloud(rows, fields=fields),
         make_foreign_cloud(rows[:1], fields=fields, time_ns=10**18 + 5 * 10**7),
@@ -347,13 +347,13 @@ def test_reads_big_endian_padded_points(tmp_path):
 @pytest.mark.parametrize(
     ("messages", "mistake"),
     [
-        ([text_message("/notes", "rain")], r"no points|/notes \(std_msgs/msg/String\)"),
+        ([build_text_message("/notes", "rain")], r"no points|/notes \(std_msgs/msg/String\)"),
         (
             [make_foreign_cloud([(1.0, 2.0)], fields=("x", "v"))],
             "points with fields x, v on /front/points",
         ),
         ([], "no topics"),
-        ([text_message("/radar/description", '{"dechirp_exchange": 9}')], "version 9"),
+        ([build_text_message("/radar/description", '{"dechirp_exchange": 9}')], "version 9"),
     ],
 )
 def test_file_without_radar_points_error_lists_topics(tmp_path, messages, mistake):
@@ -444,7 +444,7 @@ def test_inspect_shows_detections_and_run_rejects_them(tmp_path, name, capsys):
 def test_missing_library_error_names_package(tmp_path, monkeypatch):
     dc.write(RECORDING, tmp_path / "drive.mcap")
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    ros.message_types.cache_clear()
+    ros.ros2_message_types.cache_clear()
 
     with pytest.raises(InvalidSetting, match=r"pip install 'dechirp\[io\]'"):
         dc.open(tmp_path / "drive.mcap")
@@ -510,7 +510,7 @@ def test_corrupted_bag_gives_detections_or_error(bag, data):
         file.write_bytes(content)
 
 
-MESSAGES = tuple(iter_messages(RECORDING))
+MESSAGES = tuple(iter_ros2_messages(RECORDING))
 
 
 @settings(max_examples=150, deadline=None)

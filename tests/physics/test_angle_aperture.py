@@ -7,7 +7,10 @@ import pytest
 
 import dechirp as dc
 from dechirp.processing.angle.aperture import Aperture, FieldOfView, radar_aperture
-from dechirp.processing.angle.grating_lobes import grating_lobe_findings, grating_lobe_separation
+from dechirp.processing.angle.grating_lobes import (
+    grating_lobe_findings,
+    smallest_grating_lobe_separation,
+)
 from dechirp.radar.calibration import Calibration
 
 WIDE = np.arange(8) * 0.5
@@ -55,8 +58,8 @@ def test_steering_vector_equals_phase_of_far_target(radar):
 )
 def test_linear_array_resolves_one_angle_and_planar_array_both(positions, resolved_axes):
     aperture = Aperture(positions)
-    assert aperture.resolves == resolved_axes
-    shape = aperture.grid.shape
+    assert aperture.resolves_azimuth_and_elevation == resolved_axes
+    shape = aperture.direction_grid.shape
     assert (shape[1] > 1, shape[0] > 1) == resolved_axes
 
 
@@ -106,20 +109,22 @@ def test_direction_grid_has_small_straddling_loss(positions):
     rng = np.random.default_rng(72)
     # The last grid direction may be a whole step away from the edges.
     azimuth, elevation = rng.uniform(-1.1, 1.1, 500), rng.uniform(-0.4, 0.4, 500)
-    elevation *= aperture.resolves[1]
+    elevation *= aperture.resolves_azimuth_and_elevation[1]
     correlation = (
         aperture.steering_vectors(azimuth, elevation).conj()
-        @ aperture.grid.steering.T
+        @ aperture.direction_grid.steering.T
         / aperture.n_elements
     )
     loss_db = -20 * np.log10(np.abs(correlation).max(axis=1))
     # Half a grid step loses pi^2 / 3 (1 / 16)^2 of the beam power, on a plane 1 / 8 on each of two
     # axes.
-    assert loss_db.max() < (0.06 if sum(aperture.resolves) == 1 else 0.5)
-    assert np.any(aperture.grid.azimuth_rad == 0) and np.any(aperture.grid.elevation_rad == 0)
+    assert loss_db.max() < (0.06 if sum(aperture.resolves_azimuth_and_elevation) == 1 else 0.5)
+    assert np.any(aperture.direction_grid.azimuth_rad == 0) and np.any(
+        aperture.direction_grid.elevation_rad == 0
+    )
     assert (
-        abs(aperture.grid.azimuth_rad).max() <= 1.2
-        and abs(aperture.grid.elevation_rad).max() <= 0.5
+        abs(aperture.direction_grid.azimuth_rad).max() <= 1.2
+        and abs(aperture.direction_grid.elevation_rad).max() <= 0.5
     )
 
 
@@ -127,7 +132,7 @@ def test_rejects_direction_grid_larger_than_memory():
     rng = np.random.default_rng(73)
     aperture = Aperture(rng.uniform(0, 200, (300, 3)) * [0, 1, 1])
     with pytest.raises(dc.InvalidSetting, match="field_of_view"):
-        aperture.grid  # noqa: B018
+        aperture.direction_grid  # noqa: B018
 
 
 @pytest.mark.parametrize("field", ["azimuth_rad", "elevation_rad"])
@@ -142,21 +147,21 @@ def test_rejects_invalid_field_of_view(field, invalid_value):
 def test_grating_lobes_repeat_at_wavelength_over_spacing(n, spacing):
     aperture = Aperture(make_positions(y=spacing * np.arange(n)))
     # Grating lobes are searched to a 256th of a grid step.
-    assert grating_lobe_separation(aperture) == pytest.approx((1 / spacing, 0.0), abs=1e-3)
+    assert smallest_grating_lobe_separation(aperture) == pytest.approx((1 / spacing, 0.0), abs=1e-3)
     (finding,) = grating_lobe_findings(aperture)
     limit_deg = np.degrees(np.arcsin(0.5 / spacing))
     assert finding.level == ("note" if limit_deg > 60 else "warning")
     assert f"-{limit_deg:.3g} and {limit_deg:.3g} deg" in finding.value
     narrow_aperture = Aperture(aperture.positions, FieldOfView(azimuth_rad=np.radians(limit_deg)))
     assert (
-        grating_lobe_separation(narrow_aperture) is None
+        smallest_grating_lobe_separation(narrow_aperture) is None
         and grating_lobe_findings(narrow_aperture) == []
     )
 
 
 def test_grating_lobe_directions_have_similar_steering_vectors():
     aperture = Aperture(make_positions(y=[0, 0.8, 2.4, 3.2, 0.8], z=[0, 0, 0.5, 1.0, 1.5]))
-    sine_y, sine_z = grating_lobe_separation(aperture)
+    sine_y, sine_z = smallest_grating_lobe_separation(aperture)
     first, second = np.arcsin(np.array([[-sine_y, -sine_z], [sine_y, sine_z]]) / 2)
     correlation = (
         np.vdot(aperture.steering_vectors(first[0], 0.0), aperture.steering_vectors(second[0], 0.0))
@@ -166,14 +171,16 @@ def test_grating_lobe_directions_have_similar_steering_vectors():
 
 
 def test_half_wavelength_and_uneven_spacings_have_no_grating_lobes():
-    assert grating_lobe_separation(Aperture(make_positions(y=WIDE))) is None
+    assert smallest_grating_lobe_separation(Aperture(make_positions(y=WIDE))) is None
     assert (
-        grating_lobe_separation(
+        smallest_grating_lobe_separation(
             Aperture(make_positions(y=WIDE[:, None], z=WIDE[:4] * 2).reshape(-1, 3))
         )
         is None
     )
     assert (
-        grating_lobe_separation(Aperture(make_positions(y=[0, 0.7, 1.9, 3.6, 5.1, 7.9, 8.3])))
+        smallest_grating_lobe_separation(
+            Aperture(make_positions(y=[0, 0.7, 1.9, 3.6, 5.1, 7.9, 8.3]))
+        )
         is None
     )

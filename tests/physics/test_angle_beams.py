@@ -36,7 +36,9 @@ def test_single_source_reaches_crlb_with_correct_standard_errors(kind, array):
     rng = np.random.default_rng(82)
     angles = [
         rng.uniform(-limit, limit, n) * is_resolved
-        for limit, is_resolved in zip((1.2, 0.6), aperture.resolves, strict=True)
+        for limit, is_resolved in zip(
+            (1.2, 0.6), aperture.resolves_azimuth_and_elevation, strict=True
+        )
     ]
     phase = np.exp(2j * np.pi * rng.uniform(size=(n, 1)))
     x = 10 * phase * aperture.steering_vectors(*angles) + draw_noise((n, aperture.n_elements), rng)
@@ -49,12 +51,12 @@ def test_single_source_reaches_crlb_with_correct_standard_errors(kind, array):
                 elevation_rad=[elevation],
                 amplitudes=[10.0],
                 noise_power=1.0,
-                unknown=aperture.resolves,
+                unknown=aperture.resolves_azimuth_and_elevation,
             )[0]
             for azimuth, elevation in zip(*angles, strict=True)
         ]
     )
-    for axis, is_resolved in enumerate(aperture.resolves):
+    for axis, is_resolved in enumerate(aperture.resolves_azimuth_and_elevation):
         error = estimates[axis][:, 0] - angles[axis]
         if not is_resolved:
             assert np.isnan(error).all() and np.isnan(estimates[axis + 2]).all()
@@ -121,11 +123,11 @@ def test_window_keeps_beam_power_and_is_symmetric(window):
     aperture = Aperture(SPARSE_PLANE)
     x = 3 * aperture.steering_vectors(0.4, -0.2)[None, None]
     spectrum = Fft(window=window)
-    prepared = spectrum.prepare_snapshots(x, aperture, np.ones(1))
+    prepared = spectrum.precompute_for_spectrum(x, aperture, np.ones(1))
     top = spectrum.spectrum_at(prepared, aperture.steering_vectors(0.4, -0.2)[None])
     assert float(top[0, 0]) == pytest.approx(9, rel=1e-5)
     line = Aperture(LINE)
-    weights = abs(spectrum.prepare_snapshots(np.ones((1, 1, 12)), line, np.ones(1)))[0, 0]
+    weights = abs(spectrum.precompute_for_spectrum(np.ones((1, 1, 12)), line, np.ones(1)))[0, 0]
     assert weights == pytest.approx(weights[::-1]) and weights.min() > 0
 
 

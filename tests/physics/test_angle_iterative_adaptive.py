@@ -45,7 +45,7 @@ def test_sidelobes_are_lower_than_bartlett_sidelobes():
         10 * np.log10(kind().spectrum(x, aperture, np.ones(1))[0, 0])
         for kind in (Bartlett, IterativeAdaptive)
     )
-    is_sidelobe = abs(np.sin(aperture.grid.azimuth_rad) - np.sin(0.2)) > 1 / 6
+    is_sidelobe = abs(np.sin(aperture.direction_grid.azimuth_rad) - np.sin(0.2)) > 1 / 6
     # The first sidelobe of twelve elements is at -13 dB.
     assert beams.max() - beams[is_sidelobe].max() < 14
     assert adaptive.max() - adaptive[is_sidelobe].max() > 20

@@ -11,7 +11,7 @@ from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.bartlett import Bartlett
 from dechirp.processing.angle.monopulse import Monopulse
 from dechirp.processing.angle.music import Music
-from dechirp.processing.simd_beamforming import mirrored_beams, raise_to_beam_power
+from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_largest_beam_power
 from dechirp.radar.budget import received_power_w
 from noise_cubes import simulate_noise_cube
 
@@ -159,12 +159,12 @@ def test_mirrored_beam_pairs_equal_individual_beams(shape):
     snapshots = parts[:, :, 0] + 1j * parts[:, :, 1]
     doppler_correction = np.ones(snapshots.shape[:2], np.complex64)
 
-    mirrored, weights = mirrored_beams(aperture)
-    power = np.zeros((len(aperture.grid.azimuth_rad), 300), np.float32)
-    raise_to_beam_power(power, parts, doppler_correction, mirrored, weights)
+    mirrored, weights = mirrored_beam_weights(aperture)
+    power = np.zeros((len(aperture.direction_grid.azimuth_rad), 300), np.float32)
+    raise_to_largest_beam_power(power, parts, doppler_correction, mirrored, weights)
 
-    beam_power = abs(aperture.grid.steering.conj() @ snapshots / aperture.n_elements) ** 2
-    expected = beam_power.reshape(2, *aperture.grid.shape, 300).max(axis=(0, 1))
+    beam_power = abs(aperture.direction_grid.steering.conj() @ snapshots / aperture.n_elements) ** 2
+    expected = beam_power.reshape(2, *aperture.direction_grid.shape, 300).max(axis=(0, 1))
     assert abs(power - expected).max() < 2e-6 * expected.max()
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.processing.angle.aperture import Aperture, FieldOfView
-from dechirp.processing.angle.monopulse import Monopulse, displaced_pairs
+from dechirp.processing.angle.monopulse import Monopulse, displaced_element_pairs
 from dechirp.theory.bounds import angle_std_rad
 
 
@@ -21,7 +21,9 @@ def draw_noise(shape, rng):
 def estimate_trials(aperture, n, rng, *, max_angles=(1.1, 0.4)):
     truth = [
         rng.uniform(-limit, limit, n) * is_resolved
-        for limit, is_resolved in zip(max_angles, aperture.resolves, strict=True)
+        for limit, is_resolved in zip(
+            max_angles, aperture.resolves_azimuth_and_elevation, strict=True
+        )
     ]
     x = 10 * aperture.steering_vectors(*truth) + draw_noise((n, aperture.n_elements), rng)
     return truth, Monopulse().find_directions(x[:, None], aperture, np.ones(n))
@@ -81,7 +83,7 @@ def test_sparse_plane_with_oblique_pairs_estimates_both_angles():
         (elevation, estimates.elevation_rad, estimates.elevation_std_rad),
     ):
         assert 0.85 < np.mean(((angles[:, 0] - truth) / std[:, 0]) ** 2) < 1.15
-    first, second = (pairs.displacement for pairs in displaced_pairs(aperture))
+    first, second = (pairs.displacement for pairs in displaced_element_pairs(aperture))
     assert abs(first[0] * second[1] - first[1] * second[0]) > 0.05
 
 

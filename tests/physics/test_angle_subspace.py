@@ -6,7 +6,7 @@ import pytest
 from dechirp import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.capon import Capon
-from dechirp.processing.angle.covariance import Smoothing, array_windows
+from dechirp.processing.angle.covariance import Smoothing, array_smoothing_windows
 from dechirp.processing.angle.esprit import Esprit
 from dechirp.processing.angle.music import Music
 from dechirp.processing.angle.root_music import RootMusic
@@ -126,7 +126,7 @@ def test_row_of_planar_array_biases_azimuth_of_high_targets_and_warns(method):
     bias_deg = np.degrees(azimuth - estimates.azimuth_rad[0, 0])
     assert bias_deg == pytest.approx(11.41, abs=0.01)
     assert np.isnan(estimates.elevation_rad).all()
-    (finding,) = estimator.array_findings(array)
+    (finding,) = estimator.array_ambiguity_findings(array)
     assert finding.level == "warning" and finding.setting == "chain.angle.kind"
     assert "azimuth 60 and elevation 30 deg by 11 deg" in finding.value
 
@@ -137,11 +137,11 @@ def test_column_of_planar_array_estimates_elevation_at_any_azimuth(method):
     x = array.steering_vectors(0.7, 0.4)[None, None]
     estimates = estimator.find_directions(x, array, np.array([1e-9]))
     assert estimates.elevation_rad[0, 0] == pytest.approx(0.4, abs=1e-6)
-    (finding,) = estimator.array_findings(array)
+    (finding,) = estimator.array_ambiguity_findings(array)
     assert "no azimuth" in finding.value
     assert (
-        Music().array_findings(array) == []
-        and estimator.array_findings(uniform_linear_array(8)) == []
+        Music().array_ambiguity_findings(array) == []
+        and estimator.array_ambiguity_findings(uniform_linear_array(8)) == []
     )
 
 
@@ -149,7 +149,7 @@ def test_column_of_planar_array_estimates_elevation_at_any_azimuth(method):
 def test_phase_factors_are_null_spectrum_roots_nearest_to_unit_circle(size):
     rng = np.random.default_rng(711)
     basis = np.linalg.qr(rng.normal(size=(5, size, 2)) + 1j * rng.normal(size=(5, size, 2)))[0]
-    phase_factors = RootMusic().phase_factors(basis)
+    phase_factors = RootMusic().candidate_phase_factors(basis)
     for signal_basis, roots in zip(basis, phase_factors, strict=True):
         noise_projector = np.eye(size) - signal_basis @ signal_basis.conj().T
         coefficients = [np.trace(noise_projector, offset=d) for d in range(size - 1, -size, -1)]
@@ -171,7 +171,7 @@ def test_roots_at_origin_do_not_stop_root_search():
             for signal_basis, rows in zip(basis, nonzero_rows, strict=True):
                 signal_basis[rows, 0] = rng.normal(size=n_nonzero) + 1j * rng.normal(size=n_nonzero)
             basis /= np.linalg.norm(basis, axis=1, keepdims=True)
-            phase_factors = RootMusic().phase_factors(basis)
+            phase_factors = RootMusic().candidate_phase_factors(basis)
             assert np.isfinite(phase_factors).all() and (np.abs(phase_factors) < 1).all()
 
 
@@ -229,24 +229,26 @@ def test_spectra_equal_their_definitions():
         rng,
         random_azimuth_pairs(array, 0.5, 3, rng),
     )
-    subarrays = array_windows(array, Smoothing())
-    data = subarrays.window_data(x)
+    subarrays = array_smoothing_windows(array, Smoothing())
+    data = subarrays.window_data_matrices(x)
     covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
     steering = array.steering_vectors(np.linspace(-1.2, 1.2, 101))
-    subarray_steering = steering[:, subarrays.elements]
+    subarray_steering = steering[:, subarrays.first_window_elements]
 
     capon = Capon(loading=1.0)
-    inverse = np.linalg.inv(covariance + NOISE_POWER * np.eye(subarrays.size))
+    inverse = np.linalg.inv(covariance + NOISE_POWER * np.eye(subarrays.n_window_points))
     expected = (
         1 / np.einsum("mi,nij,mj->nm", subarray_steering.conj(), inverse, subarray_steering).real
     )
-    spectrum = capon.spectrum_at(capon.prepare_snapshots(x, array, noise_powers(3)), steering)
+    spectrum = capon.spectrum_at(capon.precompute_for_spectrum(x, array, noise_powers(3)), steering)
     assert spectrum == pytest.approx(expected, rel=1e-4)  # single precision
 
     music = Music(n_sources=2)
     noise = np.linalg.eigh(covariance)[1][:, :, :-2]
-    distance = np.sum(np.abs(subarray_steering.conj() @ noise) ** 2, axis=2) / subarrays.size
-    spectrum = music.spectrum_at(music.prepare_snapshots(x, array, noise_powers(3)), steering)
+    distance = (
+        np.sum(np.abs(subarray_steering.conj() @ noise) ** 2, axis=2) / subarrays.n_window_points
+    )
+    spectrum = music.spectrum_at(music.precompute_for_spectrum(x, array, noise_powers(3)), steering)
     assert 1 / spectrum == pytest.approx(distance, rel=1e-9, abs=1e-13)
 
 
@@ -264,15 +266,15 @@ def test_capon_grid_spectrum_equals_direct_evaluation_at_high_snr(array):
     x = simulate_snapshots(
         array, random_phasors((2, 2, 1), rng), 1e-5, rng, np.array([[-0.3, 0.4]])
     )
-    subarrays, capon = array_windows(array, Smoothing()), Capon(loading=1.0)
-    data = subarrays.window_data(x.astype(np.complex64).astype(complex))
+    subarrays, capon = array_smoothing_windows(array, Smoothing()), Capon(loading=1.0)
+    data = subarrays.window_data_matrices(x.astype(np.complex64).astype(complex))
     covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
-    power = np.trace(covariance, axis1=1, axis2=2).real / subarrays.size
+    power = np.trace(covariance, axis1=1, axis2=2).real / subarrays.n_window_points
     loading = np.maximum(1e-5, 1e-5 * power)[:, None, None]
-    inverse = np.linalg.inv(covariance + loading * np.eye(subarrays.size))
-    grid = array.grid
+    inverse = np.linalg.inv(covariance + loading * np.eye(subarrays.n_window_points))
+    grid = array.direction_grid
     steering = array.steering_vectors(grid.azimuth_rad, grid.elevation_rad[:, None])
-    subarray_steering = steering.reshape(-1, array.n_elements)[:, subarrays.elements]
+    subarray_steering = steering.reshape(-1, array.n_elements)[:, subarrays.first_window_elements]
     expected = (
         1 / np.einsum("mi,nij,mj->nm", subarray_steering.conj(), inverse, subarray_steering).real
     )

@@ -11,7 +11,7 @@ from dechirp.evaluation import association
 from dechirp.evaluation.association import GATE_CELLS, Associator, associate_detections
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.resolution_cells import alias_doppler_cells, to_resolution_cells
-from dechirp.scene.aliasing import apparent_truth
+from dechirp.scene.aliasing import apparent_range_and_velocity
 from dechirp.scene.bodies.points import Oscillation, Points, Scatterer
 
 CHIRP = dc.Chirp(
@@ -109,7 +109,7 @@ def test_velocity_distance_wraps_around_end_of_map():
 def test_rejects_frame_missing_in_ground_truth():
     ground_truth = dc.truth(dc.Scene(targets=[CAR]), RADAR)
 
-    with pytest.raises(dc.InvalidSetting, match=r"detections.frame is 1"):
+    with pytest.raises(dc.InvalidSetting, match=r"detections.frame: 1"):
         associate_detections(
             build_detections(range=50.0, velocity=10.0, frame=[1]), ground_truth, RADAR
         )
@@ -143,7 +143,7 @@ def draw_random_case(rng: np.random.Generator, radar: dc.Radar) -> tuple[xr.Data
     ]
     ground_truth = dc.truth(dc.Scene(targets=targets), radar, n_frames=3)
     target_indices, frame, n = rng.integers(0, 6, 80), rng.integers(0, 3, 80), 80
-    apparent = apparent_truth(ground_truth, radar)
+    apparent = apparent_range_and_velocity(ground_truth, radar)
     ambiguity_number = np.where(rng.random(n) < 0.5, np.nan, rng.integers(-1, 2, n))
     velocity_cell = radar.for_frame(0).frame.velocity_resolution_m_per_s
     return ground_truth, {
@@ -164,7 +164,7 @@ def draw_random_case(rng: np.random.Generator, radar: dc.Radar) -> tuple[xr.Data
 def match_pair_by_pair(ground_truth: xr.Dataset, columns: dict, radar: dc.Radar) -> list[int]:
     """Match each detection to its nearest target by testing all pairs."""
     matches = []
-    expected = apparent_truth(ground_truth, radar)
+    expected = apparent_range_and_velocity(ground_truth, radar)
     for i, number in enumerate(columns["frame"]):
         frame_radar = radar.for_frame(int(number))
         angles = [columns["azimuth"][i], columns["elevation"][i]]

@@ -9,7 +9,7 @@ from dechirp.config.loading import parse_settings
 from dechirp.scene.bodies.bicyclist import Bicyclist
 from dechirp.scene.skeleton import SEGMENT_JOINTS, Joint
 from dechirp.scene.target import Target
-from dechirp.scene.trajectories import fit_paths
+from dechirp.scene.trajectories import fit_polynomial_paths
 
 RIDER_POINTS = slice(0, 35)
 PEDAL_POINTS = slice(59, 61)
@@ -134,7 +134,7 @@ def test_cross_section_is_divided_among_parts(radar):
         == body.offsets_m(np.zeros(1)).shape[1]
     )
     target = Target(position_m=(20, 0, -0.6), velocity_m_per_s=(5, 0, 0), body=body)
-    assert len(fit_paths(dc.Scene(targets=[target]), radar.frame, 0.3)) <= 4
+    assert len(fit_polynomial_paths(dc.Scene(targets=[target]), radar.frame, 0.3)) <= 4
 
 
 def test_settings_file_round_trips_bicyclist():

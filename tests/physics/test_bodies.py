@@ -117,11 +117,11 @@ def test_scatterers_are_ordered_by_target():
         ]
     )
 
-    assert scene.owners.tolist() == [0, 1, 1, 2]
+    assert scene.target_of_scatterer.tolist() == [0, 1, 1, 2]
     assert scatterer_cross_sections_m2(scene, 0.0, 0.0039).tolist() == [7, 0.5, 2, 9]
     assert target_cross_sections_m2(scene, [0.0, 1.0], 0.0039).tolist() == [[7, 2.5, 9]] * 2
     # The body x axis points left: x becomes y, and y becomes -x.
-    assert scene.positions_m([0.0])[0] == pytest.approx(
+    assert scene.scatterer_positions_m([0.0])[0] == pytest.approx(
         np.array([(10, 0, 0), (18, 1, 3), (15, -4, -6), (30, 0, 0)]), abs=1e-12
     )
 
@@ -372,4 +372,4 @@ def test_invalid_third_party_body_is_rejected_with_target_name(radar, rcs, messa
     scene = Scene(targets=[Target(name="bus", position_m=(10, 0, 0), body=ThirdPartyBody(rcs=rcs))])
     with pytest.raises(dc.InvalidSetting, match=rf"^scene\.targets\.bus\.body: .*{message}"):
         dc.truth(scene, radar)
-        scene.positions_m([0.0, 1.0])
+        scene.scatterer_positions_m([0.0, 1.0])

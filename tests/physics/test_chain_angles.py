@@ -20,8 +20,8 @@ from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
 from dechirp.processing.angle.monopulse import Monopulse
 from dechirp.processing.angle.music import Music
 from dechirp.processing.direction_finding import (
-    move_to_origin,
     phase_centres_m,
+    range_and_direction_from_origin,
     range_from_phase_centre_m,
 )
 from dechirp.processing.near_field import far_field_range_m
@@ -143,7 +143,7 @@ def test_move_to_origin_is_inverted_by_range_from_phase_centre(radar):
     range_m = np.array([8.0, 3.0, 2.0, 5.0, 4.0, -0.1])
 
     centres_m = phase_centres_m(azimuth, elevation, ambiguity_number, radar)
-    from_origin = move_to_origin(range_m, azimuth, elevation, centres_m)
+    from_origin = range_and_direction_from_origin(range_m, azimuth, elevation, centres_m)
 
     np.testing.assert_allclose(
         range_from_phase_centre_m(centres_m, *from_origin), range_m, rtol=1e-13

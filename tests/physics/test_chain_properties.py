@@ -13,10 +13,10 @@ from dechirp.config.dumping import dump
 from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.spectrum import (
     Transform,
-    mean_power,
-    range_doppler,
+    mean_range_doppler_power,
+    range_doppler_real_and_imaginary,
+    range_doppler_spectrum,
     range_spectrum,
-    split_spectrum,
 )
 from small_radars import CODES, WINDOWS, scene_strategy, simulate_echoes, small_chain, small_radar
 
@@ -53,10 +53,10 @@ def compute_spectra(samples, sampling, window, n_more):
         Transform(window=window, n_points=n, n_bins=n + n_more)
         for n in (samples.shape[2], samples.shape[0])
     ]
-    parts = split_spectrum(samples, sampling, *transforms)
+    parts = range_doppler_real_and_imaginary(samples, sampling, *transforms)
     range_only = range_spectrum(samples, sampling, transforms[0])
     return [
-        range_doppler(samples, sampling, *transforms),
+        range_doppler_spectrum(samples, sampling, *transforms),
         parts[:, :, 0] + 1j * parts[:, :, 1],
         range_only,
     ]
@@ -107,7 +107,7 @@ def test_map_power_equals_power_of_windowed_samples(seed, window, n_more, sampli
         Transform(window=window, n_points=n, n_bins=n + n_more)
         for n in (samples.shape[2], samples.shape[0])
     )
-    power = mean_power(samples, sampling, fast, slow).astype(float)
+    power = mean_range_doppler_power(samples, sampling, fast, slow).astype(float)
     windowed = samples * slow.weights[:, None, None] * fast.weights
     windowed /= slow.weights.sum() * fast.weights.sum()
     expected = fast.n_bins * slow.n_bins * (abs(windowed) ** 2).sum() / samples.shape[1]
@@ -163,7 +163,7 @@ def test_equalised_power_keeps_unit_of_samples(exponent):
     level = np.float32(2.0 ** -np.frexp(float(abs(cube).max()))[1])
     maps = []
     for scale in (1.0, np.float32(2.0**exponent)):
-        (frame,) = FrameProcessor(radar, small_chain()).process([cube * level * scale])
+        (frame,) = FrameProcessor(radar, small_chain()).process_cubes([cube * level * scale])
         maps += frame.equalised_power
     with np.errstate(over="ignore", under="ignore"):
         np.testing.assert_array_equal(maps[1], np.ldexp(maps[0], 2 * exponent))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 from small_radars import WINDOWS, scene_strategy, simulate_echoes, small_chain, small_radar
 
 pytestmark = pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
@@ -32,7 +32,7 @@ def test_modulated_samples_shift_map_cyclically(seed, window, rows, columns):
         Transform(window=window, n_points=n, n_bins=padded * n) for n in (n_samples, n_chirps)
     )
     original, modulated_map = (
-        mean_power(cube.astype(np.complex64), "complex", fast, slow)
+        mean_range_doppler_power(cube.astype(np.complex64), "complex", fast, slow)
         for cube in (samples, modulated)
     )
     rolled = np.roll(original, (padded * columns, padded * rows), axis=(0, 1))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import dechirp as dc
 from dechirp.processing.cluster import cluster
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 from dechirp.radar.array import Array
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.scene.rotations import rotation_about_z
@@ -31,7 +31,7 @@ def test_conjugate_samples_mirror_range_and_velocity(seed, window, n_bins):
     fast = Transform(window=window, n_points=96, n_bins=n_bins)
     slow = Transform(window=window, n_points=32, n_bins=32)
     original, conjugated = (
-        mean_power(cube, "complex", fast, slow) for cube in (samples, samples.conj())
+        mean_range_doppler_power(cube, "complex", fast, slow) for cube in (samples, samples.conj())
     )
     # Zero velocity is row 16 and zero range column 0; mirroring exchanges -k and k.
     mirrored = original[np.ix_(-np.arange(32), -np.arange(n_bins))]
@@ -44,8 +44,8 @@ def test_map_of_real_samples_is_symmetric_half_of_complex_map(seed, window):
     """Compare with the full spectrum, whose halves are conjugate mirror images."""
     samples = np.random.default_rng(seed).standard_normal((32, 2, 96)).astype(np.float32)
     fast, slow = (Transform(window=window, n_points=n, n_bins=n) for n in (96, 32))
-    real_map = mean_power(samples, "real", fast, slow)
-    complex_map = mean_power(samples.astype(np.complex64), "complex", fast, slow)
+    real_map = mean_range_doppler_power(samples, "real", fast, slow)
+    complex_map = mean_range_doppler_power(samples.astype(np.complex64), "complex", fast, slow)
     assert abs(real_map - 2 * complex_map[:, :49]).max() < 20 * EPS * real_map.max()
     mirrored = complex_map[-np.arange(32)][:, -np.arange(49)]
     assert abs(real_map - 2 * mirrored).max() < 20 * EPS * real_map.max()

@@ -12,7 +12,10 @@ import dechirp as dc
 from dechirp.evaluation.association import associate_detections
 from dechirp.processing.cluster import Dbscan, Reach, cluster
 from dechirp.radar.resolution_cells import alias_doppler_cells, to_resolution_cells
-from dechirp.radar.velocity_ambiguity import range_shift_m, unambiguous_span_m_per_s
+from dechirp.radar.velocity_ambiguity import (
+    range_shift_per_ambiguity_m,
+    unambiguous_velocity_span_m_per_s,
+)
 from dechirp.scene.bodies.vehicle import Car
 
 COLUMNS = ("range", "velocity", "azimuth", "elevation", "snr", "ambiguity_number")
@@ -159,7 +162,7 @@ def test_ambiguous_cluster_velocity_stays_within_unambiguous_span(radar):
     mean = -top + (0.4 * 98 - 0.05 * 50) / 148
     assert float(clusters.velocity[0]) == pytest.approx(mean, abs=2e-3 * top)
     # One ambiguity more raises the velocity and lowers the range, here of the strongest only.
-    shift_m = range_shift_m(radar.frame) * 50 / 148
+    shift_m = range_shift_per_ambiguity_m(radar.frame) * 50 / 148
     assert float(clusters.range[0]) == pytest.approx(20.0 + shift_m, abs=1e-6)
 
 
@@ -170,10 +173,10 @@ def test_cluster_takes_known_ambiguity_number_of_its_members(radar):
         array=replace(radar.array, tx_m=[(0, 0, 0), (0, 3.8e-3, 0)]),
     )
     frame = radar.frame
-    span = float(unambiguous_span_m_per_s(np.array(20.0), frame))
+    span = float(unambiguous_velocity_span_m_per_s(np.array(20.0), frame))
     # Both share one map cell: one ambiguity higher, and nearer by the coupling.
     rows = make_detections(
-        range=[20.0, 20.0 + range_shift_m(frame)],
+        range=[20.0, 20.0 + range_shift_per_ambiguity_m(frame)],
         velocity=[5.0 + span, 5.0],
         ambiguity_number=[1.0, NAN],
         snr=[10.0, 1000.0],
@@ -189,7 +192,7 @@ def test_cluster_takes_known_ambiguity_number_of_its_members(radar):
     # and the third is aliased to the first.
     for ambiguity_numbers, n_clusters in (([1.0, 0.0], 2), ([2.0, 0.0], 1)):
         unambiguous_rows = make_detections(
-            range=[20.0 - ambiguity_numbers[0] * range_shift_m(frame), 20.0],
+            range=[20.0 - ambiguity_numbers[0] * range_shift_per_ambiguity_m(frame), 20.0],
             velocity=[5.0 + ambiguity_numbers[0] * span, 5.0],
             ambiguity_number=ambiguity_numbers,
         )
@@ -240,22 +243,24 @@ def test_centroid_standard_errors_are_correct(radar):
         name: true_value + errors[f"{name}_std"] * rng.standard_normal(frame.size)
         for name, true_value in truth.items()
     }
-    span = unambiguous_span_m_per_s(columns["range"], radar.frame)
+    span = unambiguous_velocity_span_m_per_s(columns["range"], radar.frame)
     is_aliased = columns["velocity"] > span / 2
     columns["velocity"] -= span * is_aliased
-    columns["range"] += range_shift_m(radar.frame) * is_aliased
+    columns["range"] += range_shift_per_ambiguity_m(radar.frame) * is_aliased
 
     _, clusters = cluster(make_detections(frame=frame, snr=snr, **columns, **errors), radar)
 
     complete_clusters = clusters.isel(cluster=clusters.n_detections.values == n)
     assert complete_clusters.sizes["cluster"] > 0.99 * n_frames
-    top = float(unambiguous_span_m_per_s(np.array(30.0), radar.frame)) / 2
+    top = float(unambiguous_velocity_span_m_per_s(np.array(30.0), radar.frame)) / 2
     for name, true_value in truth.items():
         error = complete_clusters[name].values - true_value
         if name == "velocity":
             error = (error + top) % (2 * top) - top
         if name == "range":
-            error -= range_shift_m(radar.frame) * (complete_clusters.velocity.values < 0)
+            error -= range_shift_per_ambiguity_m(radar.frame) * (
+                complete_clusters.velocity.values < 0
+            )
         normalised_square = np.mean((error / complete_clusters[f"{name}_std"].values) ** 2)
         # Five standard deviations of a mean of 4,000 squares; SNR weights are optimal.
         assert normalised_square == pytest.approx(1, abs=5 * np.sqrt(2 / n_frames))

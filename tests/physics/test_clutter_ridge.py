@@ -35,7 +35,7 @@ def test_patches_stay_fixed_while_radar_moves():
         targets=[Target(position_m=GROUND_POSITION_M, body=ground)],
         ego=dc.Ego(velocity_m_per_s=(15, 0, 0)),
     )
-    before_m, after_m = scene.positions_m([0.0, 0.4])
+    before_m, after_m = scene.scatterer_positions_m([0.0, 0.4])
 
     assert before_m - after_m == pytest.approx(np.tile([6.0, 0, 0], (50, 1)), abs=1e-9)
     assert ground.is_rigid
@@ -58,7 +58,7 @@ def test_clutter_power_is_exponentially_distributed():
     for seed in range(40):
         ground = GroundClutter(near_m=10, far_m=40, width_m=20, n_patches=3000, seed=seed)
         scene = Scene(targets=[Target(position_m=GROUND_POSITION_M, body=ground)])
-        range_m = np.linalg.norm(scene.positions_m([0.0])[0], axis=-1)
+        range_m = np.linalg.norm(scene.scatterer_positions_m([0.0])[0], axis=-1)
         rcs_m2 = ground.cross_sections_towards_m2(np.array([[0.0, 0.0, 0.5]]), WAVELENGTH_M)[0]
         field = np.sqrt(rcs_m2) * np.exp(4j * np.pi * range_m / WAVELENGTH_M)
         cells = np.floor(range_m).astype(int)  # 1 m wide, with some hundred patches each
@@ -128,7 +128,7 @@ def test_clutter_ridge_follows_yaw_of_radar(sixteen_receiver_radar):
         targets=[Target(position_m=GROUND_POSITION_M, body=ground)],
         ego=dc.Ego(velocity_m_per_s=(18, 0, 0), yaw_rad=np.pi / 6),
     )
-    first_m, second_m = scene.positions_m([0.0, 1e-3])
+    first_m, second_m = scene.scatterer_positions_m([0.0, 1e-3])
     velocities = (np.linalg.norm(second_m, axis=-1) - np.linalg.norm(first_m, axis=-1)) / 1e-3
     x, y, z = ((first_m + second_m) / 2).T
     level = np.hypot(x, y) / np.sqrt(x**2 + y**2 + z**2)

@@ -11,7 +11,7 @@ from dechirp.processing.cfar.base import MapNoise, NoiseEstimator, TrainingWindo
 from dechirp.processing.cfar.member_comparison import compare_thresholds, make_example_map
 from dechirp.processing.cfar.split_window import half_window_sizes
 from dechirp.processing.chain_findings import chain_findings, self_masking_loss
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 from dechirp.theory.cfar_detection import (
     cell_averaging_detection_probability,
     greatest_of_detection_probability,
@@ -44,9 +44,9 @@ def draw_noise_maps(noise, n_maps, seed):
     shape = (doppler_transform.n_points, noise.n_channels, 2 * range_transform.n_points)
     for _ in range(n_maps):
         samples = rng.standard_normal(shape, np.float32).view(np.complex64)
-        yield mean_power(samples, "complex", range_transform, doppler_transform) / np.float32(
-            2 * gain
-        )
+        yield mean_range_doppler_power(
+            samples, "complex", range_transform, doppler_transform
+        ) / np.float32(2 * gain)
 
 
 def make_cfar(kind, pfa, **cells):
@@ -112,7 +112,9 @@ def test_calibrated_factor_of_default_window_yields_rate_of_1e_6(kind):
     training_window = dc.Chain().cfar.training_window
     estimator = MEMBERS[kind]()
     factor = estimator.threshold_factor(
-        1e-6, training_window.noise_box(noise, training_window.half_range), n_channels=1
+        1e-6,
+        training_window.noise_covariance_in_box(noise, training_window.half_range),
+        n_channels=1,
     )
     assert 0 < factor.relative_error <= 0.01
 
@@ -134,7 +136,10 @@ def test_calibrated_factor_is_correct_for_short_padded_transforms(kind):
     training_window = TrainingWindow(
         n_training=dc.Cells(range=16, velocity=0), n_guard=dc.Cells(range=4, velocity=0)
     )
-    box, estimator = training_window.noise_box(noise, training_window.half_range), MEMBERS[kind]()
+    box, estimator = (
+        training_window.noise_covariance_in_box(noise, training_window.half_range),
+        MEMBERS[kind](),
+    )
     factors = [estimator.threshold_factor(pfa, box, n_channels=1) for pfa in (1e-2, 1e-4, 1e-6)]
     assert factors[0].value < factors[1].value < factors[2].value
     assert max(factor.relative_error for factor in factors) < 0.05
@@ -181,8 +186,10 @@ def detection_law(kind, offsets):
 def test_detection_probability_of_swerling_1_target_matches_theory(kind, row):
     noise = make_map_noise("rectangular", 64, 64)
     training_window = TrainingWindow(n_training=TRAINING_CELLS, n_guard=GUARD_CELLS)
-    estimator, offsets = MEMBERS[kind](), training_window.offsets(row)
-    factor = estimator.threshold_factor(1e-4, training_window.noise_box(noise, row), n_channels=1)
+    estimator, offsets = MEMBERS[kind](), training_window.training_cell_offsets(row)
+    factor = estimator.threshold_factor(
+        1e-4, training_window.noise_covariance_in_box(noise, row), n_channels=1
+    )
     assert factor.relative_error == 0
     rng, n_trials = np.random.default_rng(313), 40_000
     statistic = estimator.statistic(rng.exponential(size=(n_trials, len(offsets))), offsets)
@@ -242,16 +249,16 @@ def test_greatest_of_keeps_false_alarm_rate_at_clutter_edge():
     # and Kassam; greatest-of takes the mean of the following cells, smallest-of that of the
     # preceding ones.
     training_window = TrainingWindow(n_training=TRAINING_CELLS, n_guard=GUARD_CELLS)
-    offsets = training_window.offsets(training_window.half_range)
+    offsets = training_window.training_cell_offsets(training_window.half_range)
     n_clutter = np.count_nonzero(offsets[:, 1] >= 0)
-    a = MEMBERS["cell-averaging"]().independent_cells_factor(1e-3, offsets, n_channels=1) / len(
-        offsets
-    )
+    a = MEMBERS["cell-averaging"]().independent_cells_threshold_factor(
+        1e-3, offsets, n_channels=1
+    ) / len(offsets)
     expected = (1 + a) ** -n_clutter * (1 + a / 100) ** -(len(offsets) - n_clutter)
     edge_rates = {kind: rate for kind, (rate, _) in rates.items()}
     assert edge_rates["cell-averaging"] == pytest.approx(expected, rel=0.1)
     n = half_window_sizes(offsets)[1]
-    t = MEMBERS["greatest-of"]().independent_cells_factor(1e-3, offsets, n_channels=1) / n
+    t = MEMBERS["greatest-of"]().independent_cells_threshold_factor(1e-3, offsets, n_channels=1) / n
     assert edge_rates["greatest-of"] == pytest.approx((1 + t) ** -n, rel=0.2)
     assert 0.5e-3 < edge_rates["greatest-of"] < 3e-3
     assert edge_rates["cell-averaging"] > 20e-3
@@ -273,7 +280,7 @@ def test_finding_reports_uncertainty_of_calibrated_factor(radar):
         findings = [f for f in chain_findings(radar, chain) if f.setting == "chain.cfar.estimator"]
         assert len(findings) == is_reported
         if is_reported:
-            error = cfar.false_alarm_error(chain.map_noise(radar))
+            error = cfar.false_alarm_probability_error(chain.map_noise_statistics(radar))
             assert 0 < error <= 0.01
             assert f"{error:.1%} of the false-alarm probability" in findings[0].value
 
@@ -318,5 +325,5 @@ def test_rejects_invalid_settings(estimator, expected):
 def test_two_step_needs_training_cells_along_both_axes():
     for axis in ("range", "velocity"):
         cells = {"n_training": replace(TRAINING_CELLS, **{axis: 0})}
-        with pytest.raises(dc.InvalidSetting, match=f"n_training.{axis} is 0.*two steps"):
+        with pytest.raises(dc.InvalidSetting, match=f"n_training.{axis}: 0.*two steps"):
             make_cfar("two-step", 1e-4, **cells)

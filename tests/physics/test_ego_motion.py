@@ -9,7 +9,7 @@ import xarray as xr
 
 import dechirp as dc
 from dechirp.evaluation.association import associate_detections
-from dechirp.radar.velocity_ambiguity import unambiguous_span_m_per_s
+from dechirp.radar.velocity_ambiguity import unambiguous_velocity_span_m_per_s
 from dechirp.tracking.doppler_fit import Sightings, fit_velocity
 from dechirp.tracking.ego import EgoMotion, ego_motion, label_motion
 from dechirp.tracking.mounting import mounting_angle
@@ -137,7 +137,7 @@ def test_radial_velocities_refer_to_phase_centre(single_element_radar):
 def test_directions_resolve_ambiguous_ego_velocity(single_element_radar):
     rng = np.random.default_rng(4)
     azimuth = rng.uniform(-0.8, 0.8, 40)
-    span = float(unambiguous_span_m_per_s(np.array(60.0), single_element_radar.frame))
+    span = float(unambiguous_velocity_span_m_per_s(np.array(60.0), single_element_radar.frame))
     v = np.array([span / 2 + 9.0, 0.5])
     velocity = (static_velocities(azimuth, v) + span / 2) % span - span / 2
     rows = make_detections(azimuth=azimuth, velocity=velocity, velocity_std=0.02, azimuth_std=0.002)

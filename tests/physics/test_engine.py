@@ -266,7 +266,7 @@ def test_rejects_simulation_larger_than_memory(radar):
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")
 def test_cost_model_selects_cheapest_kernel_unless_overridden(radar):
     (single_target_run,) = plan_kernels(make_crowd(1, seed=9), radar)
-    assert single_target_run.kernel == single_target_run.costs_s.cheapest
+    assert single_target_run.kernel == single_target_run.costs_s.cheapest_kernel
     assert single_target_run.chirps == slice(0, radar.frame.n_chirps_total)
     assert single_target_run.n_scatterers == 1
     crowd = make_crowd(2000, seed=10)

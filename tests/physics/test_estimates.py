@@ -9,7 +9,7 @@ import dechirp as dc
 from dechirp.core.units import to_decibels
 from dechirp.processing.detect import detect_columns
 from dechirp.processing.refine import refine_tones
-from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.theory.bounds import frequency_variance, noncoherent_effective_snr
 from nightly import NIGHTLY
 from noise_cubes import add_noise, iter_noisy_trials
@@ -44,7 +44,7 @@ def test_reference_target_estimates_reach_crlb(reference, clean, snr_db):
     for error, std, bound in zip(
         (range_m, velocity),
         (range_std, velocity_std),
-        crlb_standard_errors(radar.frame, snr=snr),
+        range_and_velocity_crlb_std(radar.frame, snr=snr),
         strict=True,
     ):
         assert np.sqrt(np.mean(error**2)) <= 1.15 * bound
@@ -73,7 +73,7 @@ def test_estimates_reach_crlb_for_several_receivers_and_real_samples(radar, samp
     for error, std, bound in zip(
         (range_m, velocity),
         (range_std, velocity_std),
-        crlb_standard_errors(radar.frame, snr=snr),
+        range_and_velocity_crlb_std(radar.frame, snr=snr),
         strict=True,
     ):
         assert np.sqrt(np.mean(error**2)) == pytest.approx(bound, rel=0.15)

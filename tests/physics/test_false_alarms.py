@@ -8,7 +8,7 @@ import pytest
 
 import dechirp as dc
 from dechirp.processing.range_doppler_map import range_doppler_power
-from dechirp.processing.spectrum import independent_rows, noise_gain
+from dechirp.processing.spectrum import noise_gain, rows_with_circular_noise
 from dechirp.theory.windows import Window
 from nightly import nightly
 from noise_cubes import simulate_noise_cube
@@ -35,8 +35,8 @@ def make_chain(window, n_range_bins, pfa, **cfar):
 def count_alarms(radar, chain, n_maps, seed):
     """Return the alarms of each cell over maps of noise, and the number of searched rows."""
     rng = np.random.default_rng(seed)
-    noise = chain.map_noise(radar)
-    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    noise = chain.map_noise_statistics(radar)
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     counts = 0
     for _ in range(n_maps):
         power = range_doppler_power(simulate_noise_cube(radar, rng).values[0], radar, chain)
@@ -81,7 +81,7 @@ def test_false_alarm_rate_on_reference_map_matches_setting(radar, window, n_rang
 def test_expected_rate_matches_setting_in_every_row_and_column(radar, window):
     radar = resize_map(radar, 64, 64)
     chain, rng, n_maps = make_chain(window, None, 1e-3), np.random.default_rng(22), 600
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     mean = noise_gain(noise.range_transform, noise.doppler_transform, radar.frame.chirp)
     rates = np.zeros((64, 64))
     for _ in range(n_maps):
@@ -214,7 +214,7 @@ def test_threshold_is_mean_of_training_cells():
         threshold = dc.cfar.CellAveraging().threshold(
             power, training_window, np.ones(power.shape[1], np.float32)
         )
-        box_offsets = training_window.box_rows(40)
+        box_offsets = training_window.box_row_of_map_rows(40)
         for v in range(26):
             for j in range(40):
                 rows = j - box_offsets[j] + np.arange(2 * training_window.half_range + 1)

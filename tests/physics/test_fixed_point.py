@@ -13,7 +13,7 @@ from dechirp.core.gaussian_noise import add_white_noise
 from dechirp.core.units import to_decibels
 from dechirp.processing.fixed_point.cfar import cell_averaging_thresholds
 from dechirp.processing.fixed_point.chain import fixed_point_map, log2_of_powers, max_log2_error
-from dechirp.processing.fixed_point.coefficients import log2_table
+from dechirp.processing.fixed_point.coefficients import integer_log2_table
 from dechirp.processing.fixed_point.comparison import (
     compare_detections,
     compare_detections_over_bits,
@@ -210,7 +210,7 @@ def test_logarithm_error_stays_within_and_near_its_bound(table_bits, fraction_bi
     words = WordLengths(log_table_bits=table_bits, log_fraction_bits=fraction_bits)
     powers = np.concatenate([np.arange(1, 2**15), 2 ** np.arange(48), 2 ** np.arange(1, 49) - 1])
 
-    table = log2_table(table_bits, fraction_bits)
+    table = integer_log2_table(table_bits, fraction_bits)
     result = log2_of_powers(powers[None], table, table_bits, fraction_bits)[0]
 
     error = abs(result / 2**fraction_bits - np.log2(powers.astype(float)))
@@ -259,11 +259,11 @@ def test_16_bit_chain_reproduces_floating_point_detections_of_reference(scenario
     threshold = dc.threshold_map(power, radar, chain)
 
     assert (result.detected.values == (power.values > threshold.values)).all()
-    cells = find_peaks(power.values, threshold.values, chain.map_noise(radar))
+    cells = find_peaks(power.values, threshold.values, chain.map_noise_statistics(radar))
     fixed_cells = find_peaks(
         result.power.values.astype(float),
         result.threshold.values.astype(float),
-        chain.map_noise(radar),
+        chain.map_noise_statistics(radar),
     )
     assert len(cells) == 1
     assert (cells == fixed_cells).all()

@@ -6,7 +6,7 @@ from scipy import stats
 
 import dechirp as dc
 from dechirp.scene.bodies.point_cloud import PointCloud
-from dechirp.scene.fluctuation import draw_power_factors
+from dechirp.scene.fluctuation import draw_fluctuation_factors
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
 
@@ -28,7 +28,7 @@ def make_cloud(n, kind):
 
 def draw_factors(kind, n_scatterers, n_chirps, seed):
     rng = np.random.default_rng(seed)
-    return draw_power_factors(Scene(targets=[make_cloud(n_scatterers, kind)]), n_chirps, rng)
+    return draw_fluctuation_factors(Scene(targets=[make_cloud(n_scatterers, kind)]), n_chirps, rng)
 
 
 def assert_follows_law(sample, law):
@@ -49,7 +49,7 @@ def test_frame_to_frame_fluctuation_follows_its_distribution(kind):
     assert per_chirp is None
     assert_follows_law(per_frame, LAWS[kind])
     rng, scene = np.random.default_rng(82), Scene(targets=[make_cloud(1, kind)])
-    frames = np.array([draw_power_factors(scene, 4, rng)[0][0] for _ in range(2000)])
+    frames = np.array([draw_fluctuation_factors(scene, 4, rng)[0][0] for _ in range(2000)])
     assert_follows_law(frames, LAWS[kind])
     # Frames are independent: five standard errors of a correlation.
     assert abs(np.corrcoef(frames[1:], frames[:-1])[0, 1]) < 5 / np.sqrt(2000)
@@ -70,7 +70,7 @@ def test_chirp_to_chirp_fluctuation_follows_its_distribution(kind):
 def test_scatterers_follow_fluctuation_of_their_target():
     kinds = ("swerling-4", "steady", "swerling-1", "swerling-2", "swerling-3")
     scene = Scene(targets=[make_cloud(3, kind) for kind in kinds])
-    per_frame, per_chirp = draw_power_factors(scene, 16, np.random.default_rng(84))
+    per_frame, per_chirp = draw_fluctuation_factors(scene, 16, np.random.default_rng(84))
 
     varies_by_frame = np.repeat([kind in PER_FRAME for kind in kinds], 3)
     varies_by_chirp = np.repeat([kind in PER_CHIRP for kind in kinds], 3)
@@ -83,12 +83,14 @@ def test_scatterers_follow_fluctuation_of_their_target():
 def test_steady_targets_draw_no_random_numbers():
     rng = np.random.default_rng(85)
     initial_state = rng.bit_generator.state
-    per_frame, per_chirp = draw_power_factors(Scene(targets=[make_cloud(5, "steady")]), 16, rng)
+    per_frame, per_chirp = draw_fluctuation_factors(
+        Scene(targets=[make_cloud(5, "steady")]), 16, rng
+    )
 
     assert (per_frame == 1).all()
     assert per_chirp is None
     assert rng.bit_generator.state == initial_state
-    assert draw_power_factors(Scene(), 16, rng)[0].shape == (0,)
+    assert draw_fluctuation_factors(Scene(), 16, rng)[0].shape == (0,)
 
 
 def test_seed_determines_fluctuation():

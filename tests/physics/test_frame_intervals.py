@@ -7,11 +7,14 @@ import pytest
 from scipy.stats import binom
 
 import dechirp as dc
-from dechirp.processing.direction_finding import element_snapshots
+from dechirp.processing.direction_finding import element_snapshots_and_noise
 from dechirp.processing.velocity_ambiguity import by_frame_intervals
 from dechirp.processing.velocity_ambiguity.by_frame_intervals import FrameEstimates
-from dechirp.processing.velocity_ambiguity.hypotheses import AmbiguityHypotheses, unresolved
-from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.processing.velocity_ambiguity.hypotheses import (
+    AmbiguityHypotheses,
+    unresolved_hypotheses,
+)
+from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.recordings.settings.write_ti_cfg import format_ti_cfg
 from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity
 from dechirp.scene.scene_warnings import scene_findings
@@ -42,7 +45,7 @@ def draw_frame_estimates(radar, range_m, velocity, snr, n_frames, rng, detection
         is_detected = rng.random(len(range_m)) < detection_probability
         std = [
             np.full(is_detected.sum(), float(bound))
-            for bound in crlb_standard_errors(frame_radar.frame, snr=snr)
+            for bound in range_and_velocity_crlb_std(frame_radar.frame, snr=snr)
         ]
         frames.append(
             FrameEstimates(
@@ -52,7 +55,7 @@ def draw_frame_estimates(radar, range_m, velocity, snr, n_frames, rng, detection
                 apparent.velocity_m_per_s[is_detected]
                 + std[1] * rng.standard_normal(is_detected.sum()),
                 *std,
-                unresolved(is_detected.sum()),
+                unresolved_hypotheses(is_detected.sum()),
             )
         )
         span = 2 * frame_radar.frame.max_velocity_m_per_s
@@ -114,9 +117,9 @@ def count_decisions(radar, draw_targets, snr, n_frames, n_trials, rng):
             by_frame_intervals.ambiguity_probabilities(frames, radar.frame), truth, strict=True
         ):
             is_certain = hypotheses.confidence >= 0.99
-            assert np.array_equal(is_certain, np.isfinite(hypotheses.certain_number))
+            assert np.array_equal(is_certain, np.isfinite(hypotheses.certain_numbers))
             n_estimates, n_certain = n_estimates + len(true_number), n_certain + is_certain.sum()
-            n_wrong += (hypotheses.certain_number[is_certain] != true_number[is_certain]).sum()
+            n_wrong += (hypotheses.certain_numbers[is_certain] != true_number[is_certain]).sum()
     return n_estimates, n_certain, n_wrong
 
 
@@ -146,7 +149,7 @@ def test_single_frame_leaves_ambiguity_unresolved(radar):
     radar = replace_intervals(radar, *INTERVALS_S)
     frames, _ = draw_frame_estimates(radar, np.array([20.0]), np.array([40.0]), 1000.0, 1, rng)
     (hypotheses,) = by_frame_intervals.ambiguity_probabilities(frames, radar.frame)
-    assert np.isnan(hypotheses.certain_number).all()
+    assert np.isnan(hypotheses.certain_numbers).all()
     assert hypotheses.confidence.item() < 0.2  # 31, 35 or 38 ambiguities
 
 
@@ -293,7 +296,7 @@ def test_frame_comparison_uses_single_frame_probabilities(radar):
     is_equivalent = hypotheses.number[0] % 3 == 0
     # 11 of 31 ambiguities are equivalent and 20 are not: 0.908.
     assert hypotheses.probability[0, is_equivalent].sum() == pytest.approx(0.9, abs=0.01)
-    assert np.isnan(hypotheses.certain_number).all()
+    assert np.isnan(hypotheses.certain_numbers).all()
 
 
 def test_ambiguity_does_not_rotate_receivers_of_one_transmitter(radar):
@@ -307,7 +310,9 @@ def test_ambiguity_does_not_rotate_receivers_of_one_transmitter(radar):
     noise = rng.standard_normal((2, 50, 8)) * 1e-3
     amplitudes = (slots * rx_phasors).reshape(50, 8) + noise[0] + 1j * noise[1]
     doppler_hz = rng.uniform(-1e5, 1e5, 50)
-    snapshots, noise_power = element_snapshots(amplitudes, doppler_hz, np.full(50, 2e-6), radar)
+    snapshots, noise_power = element_snapshots_and_noise(
+        amplitudes, doppler_hz, np.full(50, 2e-6), radar
+    )
 
     elements = snapshots[:, 0] / snapshots[:, :1, 0] * rx_phasors[0]
     # The mean of two slots has an error of sqrt(2) x 1e-3, and the first element adds as much: five

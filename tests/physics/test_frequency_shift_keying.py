@@ -91,7 +91,7 @@ def test_ambiguity_confidence_equals_share_of_correct_numbers(
         amplitudes, frame, principal_hz, np.full(3000, snr), np.ones(3000)
     )
     best = hypotheses.number[np.arange(3000), hypotheses.probability.argmax(axis=1)]
-    is_right, is_certain = best == truth, np.isfinite(hypotheses.certain_number)
+    is_right, is_certain = best == truth, np.isfinite(hypotheses.certain_numbers)
 
     assert binom.sf((~is_right & is_certain).sum() - 1, is_certain.sum(), 0.02) > 1e-6
     if snr_db == 20:
@@ -111,7 +111,7 @@ def test_incoherent_amplitudes_yield_no_certain_ambiguity_number(radar):
     hypotheses = by_ramps.ambiguity_probabilities(
         incoherent, radar.frame, principal_hz, np.full(500, 100.0), np.ones(500)
     )
-    assert np.isfinite(hypotheses.certain_number).mean() < 0.05
+    assert np.isfinite(hypotheses.certain_numbers).mean() < 0.05
 
 
 @pytest.mark.parametrize(

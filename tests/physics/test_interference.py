@@ -188,7 +188,7 @@ def oversampled_interference(
     mover = dc.Target(
         position_m=interferer.position_m, velocity_m_per_s=interferer.velocity_m_per_s
     )
-    positions_m = dc.Scene(targets=[mover], ego=scene.ego).positions_m(start_s + t)[:, 0]
+    positions_m = dc.Scene(targets=[mover], ego=scene.ego).scatterer_positions_m(start_s + t)[:, 0]
     length_m = np.linalg.norm(positions_m - radar.array.rx_m[receiver], axis=-1)
     time_since_start_s = t - length_m / SPEED_OF_LIGHT + (start_s - interferer.offset_s)
     u = (

@@ -9,7 +9,7 @@ import pytest
 import dechirp as dc
 from dechirp.processing.cfar.base import Cells, Cfar, MapNoise
 from dechirp.processing.cfar.cell_averaging import CellAveraging
-from dechirp.processing.peak_interpolation import bin_offsets, interpolate_peaks
+from dechirp.processing.peak_interpolation import interpolate_peak_frequencies, tone_bin_offsets
 from dechirp.processing.refine import refine_tones
 from dechirp.processing.spectrum import Transform
 from dechirp.theory.windows import Window
@@ -55,7 +55,7 @@ def test_interpolates_tone_between_bins_without_bias(window, sampling, n_range, 
         slow = -2 * np.pi * (velocity_bin + d_velocity) / n_velocity
         power = compute_map(make_tone(slow, fast, sampling), noise)
         peak_index = np.array(np.unravel_index(power.argmax(), power.shape))[None]
-        slow_estimates, fast_estimates = interpolate_peaks(power, peak_index, noise)
+        slow_estimates, fast_estimates = interpolate_peak_frequencies(power, peak_index, noise)
         errors.append(
             [
                 (slow_estimates[0] - slow) * n_velocity / (2 * np.pi),
@@ -72,10 +72,10 @@ def test_single_chirp_and_empty_map_have_zero_bin_offset():
     eight_points = Transform(window="hann", n_points=8, n_bins=8)
     power = np.array([1.0, 0.0])
 
-    assert bin_offsets(power, power, power, single_point).tolist() == [0, 0]
-    assert bin_offsets(power * 0, power * 0, power * 0, eight_points).tolist() == [0, 0]
+    assert tone_bin_offsets(power, power, power, single_point).tolist() == [0, 0]
+    assert tone_bin_offsets(power * 0, power * 0, power * 0, eight_points).tolist() == [0, 0]
     # Equal cells yield half a bin towards the stronger side.
-    assert bin_offsets(*np.array([[0.2], [1.0], [1.0]]), eight_points)[0] == pytest.approx(0.5)
+    assert tone_bin_offsets(*np.array([[0.2], [1.0], [1.0]]), eight_points)[0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("start", [(0.5, 0.5), (-0.5, 0.5), (0.48, -0.02), (-0.5, -0.5)], ids=str)

@@ -281,7 +281,7 @@ def test_traced_rays_never_exceed_predicted_number(save_mesh, monkeypatch):
     sides = 20 * compute_directions(np.arange(0, 360, 20), np.linspace(-80, 80, 18))
     body.cross_sections_towards_m2(sides, WAVELENGTH_M)
     assert len(ray_counts) == len(sides)  # one pass per side
-    assert 0.5 < max(ray_counts) / body.n_rays(WAVELENGTH_M) <= 1
+    assert 0.5 < max(ray_counts) / body.max_rays_per_direction(WAVELENGTH_M) <= 1
 
 
 def test_nearby_radar_positions_share_rcs(save_mesh):

@@ -263,9 +263,9 @@ def test_frames_of_three_chirps_are_not_repaired(radar, method):
     samples[1, :, 40:50] += 1e3
 
     assert np.array_equal(method.clean(samples, short_radar.frame), samples)
-    assert method.target_findings(short_radar)[0].level == "warning"
-    assert "3 chirps" in method.target_findings(short_radar)[0].value
-    assert method.target_findings(radar) == []
+    assert method.limitation_findings(short_radar)[0].level == "warning"
+    assert "3 chirps" in method.limitation_findings(short_radar)[0].value
+    assert method.limitation_findings(radar) == []
 
 
 @pytest.mark.parametrize("method", METHODS, ids=format_kind)

@@ -10,8 +10,12 @@ import dechirp as dc
 from dechirp.processing.mitigation.leakage_subtraction import LeakageSubtraction
 from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.processing.mitigation.moving_target_indication import MovingTargetIndication
-from dechirp.processing.mitigation.noise_loss import equalise, mitigation_noise_gain, usable_cells
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.mitigation.noise_loss import (
+    equalise_map_noise,
+    mitigation_noise_gain,
+    sufficient_noise_gain_mask,
+)
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 from noise_cubes import simulate_noise_cube
 
 FILTERS = [MeanSubtraction(), *(MovingTargetIndication(order=n) for n in (1, 2, 3))]
@@ -75,8 +79,10 @@ def test_moving_target_power_matches_doppler_gain(radar, method):
     ]
 
     # Sums of 128 numbers in single precision.
-    assert powers == pytest.approx(method.doppler_gain(doppler_hz, frame), rel=1e-4, abs=1e-10)
-    assert MeanSubtraction().doppler_gain(np.zeros(2), frame).tolist() == [0, 0]
+    assert powers == pytest.approx(
+        method.doppler_power_gain(doppler_hz, frame), rel=1e-4, abs=1e-10
+    )
+    assert MeanSubtraction().doppler_power_gain(np.zeros(2), frame).tolist() == [0, 0]
 
 
 def test_canceller_weights_are_binomial_with_unit_norm(radar):
@@ -90,7 +96,7 @@ def test_canceller_weights_are_binomial_with_unit_norm(radar):
 
 @pytest.mark.parametrize("method", FILTERS, ids=repr)
 def test_finding_gives_velocity_of_3_db_loss(radar, method):
-    (finding,) = method.target_findings(radar)
+    (finding,) = method.limitation_findings(radar)
     edge_velocity = float(finding.value.split("less than ")[1].split(" m/s")[0])
     blind_velocity = float(finding.value.split("multiples of ")[1].split(" m/s")[0])
 
@@ -142,7 +148,7 @@ def test_each_slot_is_filtered_separately(radar, method, multiplexing):
     assert compute_gain_db(method.clean(static_samples, frame), static_samples) < -110
     doppler_hz = 2 * 4.0 / frame.chirp.wavelength_m
     residual = method.clean(moving_samples, frame)[getattr(method, "order", 0) * frame.n_slots :]
-    passed_db = 10 * np.log10(float(method.doppler_gain(doppler_hz, frame)))
+    passed_db = 10 * np.log10(float(method.doppler_power_gain(doppler_hz, frame)))
     # Range walk of a hundredth of a cell; the Doppler frequency varies by 1 % over the sweep.
     assert compute_gain_db(residual, moving_samples) == pytest.approx(passed_db, abs=0.1)
 
@@ -164,8 +170,8 @@ def test_leakage_subtraction_removes_static_echoes_below_max_range_only(radar):
     assert measure_gain_db(moving_samples) == pytest.approx(
         compute_gain_db(MeanSubtraction().clean(moving_samples, frame), moving_samples), abs=0.01
     )
-    assert method.doppler_gain(np.zeros(3), frame).tolist() == [1, 1, 1]
-    assert f"nearer than {NEAR_M:.4g} m" in method.target_findings(radar)[0].value
+    assert method.doppler_power_gain(np.zeros(3), frame).tolist() == [1, 1, 1]
+    assert f"nearer than {NEAR_M:.4g} m" in method.limitation_findings(radar)[0].value
 
 
 def test_falling_ramps_lose_near_ranges_only(radar):
@@ -254,7 +260,7 @@ def simulate_noise_map(radar, rng, methods, axis_transforms):
     samples = simulate_noise_cube(radar, rng).values[0]
     for method in methods:
         samples = method.clean(samples, radar.frame)
-    return mean_power(samples, radar.frame.chirp.sampling, *axis_transforms)
+    return mean_range_doppler_power(samples, radar.frame.chirp.sampling, *axis_transforms)
 
 
 def unit_noise_power(radar, axis_transforms):
@@ -276,16 +282,18 @@ def test_false_alarm_rate_matches_setting_after_mitigation(radar, method):
         array=dc.Array(rx_m=[(0, 0, 0)]),
     )
     chain = dc.Chain(cfar=dc.Cfar(estimator=dc.cfar.CellAveraging(), false_alarm_probability=1e-4))
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     axis_transforms = noise.range_transform, noise.doppler_transform
     noise_gain = mitigation_noise_gain((method,), radar.frame.chirp, *axis_transforms)
-    is_searched = usable_cells(noise_gain)
+    is_searched = sufficient_noise_gain_mask(noise_gain)
     rng = np.random.default_rng(82)
     n_frames, n_alarms, n_plain_alarms = 2500, np.zeros(noise_gain.shape), 0
     for _ in range(n_frames):
         power = simulate_noise_map(radar, rng, (method,), axis_transforms)
         n_plain_alarms += np.count_nonzero(chain.cfar.exceeds_threshold(power, noise) & is_searched)
-        n_alarms += chain.cfar.exceeds_threshold(equalise(power, noise_gain), noise) & is_searched
+        n_alarms += (
+            chain.cfar.exceeds_threshold(equalise_map_noise(power, noise_gain), noise) & is_searched
+        )
     rates = n_alarms.sum(axis=1) / (n_frames * np.maximum(is_searched.sum(axis=1), 1) * 1e-4)
 
     # 1,400 alarms or more in clusters of at most 1.9: a standard error of 3.7 %; in the rows whose
@@ -306,12 +314,12 @@ def test_rows_below_a_tenth_of_noise_are_not_searched(radar):
     middle = radar.frame.n_chirps // 2
 
     # Removing the mean under a Hann taper removes the whole row at zero velocity.
-    assert np.flatnonzero(~usable_cells(noise_gain).any(axis=1)).tolist() == [middle]
+    assert np.flatnonzero(~sufficient_noise_gain_mask(noise_gain).any(axis=1)).tolist() == [middle]
     # Adjacent rows lose half of that mean: 1 + 1 / 4 - 2 / 3, the correlation of neighbours.
     assert noise_gain[middle + 1] == pytest.approx(7 / 12, abs=2e-3)
     power = np.ones(noise_gain.shape, np.float32) * noise_gain
     power[middle] = 1e6  # rounding errors over zero noise
-    assert equalise(power, noise_gain) == pytest.approx(np.ones(noise_gain.shape))
+    assert equalise_map_noise(power, noise_gain) == pytest.approx(np.ones(noise_gain.shape))
     # A rectangular window keeps noise at zero velocity: 1 - 2 + 1.5.
     rectangular_transforms = build_transforms(radar, "rectangular", 128)
     rectangular_gain = mitigation_noise_gain(
@@ -344,7 +352,7 @@ def test_rejects_samples_that_do_not_fit_frame(radar, method):
             method.clean(invalid_samples, frame)
     short_radar = replace(radar, frame=replace(frame, n_chirps=1))
     with pytest.raises(dc.InvalidSetting, match=method.kind()):
-        method.target_findings(short_radar)
+        method.limitation_findings(short_radar)
     input_samples = samples.copy()
     method.clean(input_samples, frame)
     assert (input_samples == samples).all()
@@ -358,4 +366,4 @@ def test_rejects_invalid_settings(radar):
         with pytest.raises(dc.InvalidSetting, match="max_range_m"):
             LeakageSubtraction(max_range_m=max_range_m)
     with pytest.raises(dc.InvalidSetting, match="mean-subtraction"):
-        LeakageSubtraction(max_range_m=radar.frame.chirp.max_range_m).target_findings(radar)
+        LeakageSubtraction(max_range_m=radar.frame.chirp.max_range_m).limitation_findings(radar)

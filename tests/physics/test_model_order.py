@@ -5,7 +5,7 @@ import pytest
 
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.capon import Capon
-from dechirp.processing.angle.covariance import Smoothing, array_windows
+from dechirp.processing.angle.covariance import Smoothing, array_smoothing_windows
 from dechirp.processing.angle.esprit import Esprit
 from dechirp.processing.angle.maximum_likelihood import MaximumLikelihood
 from dechirp.processing.angle.model_order import estimate_n_sources
@@ -56,12 +56,14 @@ def test_three_sources_are_counted_in_uncorrelated_snapshots():
 def test_overlapping_windows_have_stated_number_of_independent_snapshots():
     # Mean power over all windows has the variance of n_independent independent numbers.
     array, rng = uniform_linear_array(12), np.random.default_rng(723)
-    windows = array_windows(array, Smoothing())
+    windows = array_smoothing_windows(array, Smoothing())
     x = simulate_snapshots(array, np.zeros((20_000, 1, 1)), 1.0, rng, np.zeros((20_000, 1)))
-    power = np.mean(np.abs(windows.window_data(x)) ** 2, axis=(1, 2))
+    power = np.mean(np.abs(windows.window_data_matrices(x)) ** 2, axis=(1, 2))
     # The variance of 20,000 powers has a standard error of 1.2 %.
-    assert 1 / np.var(power) == pytest.approx(windows.n_independent, rel=0.08)
-    assert windows.n_independent == pytest.approx(10)  # 1 2 3 4 5 5 5 5 4 3 2 1: 40^2 / 160
+    assert 1 / np.var(power) == pytest.approx(windows.n_independent_values_per_look, rel=0.08)
+    assert windows.n_independent_values_per_look == pytest.approx(
+        10
+    )  # 1 2 3 4 5 5 5 5 4 3 2 1: 40^2 / 160
 
 
 def test_noise_and_single_uneven_snapshot_give_order_one():

@@ -14,7 +14,7 @@ from dechirp.scene.bodies.points import Oscillation, Points, Rotation, Scatterer
 from dechirp.scene.ego import Ego
 from dechirp.scene.scene import Scene
 from dechirp.scene.target import Target
-from dechirp.scene.trajectories import fit_paths
+from dechirp.scene.trajectories import fit_polynomial_paths
 from dechirp.scene.truth import truth
 from dechirp.scene.waypoints import Waypoint
 
@@ -58,7 +58,7 @@ def build_scene(**target_settings):
 
 
 def compute_positions_m(scene, time_s):
-    return scene.positions_m([time_s])[0]
+    return scene.scatterer_positions_m([time_s])[0]
 
 
 def test_turning_radar_follows_arc():
@@ -321,12 +321,12 @@ PARABOLIC_CASES = ("straight", "accelerated", "rigid body", "body of given headi
 def test_path_polynomials_match_scatterer_positions(radar, case, start_s):
     scene, frame = CASES[case], replace(radar.frame, n_chirps=256)
     rng = np.random.default_rng(71)
-    paths = fit_paths(scene, frame, start_s)
+    paths = fit_polynomial_paths(scene, frame, start_s)
     for path in paths:
         chirps = rng.integers(path.chirps.start, path.chirps.stop, 20)
         # From the start of the ramp to the last sample.
         times_s = chirps * frame.interval_s + rng.uniform(0, 27.5e-6, 20)
-        exact_m = scene.positions_m(start_s + times_s)[:, path.scatterers]
+        exact_m = scene.scatterer_positions_m(start_s + times_s)[:, path.scatterers]
         powers = (times_s - path.mid_s)[:, None] ** np.arange(len(path.path_m))
         # 1e-9 rad of two-way phase at 77 GHz; a chirp with a waypoint, where the turn rate of a
         # body jumps, is not divided.
@@ -342,7 +342,7 @@ def test_path_polynomials_match_scatterer_positions(radar, case, start_s):
 def test_each_scatterer_has_one_path_in_each_chirp(radar, case):
     scene, frame = CASES[case], radar.frame
     n_paths = np.zeros((frame.n_chirps_total, scene.n_scatterers), int)
-    for path in fit_paths(scene, frame, 0.49):
+    for path in fit_polynomial_paths(scene, frame, 0.49):
         n_paths[path.chirps, path.scatterers] += 1
 
     assert (n_paths == 1).all()
@@ -353,7 +353,7 @@ def test_only_rotating_scatterers_have_short_paths(radar):
     wheel = Target(position_m=(30, 3, 0), body=Points(scatterers=(*BOX, *WHEEL)))
     frame = replace(radar.frame, n_chirps=512)
     for ego in (Ego(), TURNING_EGO):
-        paths = fit_paths(Scene(targets=[*far_targets, wheel], ego=ego), frame, 0.0)
+        paths = fit_polynomial_paths(Scene(targets=[*far_targets, wheel], ego=ego), frame, 0.0)
         whole_frame_paths = [path for path in paths if path.chirps == slice(0, 512)]
 
         assert sum(len(path.scatterers) for path in whole_frame_paths) == 40 + len(BOX)
@@ -364,19 +364,19 @@ def test_only_rotating_scatterers_have_short_paths(radar):
 
 def test_scene_without_targets_has_no_paths(radar):
     for ego in (Ego(), TURNING_EGO):
-        assert fit_paths(Scene(ego=ego), radar.frame, 0.0) == []
-        assert Scene(ego=ego).positions_m([0.0, 1.0]).shape == (2, 0, 3)
+        assert fit_polynomial_paths(Scene(ego=ego), radar.frame, 0.0) == []
+        assert Scene(ego=ego).scatterer_positions_m([0.0, 1.0]).shape == (2, 0, 3)
 
 
 def test_late_frames_and_far_coordinates_need_one_path(radar):
     # Five hours after the start and 6,000 km from the scene origin: rounding errors of 1e-9 m.
     ego = replace(TURNING_EGO, position_m=(6e6, 3e6, 0))
     near_scene = build_scene(position_m=(6e6 + 30, 3e6, 0), velocity_m_per_s=(1, 1, 0), ego=ego)
-    assert len(fit_paths(near_scene, radar.frame, 0.0)) == 1
-    assert len(fit_paths(near_scene, radar.frame, 18000.0)) == 1
+    assert len(fit_polynomial_paths(near_scene, radar.frame, 0.0)) == 1
+    assert len(fit_polynomial_paths(near_scene, radar.frame, 18000.0)) == 1
     assert (
         len(
-            fit_paths(
+            fit_polynomial_paths(
                 build_scene(waypoints=SWERVE_WAYPOINTS, body=NOSE_POINT), radar.frame, 18000.0
             )
         )
@@ -401,10 +401,12 @@ class JumpingBody(Body):
 
 def test_rejects_body_that_jumps_or_is_not_finite(radar):
     with pytest.raises(dc.InvalidSetting, match=r"scene\.targets\.car: a motion in the"):
-        fit_paths(build_scene(body=JumpingBody(jump_m=0.1)), radar.frame, 0.0)
+        fit_polynomial_paths(build_scene(body=JumpingBody(jump_m=0.1)), radar.frame, 0.0)
     for ego in (Ego(), TURNING_EGO):
         with pytest.raises(dc.InvalidSetting, match=r"targets\.car\.body: .* not finite"):
-            fit_paths(build_scene(body=JumpingBody(jump_m=np.nan), ego=ego), radar.frame, 0.0)
+            fit_polynomial_paths(
+                build_scene(body=JumpingBody(jump_m=np.nan), ego=ego), radar.frame, 0.0
+            )
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -508,7 +510,7 @@ def test_point_cloud_follows_same_paths_as_its_targets(radar):
     targets = [
         Target(position_m=tuple(np.add(p, (25, 3, 0.2))), **PASSING_MOTION) for p in positions_m
     ]
-    (cloud_path,) = fit_paths(cloud, radar.frame, 0.3)
-    (target_path,) = fit_paths(Scene(targets=targets), radar.frame, 0.3)
+    (cloud_path,) = fit_polynomial_paths(cloud, radar.frame, 0.3)
+    (target_path,) = fit_polynomial_paths(Scene(targets=targets), radar.frame, 0.3)
 
     assert cloud_path.path_m == pytest.approx(target_path.path_m, abs=1e-13)

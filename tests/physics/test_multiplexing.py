@@ -14,7 +14,7 @@ import dechirp as dc
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.gaussian_noise import add_white_noise
 from dechirp.core.units import to_decibels
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.array import Array
 from dechirp.radar.cube import label_cube
 from dechirp.radar.multiplexing.bpm import Bpm
@@ -178,7 +178,7 @@ def test_slot_powers_sum_to_power_of_all_echoes(radar, order, empty, seed, veloc
         frame = build_coded_radar(radar, code, n_chirps=8).frame
         echoes = draw_random_echoes(rng, len(order), 2, 5)  # tx, rx, sample
         velocity = velocity_bin * frame.velocity_resolution_m_per_s
-        channels = split_slots(
+        channels = split_chirps_into_slots(
             simulate_slow_time(frame, velocity_m_per_s=velocity, echoes=echoes), frame
         )
 
@@ -195,7 +195,7 @@ def test_code_slots_become_channels_in_transmit_order(radar):
     tag = np.array([0, 1, 2, 3] * 3)[:, None] * 10 + np.arange(2)
     samples = np.broadcast_to(tag[..., None], (12, 2, 5)).copy()
 
-    channels = split_slots(samples, frame)
+    channels = split_chirps_into_slots(samples, frame)
 
     assert channels[2, :, 4].tolist() == [0, 1, 10, 11, 20, 21, 30, 31]
     assert np.shares_memory(channels, samples)

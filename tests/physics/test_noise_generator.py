@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from dechirp.core.gaussian_noise import BLOCK, add_gaussian_pairs, add_white_noise, philox
+from dechirp.core.gaussian_noise import (
+    BLOCK,
+    add_box_muller_pairs,
+    add_white_noise,
+    fill_philox_words,
+)
 
 # A correct generator fails a test once in 2e6 runs.
 CHANCE = 5e-7
@@ -25,16 +30,18 @@ CHANCE = 5e-7
 )
 def test_philox_matches_published_vectors(counter, key, words):
     generated_words = np.zeros((4, 1), np.uint32)
-    philox(_join_words(*counter[:2]), _join_words(*counter[2:]), _join_words(*key), generated_words)
+    fill_philox_words(
+        _join_words(*counter[:2]), _join_words(*counter[2:]), _join_words(*key), generated_words
+    )
     assert tuple(generated_words[:, 0]) == words
 
 
 def test_philox_word_depends_only_on_counter():
     stream, single_word = np.zeros((4, 100), np.uint32), np.zeros((4, 1), np.uint32)
     first_counter = np.uint64(2**32 - 50)  # the counter carries
-    philox(first_counter, np.uint64(3), np.uint64(7), stream)
+    fill_philox_words(first_counter, np.uint64(3), np.uint64(7), stream)
     for i in (0, 49, 50, 99):
-        philox(first_counter + np.uint64(i), np.uint64(3), np.uint64(7), single_word)
+        fill_philox_words(first_counter + np.uint64(i), np.uint64(3), np.uint64(7), single_word)
         assert (single_word[:, 0] == stream[:, i]).all()
 
 
@@ -188,7 +195,7 @@ def draw_noise(n: int, *, seed: int) -> np.ndarray:
 
 def _generate_pairs(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     numbers = np.zeros(2 * x.size, np.float32)
-    add_gaussian_pairs(numbers, x.astype(np.uint32), y.astype(np.uint32), np.float32(1))
+    add_box_muller_pairs(numbers, x.astype(np.uint32), y.astype(np.uint32), np.float32(1))
     return numbers[::2].astype(float) + 1j * numbers[1::2]
 
 

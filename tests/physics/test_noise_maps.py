@@ -13,7 +13,7 @@ from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.processing.noise_maps import can_draw_noise_maps, draw_noise_map
 from dechirp.processing.range_doppler_map import range_doppler_power
 from dechirp.processing.spectrum import noise_gain
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.theory import confidence_intervals
 from nightly import NIGHTLY
 from noise_cubes import simulate_noise_cube
@@ -46,7 +46,7 @@ def build_chain(windows, radar, **cfar):
 def simulate_noise_map(radar, chain, rng):
     """Simulate a noise map from samples of unit power."""
     samples = simulate_noise_cube(radar, rng).values[0]
-    return range_doppler_power(split_slots(samples, radar.frame), radar, chain)
+    return range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain)
 
 
 @pytest.mark.parametrize(("windows", "n_rx"), [*((pair, 1) for pair in WINDOWS), (WINDOWS[1], 3)])
@@ -55,7 +55,7 @@ def test_drawn_cells_correlate_as_windows_predict(radar, windows, n_rx):
     n_chirps, n_samples, n_maps = 7, 12, 40_000 if NIGHTLY else 6000
     radar = resize_radar(radar, n_samples, n_chirps, n_rx)
     chain = dc.Chain(range_window=windows[0], doppler_window=windows[1])
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     gain = noise_gain(noise.range_transform, noise.doppler_transform, radar.frame.chirp)
     rng = np.random.default_rng(81)
     maps = np.array([draw_noise_map(radar, chain, 2.0, rng).ravel() for _ in range(n_maps)])
@@ -63,7 +63,7 @@ def test_drawn_cells_correlate_as_windows_predict(radar, windows, n_rx):
 
     # Power correlation of jointly Gaussian amplitudes: square of the amplitude correlation.
     correlations = [
-        abs(t.noise_correlation(t.n_bins)) ** 2
+        abs(t.noise_correlation_of_bins(t.n_bins)) ** 2
         for t in (noise.doppler_transform, noise.range_transform)
     ]
     expected = np.kron(*correlations) / n_rx
@@ -80,7 +80,7 @@ def test_drawn_cells_correlate_as_windows_predict(radar, windows, n_rx):
 def test_drawn_powers_are_gamma_distributed(radar, windows, n_rx):
     radar = resize_radar(radar, 128, 64, n_rx)
     chain = dc.Chain(range_window=windows[0], doppler_window=windows[1])
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     gain = noise_gain(noise.range_transform, noise.doppler_transform, radar.frame.chirp)
     rng = np.random.default_rng(82)
     # Windows spread over three bins to either side: cells eight apart are independent.
@@ -131,7 +131,7 @@ def test_drawn_and_simulated_maps_have_same_alarm_statistics(radar, windows):
 
 def count_edge_alarms(noise, radar, chain):
     """Count alarms at either end of the range, where the training window is off-centre."""
-    is_alarm = chain.cfar.exceeds_threshold(noise.power, chain.map_noise(radar))
+    is_alarm = chain.cfar.exceeds_threshold(noise.power, chain.map_noise_statistics(radar))
     return [is_alarm[:, :8].sum(), is_alarm[:, -8:].sum()]
 
 

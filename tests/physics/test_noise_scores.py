@@ -18,7 +18,7 @@ from dechirp.processing.cfar.base import NoiseEstimator
 from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction
 from dechirp.processing.noise_maps import draw_noise_map
 from dechirp.processing.range_doppler_map import equalised_power, range_doppler_power
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.scene.truth import truth
 from dechirp.theory.cfar import cell_averaging_false_alarm_probability
 from dechirp.theory.cfar_correlated_cells import correlated_factor
@@ -89,9 +89,11 @@ def test_false_alarm_score_matches_detector_design(radar):
 def test_fixed_offset_has_false_alarm_rate_of_its_factor(radar, window, n_rx):
     radar = resize_radar(radar, 64, 48, n_rx)
     chain = build_chain(window)
-    training_window, noise = chain.cfar.training_window, chain.map_noise(radar)
+    training_window, noise = chain.cfar.training_window, chain.map_noise_statistics(radar)
     factor = correlated_factor(
-        1e-4, training_window.noise_box(noise, training_window.half_range), n_summed=n_rx
+        1e-4,
+        training_window.noise_covariance_in_box(noise, training_window.half_range),
+        n_summed=n_rx,
     )
     offset_chain = replace(
         chain, cfar=replace(chain.cfar, false_alarm_probability=None, offset=factor)
@@ -101,7 +103,7 @@ def test_fixed_offset_has_false_alarm_rate_of_its_factor(radar, window, n_rx):
     # per cent in 14 rows of 64.
     assert probability == pytest.approx(1e-4, rel=0.02)
     if window == "rectangular":
-        n_cells = training_window.n_training_cells(64)
+        n_cells = training_window.n_training_cells_per_row(64)
         law = [
             cell_averaging_false_alarm_probability(factor, n_training=int(n), n_summed=n_rx)
             for n in n_cells
@@ -125,7 +127,7 @@ def test_offset_without_theory_gives_nan(radar):
         rectangular_chain.cfar, offset=None, false_alarm_probability=probability
     )
     threshold = designed_cfar.threshold(
-        np.ones((48, 64), np.float32), rectangular_chain.map_noise(radar)
+        np.ones((48, 64), np.float32), rectangular_chain.map_noise_statistics(radar)
     )
     # The k-th smallest of ones is one; the factor differs at the ends of the range.
     assert threshold[24, 32] == pytest.approx(20.0, rel=0.02)
@@ -167,7 +169,7 @@ def test_cells_emptied_by_mitigation_are_not_tested(radar):
     radar = resize_radar(radar, 64, 48)
     chain = replace(build_chain(), mitigation=[MeanSubtraction()])
     rng = np.random.default_rng(103)
-    samples = split_slots(simulate_noise_cube(radar, rng).values[0], radar.frame)
+    samples = split_chirps_into_slots(simulate_noise_cube(radar, rng).values[0], radar.frame)
     counts = count_noise_alarms(
         equalised_power(range_doppler_power(samples, radar, chain), radar, chain), radar, chain
     )
@@ -185,7 +187,7 @@ def test_peak_cell_of_echo_lies_in_gate_of_its_target(radar, sampling, bins):
     scene = dc.Scene(targets=[build_target_at_bin(*bins, radar)])
     context = build_context(radar, chain, scene)
     samples = dc.simulate(scene, radar, impairments=()).values[0]
-    power = range_doppler_power(split_slots(samples, radar.frame), radar, chain)
+    power = range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain)
     velocity, row = np.unravel_index(power.argmax(), power.shape)
 
     (gate,) = gate_cells(context)
@@ -212,7 +214,7 @@ def test_roc_at_chain_threshold_counts_detector_alarms(radar, kind):
         assert sums.shape == (2, score.n_sums) and np.all(sums[:, 3] == 1)
         assert np.all(sums[:, -1] == noise.n_tested) and np.all(sums[:, 5] == noise.n_over)
         assert np.all(np.diff(sums[:, :3]) <= 0) and np.all(np.diff(sums[:, 4:7]) <= 0)
-        is_alarm = chain.cfar.exceeds_threshold(power, chain.map_noise(radar))
+        is_alarm = chain.cfar.exceeds_threshold(power, chain.map_noise_statistics(radar))
         (gate,) = gate_cells(context)
         hits = [is_alarm[gate.velocity, gate.range][gate.target == index].any() for index in (0, 1)]
         assert sums[:, 1].tolist() == hits
@@ -237,7 +239,7 @@ def test_measured_roc_encloses_design_and_theory(radar):
     for _ in range(1500):
         samples = simulate_noise_cube(radar, rng).values[0] * np.float32(np.sqrt(noise_w))
         samples += np.float32(np.sqrt(rng.exponential())) * steady_echo
-        maps = (range_doppler_power(split_slots(samples, radar.frame), radar, chain),)
+        maps = (range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain),)
         noise = count_noise_alarms(draw_noise_map(radar, chain, noise_w, rng), radar, chain)
         rows.append(score.trial_sums(build_result(noise, maps), context)[0])
     sums = np.array(rows)
@@ -265,7 +267,7 @@ def test_rejects_contexts_that_scores_cannot_evaluate(radar):
     triangular_radar = dc.Radar(
         frame=replace(radar.frame, modulation=dc.modulations.Triangular()), array=radar.array
     )
-    with pytest.raises(dc.InvalidSetting, match="rise and fall"):
+    with pytest.raises(dc.InvalidSetting, match="rising and falling"):
         FrameFalseAlarmProbability().check_context(
             TrialContext(dc.Scene(), triangular_radar, chain, None, 1.0, np.zeros(1))  # type: ignore[arg-type]
         )

@@ -77,7 +77,7 @@ def apply_stage(scene, radar, phase_rad, spread=None):
     # The longer chirp has a slightly different wavelength, and so a different power.
     echo = simulate_ideal_echoes(scene, replace(radar, frame=frame)).values[0]
     echo *= np.sqrt(chirp.wavelength_m**2 / long_chirp.wavelength_m**2)
-    phase_window = spread.phase_window(wide_window)
+    phase_window = spread.phase_sample_window(wide_window)
     return phase_error.apply_phase_error(echo, phase_rad(phase_window.times_s), spread, radar)
 
 

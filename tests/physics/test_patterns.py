@@ -12,7 +12,7 @@ from dechirp.config.loading import parse_settings
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.experiments.link_budget import link_budget
 from dechirp.radar.angle_table import interpolate_angle_table
-from dechirp.radar.budget import echo_amplitude, received_power_w, sample_snr
+from dechirp.radar.budget import received_power_w, sample_snr, unit_echo_amplitude
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.patterns.cosine import Cosine
 from dechirp.radar.patterns.patch_array import PatchArray
@@ -317,7 +317,7 @@ def test_radar_equation_uses_gains_towards_target(radar):
         float(sample_snr(radar, range_m=40.0, rcs_m2=3.0))
     )
     # Two-way amplitude between antennas of gain 1.
-    isotropic_power_w = echo_amplitude(radar) ** 2 * 3 / range_m**4
+    isotropic_power_w = unit_echo_amplitude(radar) ** 2 * 3 / range_m**4
     assert isotropic_power_w * gains == pytest.approx(expected, rel=1e-12)
 
 
@@ -335,9 +335,9 @@ def test_hardware_mixes_pattern_and_gain():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"tx_pattern": None}, r"Hardware.antenna_gain is none, and no tx_pattern"),
-        ({"rx_pattern": None}, r"Hardware.antenna_gain is none, and no rx_pattern"),
-        ({"rx_pattern": 10.0}, r"Hardware.rx_pattern is 10.0, .* cosine, patch-array, table"),
+        ({"tx_pattern": None}, r"Hardware.antenna_gain: none, and no tx_pattern"),
+        ({"rx_pattern": None}, r"Hardware.antenna_gain: none, and no rx_pattern"),
+        ({"rx_pattern": 10.0}, r"Hardware.rx_pattern: 10.0.*cosine, patch-array, table"),
     ],
 )
 def test_rejects_antennas_of_unknown_gain(settings, message):
@@ -391,24 +391,24 @@ def test_settings_accept_gains_in_decibels_and_angles_in_degrees():
 
 
 INVALID_TABLES = [
-    ({"azimuth_rad": [0, 2, 1, 3, 4]}, r"TablePattern.azimuth_rad.2 .* after 114.592 deg"),
-    ({"azimuth_rad": [0, 1, 1, 3, 4]}, r"TablePattern.azimuth_rad.2 is 57.2958 deg after"),
-    ({"azimuth_rad": [0, 1, math.nan, 3, 4]}, r"TablePattern.azimuth_rad.2 is nan"),
-    ({"azimuth_rad": [-4, -2, 0, 2, 4]}, r"TablePattern.azimuth_rad.4 .* at most 360 deg past"),
-    ({"azimuth_rad": []}, r"TablePattern.azimuth_rad .* a list of angles: at least one"),
-    ({"azimuth_rad": 1.0}, r"TablePattern.azimuth_rad is 1.0, .* a list of angles"),
-    ({"azimuth_rad": "12345"}, r"TablePattern.azimuth_rad is 12345, .* a list of angles"),
-    ({"elevation_rad": [0, 1, 1.6]}, r"TablePattern.elevation_rad.2 is 1.6, .* at most 1.5708"),
-    ({"elevation_rad": [0, 1]}, r"TablePattern.gain is 3 rows, .* 2 rows, one for each elevation"),
-    ({"azimuth_rad": [0, 1, 2]}, r"TablePattern.gain.0 is 5 values, .* 3 values, one for each"),
-    ({"gain": [[1] * 5, [1, 1], [1] * 5]}, r"TablePattern.gain.1 is 2 values, .* must be 5"),
-    ({"gain": [[1] * 5, [1, 1, 1, math.nan, 1], [1] * 5]}, r"TablePattern.gain.1.3 is nan"),
-    ({"gain": [[1] * 5, [1] * 5, [1, 0, 1, 1, 1]]}, r"TablePattern.gain.2.1 is 0.*at least 1e-12"),
-    ({"gain": [[1] * 5, [1] * 5, [1, 1, -3, 1, 1]]}, r"TablePattern.gain.2.2 is -3"),
-    ({"gain": [[1] * 5, [1] * 5, None]}, r"TablePattern.gain.2 is None, .* a list of values"),
-    ({"gain": 3.0}, r"TablePattern.gain is 3.0, .* a list of rows: 3, one an elevation"),
-    ({"beam_azimuth_rad": 4.0}, r"TablePattern.beam_azimuth_rad is 4.0"),
-    ({"beam_elevation_rad": math.nan}, r"TablePattern.beam_elevation_rad is nan"),
+    ({"azimuth_rad": [0, 2, 1, 3, 4]}, r"Table.azimuth_rad.2.* after 114.592 deg"),
+    ({"azimuth_rad": [0, 1, 1, 3, 4]}, r"Table.azimuth_rad.2: 57.2958 deg after"),
+    ({"azimuth_rad": [0, 1, math.nan, 3, 4]}, r"Table.azimuth_rad.2: nan"),
+    ({"azimuth_rad": [-4, -2, 0, 2, 4]}, r"Table.azimuth_rad.4.* at most 360 deg past"),
+    ({"azimuth_rad": []}, r"Table.azimuth_rad.* a list of angles: at least one"),
+    ({"azimuth_rad": 1.0}, r"Table.azimuth_rad: 1.0.*a list of angles"),
+    ({"azimuth_rad": "12345"}, r"Table.azimuth_rad: 12345.*a list of angles"),
+    ({"elevation_rad": [0, 1, 1.6]}, r"Table.elevation_rad.2: 1.6.*at most 1.5708"),
+    ({"elevation_rad": [0, 1]}, r"Table.gain: 3 rows.*2 rows, one for each elevation"),
+    ({"azimuth_rad": [0, 1, 2]}, r"Table.gain.0: 5 values.*3 values, one for each"),
+    ({"gain": [[1] * 5, [1, 1], [1] * 5]}, r"Table.gain.1: 2 values.*expected 5"),
+    ({"gain": [[1] * 5, [1, 1, 1, math.nan, 1], [1] * 5]}, r"Table.gain.1.3: nan"),
+    ({"gain": [[1] * 5, [1] * 5, [1, 0, 1, 1, 1]]}, r"Table.gain.2.1: 0.*at least 1e-12"),
+    ({"gain": [[1] * 5, [1] * 5, [1, 1, -3, 1, 1]]}, r"Table.gain.2.2: -3"),
+    ({"gain": [[1] * 5, [1] * 5, None]}, r"Table.gain.2: None.*a list of values"),
+    ({"gain": 3.0}, r"Table.gain: 3.0.*a list of rows: 3, one an elevation"),
+    ({"beam_azimuth_rad": 4.0}, r"Table.beam_azimuth_rad: 4.0"),
+    ({"beam_elevation_rad": math.nan}, r"Table.beam_elevation_rad: nan"),
 ]
 
 
@@ -418,42 +418,42 @@ def test_rejects_invalid_table_at_first_wrong_entry(settings, message):
         replace(TABLE_PATTERN, **settings)
 
 
-def test_warns_of_hole_in_table_angles():
+def test_warns_of_gap_in_table_angles():
     azimuth = np.array([-40, -30, -20, 20, 30, 40]) * DEG
-    with pytest.warns(dc.PhysicsWarning, match="azimuth_rad has a hole from -20 deg to 20 deg"):
+    with pytest.warns(dc.PhysicsWarning, match="azimuth_rad.*gap from -20 deg to 20 deg"):
         Table(azimuth_rad=azimuth, gain=[np.ones(6)])
     elevation = np.array([-20, -10, 0, 80]) * DEG
-    with pytest.warns(dc.PhysicsWarning, match="elevation_rad has a hole from 0 deg to 80 deg"):
+    with pytest.warns(dc.PhysicsWarning, match="elevation_rad.*gap from 0 deg to 80 deg"):
         Table(azimuth_rad=[0.0], elevation_rad=elevation, gain=np.ones((4, 1)))
 
 
 INVALID_ANTENNAS = [
-    (COSINE_PATTERN, {"azimuth_beamwidth_rad": 0.0}, "CosinePattern.azimuth_beamwidth_rad is 0.0"),
-    (COSINE_PATTERN, {"azimuth_beamwidth_rad": 60.0}, "azimuth_beamwidth_rad is 60.0, .* to 3.1"),
+    (COSINE_PATTERN, {"azimuth_beamwidth_rad": 0.0}, "Cosine.azimuth_beamwidth_rad: 0.0"),
+    (COSINE_PATTERN, {"azimuth_beamwidth_rad": 60.0}, "azimuth_beamwidth_rad: 60.0.*to 3.1"),
     (
         COSINE_PATTERN,
         {"elevation_beamwidth_rad": math.nan},
-        "CosinePattern.elevation_beamwidth_rad is nan",
+        "Cosine.elevation_beamwidth_rad: nan",
     ),
-    (COSINE_PATTERN, {"gain": -3.0}, "CosinePattern.gain is -3.0"),
-    (COSINE_PATTERN, {"beam_elevation_rad": 2.0}, "CosinePattern.beam_elevation_rad is 2.0"),
-    (PATCH_COLUMN, {"n_patches": 0}, "PatchArray.n_patches is 0"),
-    (PATCH_COLUMN, {"design_frequency_hz": 77.0}, "PatchArray.design_frequency_hz is 77.0"),
-    (PATCH_COLUMN, {"frequency_hz": 24e9}, "PatchArray.frequency_hz is 24000000000.0"),
-    (PATCH_COLUMN, {"relative_permittivity": 0.5}, "PatchArray.relative_permittivity is 0.5"),
-    (PATCH_COLUMN, {"substrate_thickness_m": 1e-3}, "PatchArray.substrate_thickness_m is 0.001"),
-    (PATCH_COLUMN, {"spacing_m": 1e-3}, "PatchArray.spacing_m is 0.001"),
-    (PATCH_COLUMN, {"spacing_m": 5e-3}, "PatchArray.spacing_m is 0.005"),
-    (PATCH_COLUMN, {"taper": (1.0, 2.0)}, "PatchArray.taper is 2 powers, .* 20 powers"),
-    (TAPERED_COLUMN, {"taper": (1, 1, 1, 0, 1, 1, 1, 1)}, r"PatchArray.taper.3 is 0"),
-    (PATCH_COLUMN, {"tilt_rad": 1.2}, "PatchArray.tilt_rad is 1.2"),
-    (PATCH_COLUMN, {"efficiency": 1.5}, "PatchArray.efficiency is 1.5"),
+    (COSINE_PATTERN, {"gain": -3.0}, "Cosine.gain: -3.0"),
+    (COSINE_PATTERN, {"beam_elevation_rad": 2.0}, "Cosine.beam_elevation_rad: 2.0"),
+    (PATCH_COLUMN, {"n_patches": 0}, "PatchArray.n_patches: 0"),
+    (PATCH_COLUMN, {"design_frequency_hz": 77.0}, "PatchArray.design_frequency_hz: 77.0"),
+    (PATCH_COLUMN, {"frequency_hz": 24e9}, "PatchArray.frequency_hz: 24000000000.0"),
+    (PATCH_COLUMN, {"relative_permittivity": 0.5}, "PatchArray.relative_permittivity: 0.5"),
+    (PATCH_COLUMN, {"substrate_thickness_m": 1e-3}, "PatchArray.substrate_thickness_m: 0.001"),
+    (PATCH_COLUMN, {"spacing_m": 1e-3}, "PatchArray.spacing_m: 0.001"),
+    (PATCH_COLUMN, {"spacing_m": 5e-3}, "PatchArray.spacing_m: 0.005"),
+    (PATCH_COLUMN, {"taper": (1.0, 2.0)}, "PatchArray.taper: 2 powers.*20 powers"),
+    (TAPERED_COLUMN, {"taper": (1, 1, 1, 0, 1, 1, 1, 1)}, r"PatchArray.taper.3: 0"),
+    (PATCH_COLUMN, {"tilt_rad": 1.2}, "PatchArray.tilt_rad: 1.2"),
+    (PATCH_COLUMN, {"efficiency": 1.5}, "PatchArray.efficiency: 1.5"),
     (
         PATCH_COLUMN,
         {"efficiency": 0.5, "gain": 10.0},
-        "PatchArray.efficiency is 0.5, beside a gain",
+        "PatchArray.efficiency: 0.5, together with a gain",
     ),
-    (PATCH_COLUMN, {"gain": 0.0}, "PatchArray.gain is 0.0"),
+    (PATCH_COLUMN, {"gain": 0.0}, "PatchArray.gain: 0.0"),
 ]
 
 

@@ -10,7 +10,7 @@ from dechirp.scene.bodies.pedestrian import Pedestrian
 from dechirp.scene.gait import Gait
 from dechirp.scene.skeleton import SEGMENT_JOINTS, Joint
 from dechirp.scene.target import Target
-from dechirp.scene.trajectories import fit_paths
+from dechirp.scene.trajectories import fit_polynomial_paths
 
 N_PHASES = 1000
 CYCLES = np.arange(N_PHASES) / N_PHASES
@@ -167,7 +167,7 @@ def test_pedestrian_moves_smoothly(radar):
         targets=[Target(position_m=(20, 0, -0.6), velocity_m_per_s=(2, 0, 0), body=body)]
     )
     # A frame of 4.5 ms needs at most two polynomials.
-    assert all(len(fit_paths(scene, radar.frame, 0.1 * k)) <= 2 for k in range(10))
+    assert all(len(fit_polynomial_paths(scene, radar.frame, 0.1 * k)) <= 2 for k in range(10))
 
 
 def test_standing_pedestrian_does_not_move():

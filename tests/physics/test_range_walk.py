@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.processing.range_walk import frame_transform
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.range_walk import select_frame_transform
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 
 N_SAMPLES, N_CHIRPS = 300, 128
 
@@ -58,9 +58,10 @@ def test_range_walk_compensation_restores_gain(name, velocity_m_per_s, window, s
     range_transform, doppler_transform = build_transforms(window)
 
     arguments = samples, sampling, range_transform, doppler_transform
-    plain_db = measure_peak_db(mean_power(*arguments), samples)
+    plain_db = measure_peak_db(mean_range_doppler_power(*arguments), samples)
     compensated_db = measure_peak_db(
-        mean_power(*arguments, frame_transform(name, radar.frame.chirp)), samples
+        mean_range_doppler_power(*arguments, select_frame_transform(name, radar.frame.chirp)),
+        samples,
     )
 
     assert compensated_db == pytest.approx(0, abs=0.5)
@@ -75,8 +76,10 @@ def test_peak_range_is_range_at_mid_frame(name):
     radar = build_radar()
     velocity_m_per_s, chirp = 20.0, radar.frame.chirp
     range_transform, doppler_transform = build_transforms("hann")
-    samples, transform = simulate_echo(radar, velocity_m_per_s), frame_transform(name, chirp)
-    power = mean_power(samples, "complex", range_transform, doppler_transform, transform)
+    samples, transform = simulate_echo(radar, velocity_m_per_s), select_frame_transform(name, chirp)
+    power = mean_range_doppler_power(
+        samples, "complex", range_transform, doppler_transform, transform
+    )
 
     velocity, row = np.unravel_index(power.argmax(), power.shape)
 
@@ -99,7 +102,7 @@ def test_keystone_equals_direct_sum_over_chirps(sampling):
     if sampling == "complex":
         samples = samples + 1j * rng.standard_normal(samples.shape).astype(np.float32)
     range_transform, doppler_transform = build_transforms("hann", pad=2)
-    spectrum = frame_transform("keystone", chirp)(
+    spectrum = select_frame_transform("keystone", chirp)(
         samples, sampling, range_transform, doppler_transform
     )
 
@@ -129,8 +132,8 @@ def test_segmented_transform_adds_no_lobes_to_keystone(sampling, velocity_m_per_
     radar = build_radar(sampling)
     arguments = simulate_echo(radar, velocity_m_per_s), sampling, *build_transforms("hann", pad)
 
-    keystone = abs(frame_transform("keystone", radar.frame.chirp)(*arguments))
-    segmented = abs(frame_transform("segmented", radar.frame.chirp)(*arguments))
+    keystone = abs(select_frame_transform("keystone", radar.frame.chirp)(*arguments))
+    segmented = abs(select_frame_transform("segmented", radar.frame.chirp)(*arguments))
 
     # Taper over w = 4 steps with up to a quarter of a cycle per step: exp(-pi w sqrt(1/2)), 78 dB,
     # times two for the alias on the other side. Adjacent segments gave 28 to 40 dB.
@@ -159,9 +162,11 @@ def test_compensation_keeps_noise_power(name):
     noise = np.asarray(samples[0] + 1j * samples[1], np.complex64)
     range_transform, doppler_transform = build_transforms("rectangular", pad=1)
     arguments = noise, "complex", range_transform, doppler_transform
-    plain_power = mean_power(*arguments).mean()
+    plain_power = mean_range_doppler_power(*arguments).mean()
 
-    compensated_power = mean_power(*arguments, frame_transform(name, radar.frame.chirp)).mean()
+    compensated_power = mean_range_doppler_power(
+        *arguments, select_frame_transform(name, radar.frame.chirp)
+    ).mean()
 
     # 76,800 independent cells; five standard deviations of their mean.
     assert compensated_power / plain_power == pytest.approx(

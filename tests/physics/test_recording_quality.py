@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 
 import dechirp as dc
 from dechirp.processing.quality.findings import recording_findings
-from dechirp.processing.quality.measures import measure_frame
+from dechirp.processing.quality.measures import measure_frame_quality
 from dechirp.radar.cube import label_cube
 from noise_cubes import simulate_noise_cube
 
@@ -76,7 +76,7 @@ def simulate_recording(radar, targets=STREET_TARGETS, *, n_frames=2, seed=0, pea
 def measure_frames(cube, radar):
     """Measure frame by frame, as recordings larger than memory are read."""
     frames = [
-        measure_frame(cube.isel(frame=slice(index, index + 1)), radar)
+        measure_frame_quality(cube.isel(frame=slice(index, index + 1)), radar)
         for index in range(cube.sizes["frame"])
     ]
     return xr.concat(frames, "frame")
@@ -178,7 +178,8 @@ def test_burst_measure_of_noise_follows_its_distribution(sampling, n_samples):
     radar = make_radar(1, sampling=sampling, n_samples=n_samples, n_chirps=1000)
     rng = np.random.default_rng(7)
     highest = max(
-        float(measure_frame(simulate_noise_cube(radar, rng), radar).burst.max()) for _ in range(10)
+        float(measure_frame_quality(simulate_noise_cube(radar, rng), radar).burst.max())
+        for _ in range(10)
     )
 
     # The measure exceeds 1 once in 1e12 chirps. Tails fall exponentially with energy, so that 1e4

@@ -10,11 +10,11 @@ import dechirp as dc
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.phase_code import PhaseCode
 from dechirp.radar.patterns.cosine import Cosine
-from dechirp.scene.aliasing import apparent_truth
+from dechirp.scene.aliasing import apparent_range_and_velocity
 from dechirp.scene.bodies.point_cloud import PointCloud
 from dechirp.scene.ego import Ego
 from dechirp.scene.scene_warnings import scene_findings
-from dechirp.scene.validity import check_scene, frames_to_check
+from dechirp.scene.validity import check_scene_echoes_finite, frames_to_check
 from dechirp.scene.waypoints import Waypoint
 
 
@@ -59,7 +59,7 @@ def test_aliased_target_is_detected_where_finding_predicts(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", dc.PhysicsWarning)
         cube = dc.simulate(scene, radar, impairments=[dc.impairments.WhiteNoise(snr=1.0)])
-    apparent = apparent_truth(dc.truth(scene, radar), radar)
+    apparent = apparent_range_and_velocity(dc.truth(scene, radar), radar)
     findings = scene_findings(scene, radar)
 
     detection = dc.detect(cube, radar).sortby("snr").isel(detection=-1)
@@ -74,7 +74,8 @@ def test_aliased_target_is_detected_where_finding_predicts(
 def test_mirrored_range_of_real_samples_changes_sign_of_velocity(radar):
     radar = set_sampling(radar, "real")
     slow_apparent, fast_apparent = (
-        apparent_truth(dc.truth(build_scene_ahead(45.0, v), radar), radar) for v in (5.0, 40.0)
+        apparent_range_and_velocity(dc.truth(build_scene_ahead(45.0, v), radar), radar)
+        for v in (5.0, 40.0)
     )
 
     # 45 m is 37.5 m + 7.5 m: its mirror lies 7.5 m below 37.5 m, within about a centimetre.
@@ -87,7 +88,7 @@ def test_mirrored_range_of_real_samples_changes_sign_of_velocity(radar):
 
 def test_aliased_range_is_corrected_for_range_doppler_coupling(radar):
     chirp = radar.frame.chirp
-    apparent = apparent_truth(dc.truth(build_scene_ahead(90.0, 20.0), radar), radar)
+    apparent = apparent_range_and_velocity(dc.truth(build_scene_ahead(90.0, 20.0), radar), radar)
 
     # Half a frame, 2.24 ms, at 20 m/s moves the target by 45 mm.
     walk_m = 20.0 * radar.frame.mid_frame_s
@@ -97,7 +98,7 @@ def test_aliased_range_is_corrected_for_range_doppler_coupling(radar):
 def test_unambiguous_target_is_not_aliased(radar):
     for sampling in ("complex", "real"):
         ground_truth = dc.truth(build_scene_ahead(30.0, -20.0), set_sampling(radar, sampling))
-        apparent = apparent_truth(ground_truth, set_sampling(radar, sampling))
+        apparent = apparent_range_and_velocity(ground_truth, set_sampling(radar, sampling))
 
         assert apparent.range_m.item() == pytest.approx(ground_truth.range.item(), rel=1e-12)
         assert apparent.velocity_m_per_s.item() == pytest.approx(
@@ -333,22 +334,24 @@ def test_rejects_target_on_antenna(radar):
     wide_radar = replace(radar, array=array, frame=replace(radar.frame, period_s=1.0))
     target = dc.Target(name="car", position_m=(2, 0.5, 0), velocity_m_per_s=(-1, 0, 0))
     with pytest.raises(dc.InvalidSetting, match=r"targets\.car\.position: at receiver 1 after 2 s"):
-        check_scene(dc.Scene(targets=[target]), wide_radar, n_frames=3)
+        check_scene_echoes_finite(dc.Scene(targets=[target]), wide_radar, n_frames=3)
     offset_target = replace(target, position_m=(2, 0.5, 1e-5))
-    check_scene(dc.Scene(targets=[offset_target]), wide_radar, n_frames=3)
+    check_scene_echoes_finite(dc.Scene(targets=[offset_target]), wide_radar, n_frames=3)
 
 
 def test_rejects_scatterer_at_radar_but_not_body_origin(radar):
     far_cloud = PointCloud(positions_m=[(10, 0, 0)], rcs_m2=[1])
     scene = dc.Scene(targets=[dc.Target(name="field", position_m=(0, 0, 0), body=far_cloud)])
-    check_scene(scene, radar)
+    check_scene_echoes_finite(scene, radar)
     with pytest.raises(dc.InvalidSetting, match=r"targets\.field\.position: at the radar.* origin"):
         dc.truth(scene, radar)
     near_cloud = PointCloud(positions_m=[(10, 0, 0), (0, 0, 0)], rcs_m2=[1, 1])
     with pytest.raises(
         dc.InvalidSetting, match=r"targets\.field\.position: at the radar after 0 s"
     ):
-        check_scene(dc.Scene(targets=[replace(scene.targets[0], body=near_cloud)]), radar)
+        check_scene_echoes_finite(
+            dc.Scene(targets=[replace(scene.targets[0], body=near_cloud)]), radar
+        )
 
 
 def test_rejects_acceleration_to_near_speed_of_light(radar):
@@ -356,9 +359,9 @@ def test_rejects_acceleration_to_near_speed_of_light(radar):
     scene = dc.Scene(
         targets=[dc.Target(name="car", position_m=(9, 0, 0), acceleration_m_per_s2=(5e4, 0, 0))]
     )
-    check_scene(scene, radar, n_frames=2)
+    check_scene_echoes_finite(scene, radar, n_frames=2)
     with pytest.raises(dc.InvalidSetting, match=r"targets\.car\.acceleration: .* m/s after 9\."):
-        check_scene(scene, radar, n_frames=10)
+        check_scene_echoes_finite(scene, radar, n_frames=10)
 
 
 def test_rejects_scenario_whose_target_reaches_radar_later(radar):

@@ -77,7 +77,7 @@ def test_theory_is_within_0_02_of_20_000_trials(radar, chain, snr_db):
 def test_neighbouring_cells_add_detections_as_predicted():
     """Four cells are equally strong half a cell off on both axes: a quarter more detections."""
     case = trial_context(small_radar(), HANN, 17.0, make_target(20.4745, 4.3397))
-    noise, n_trials, n_more = case.chain.map_noise(case.radar), 600, 0
+    noise, n_trials, n_more = case.chain.map_noise_statistics(case.radar), 600, 0
     truth = RangeVelocity(case.truth.range.values, case.truth.velocity.values)
     fast_cycles, slow_cycles = (
         float(cycles.item()) for cycles in normalised_frequencies(truth, case.radar)

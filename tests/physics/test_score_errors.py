@@ -147,8 +147,8 @@ def test_rejects_cases_without_score_and_suggests_fix():
     )
     cases = [
         (AzimuthRmse(), trial_context(small_radar(4), Chain(angle=None), 30.0), "chain.angle"),
-        (ElevationBias(), trial_context(small_radar(4), Chain(), 30.0), "tells no elevation"),
-        (VelocityRmse(), trial_context(one_chirp, Chain(cfar=cfar), 30.0), "of one chirp"),
+        (ElevationBias(), trial_context(small_radar(4), Chain(), 30.0), "resolves no elevation"),
+        (VelocityRmse(), trial_context(one_chirp, Chain(cfar=cfar), 30.0), "with one chirp"),
         (
             RangeRmse(),
             trial_context(small_radar(), Chain(), 30.0, make_target(body=Car())),

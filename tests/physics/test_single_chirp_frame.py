@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dechirp as dc
-from dechirp.scene.aliasing import apparent_truth
+from dechirp.scene.aliasing import apparent_range_and_velocity
 from dechirp.scene.scene_warnings import scene_findings
 from noise_cubes import add_noise, simulate_noise_cube
 
@@ -64,7 +64,7 @@ def test_fast_target_is_detected_at_beat_range_without_velocity_aliasing(radar):
     assert [f.setting for f in scene_findings(scene, radar)] == ["scene.targets.car.velocity"]
     radar = reduce_to_one_chirp(radar)
     assert scene_findings(scene, radar) == []
-    apparent = apparent_truth(dc.truth(scene, radar), radar)
+    apparent = apparent_range_and_velocity(dc.truth(scene, radar), radar)
     coupling_m = radar.frame.chirp.range_doppler_coupling_m(40)
 
     assert apparent.range_m.item() == pytest.approx(30 + coupling_m, abs=1e-3)  # 15 us at 40 m/s

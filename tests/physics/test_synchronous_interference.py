@@ -9,7 +9,10 @@ import xarray as xr
 import dechirp as dc
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.quality.recording_measures import RecordingMeasures
-from dechirp.processing.quality.synchronous_interference import find_ghost_track, ghost_findings
+from dechirp.processing.quality.synchronous_interference import (
+    find_ghost_track,
+    interference_ghost_findings,
+)
 from dechirp.simulation.impairments.interference import Interference, Interferer
 from noise_cubes import simulate_noise_cube
 
@@ -174,9 +177,14 @@ def test_finding_gives_frame_chirps_and_clock_offset(radar):
             "walk_chirps": (("frame", "end"), [[-1, -1], [0, 101], [4, 60]]),
         }
     )
-    (track,) = ghost_findings(RecordingMeasures(measures=measures, radar=radar))
+    (track,) = interference_ghost_findings(RecordingMeasures(measures=measures, radar=radar))
     assert track.level == "warning" and track.setting == "recording.ghost"
     assert "+1004 m/s, from 25.52 m on, in chirps 0 to 101 of frame 1" in track.value
     assert "in frames 1 to 2" in track.value
     assert "6.7 parts in 1e6" in track.fix
-    assert ghost_findings(RecordingMeasures(measures=measures.isel(frame=[0]), radar=radar)) == []
+    assert (
+        interference_ghost_findings(
+            RecordingMeasures(measures=measures.isel(frame=[0]), radar=radar)
+        )
+        == []
+    )

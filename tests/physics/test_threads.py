@@ -52,12 +52,12 @@ def test_error_of_helper_thread_reaches_caller():
 
 
 def test_scratch_arrays_are_reused_per_thread():
-    own_array = buffers.scratch_array("a", (3, 4))
-    assert np.shares_memory(own_array, buffers.scratch_array("a", (2, 5)))
-    assert not np.shares_memory(own_array, buffers.scratch_array("b", (3, 4)))
+    own_array = buffers.scratch_complex64_array("a", (3, 4))
+    assert np.shares_memory(own_array, buffers.scratch_complex64_array("a", (2, 5)))
+    assert not np.shares_memory(own_array, buffers.scratch_complex64_array("b", (3, 4)))
     thread_arrays = []
     thread = threading.Thread(
-        target=lambda: thread_arrays.append(buffers.scratch_array("a", (3, 4)))
+        target=lambda: thread_arrays.append(buffers.scratch_complex64_array("a", (3, 4)))
     )
     thread.start()
     thread.join()
@@ -67,7 +67,8 @@ def test_scratch_arrays_are_reused_per_thread():
 def test_large_scratch_arrays_are_not_reused():
     size = buffers.MAX_KEPT_BYTES // 8 + 1
     assert not np.shares_memory(
-        buffers.scratch_array("large", (size,)), buffers.scratch_array("large", (size,))
+        buffers.scratch_complex64_array("large", (size,)),
+        buffers.scratch_complex64_array("large", (size,)),
     )
 
 

@@ -10,8 +10,8 @@ import dechirp as dc
 from dechirp.core.units import to_decibels
 from dechirp.experiments.link_budget import link_budget
 from dechirp.processing.spectrum import Transform, range_profiles
-from dechirp.processing.virtual_array import split_slots
-from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.processing.virtual_array import split_chirps_into_slots
+from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from noise_cubes import add_noise, count_false_alarms
 
 
@@ -102,9 +102,7 @@ def test_aliased_tdm_velocity_is_resolved(radar):
     # 16 m/s are unambiguous for one transmitter, up to 27.7 m/s, but not for two.
     target = dc.Target(name="car", position_m=(20, 0, 0), velocity_m_per_s=(16, 0, 0), rcs_m2=10)
     alias = 16 - 2 * radar.frame.max_velocity_m_per_s
-    message = (
-        f"car.velocity.*is aliased to 20.* m at {alias:.1f}.*up to 27.* detections are unfolded"
-    )
+    message = f"car.velocity.*is aliased to 20.* m at {alias:.1f}.*resolve velocities up to 27"
     with pytest.warns(dc.PhysicsWarning, match=message):
         cube = dc.simulate(dc.Scene(targets=[target]), radar, seed=2)
     power = dc.power_map(cube.isel(frame=0), radar, dc.Chain())
@@ -148,7 +146,7 @@ def test_errors_reach_bounds_of_all_transmitters(radar):
     target = dc.Target(position_m=(13.37, 0, 0), velocity_m_per_s=(-7.3, 0, 0))
     scene = dc.Scene(targets=[target])
     clean, truth = dc.simulate(scene, radar, impairments=()), dc.truth(scene, radar)
-    range_std, velocity_std = crlb_standard_errors(
+    range_std, velocity_std = range_and_velocity_crlb_std(
         radar.frame, snr=0.1 * chirp.n_samples * 32 * radar.n_channels
     )
     rng = np.random.default_rng(4)
@@ -209,7 +207,7 @@ def test_channels_are_ordered_by_slot_then_receiver(radar):
     tag = np.array([2, 0, 1] * 4)[:, None] * 10 + np.arange(2)
     samples = np.broadcast_to(tag[..., None], (12, 2, 5)).copy()
 
-    channels = split_slots(samples, frame)
+    channels = split_chirps_into_slots(samples, frame)
 
     assert channels.shape == (4, 6, 5)
     assert channels[3, :, 4].tolist() == [20, 21, 0, 1, 10, 11]
@@ -220,7 +218,7 @@ def test_split_slots_returns_view(radar):
         frame = apply_tdm(radar, *order, n_chirps=4).frame
         samples = np.zeros((4 * len(order), 2, 8), np.complex64)
 
-        assert np.shares_memory(split_slots(samples, frame), samples)
+        assert np.shares_memory(split_chirps_into_slots(samples, frame), samples)
 
 
 def test_range_profiles_keep_transmitter_labels(radar):

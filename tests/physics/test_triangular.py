@@ -9,8 +9,8 @@ from scipy.stats import binom, chi2
 
 import dechirp as dc
 from dechirp.processing.refine import RefinedPeaks, Tones
-from dechirp.processing.velocity_ambiguity.triangular_pairing import pair_ramps
-from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.processing.velocity_ambiguity.triangular_pairing import pair_rising_and_falling_peaks
+from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.scene.scene_warnings import scene_findings
 
 
@@ -144,7 +144,7 @@ def test_errors_of_one_triangle_reach_bound(radar):
     echo_w = float(np.mean(abs(clean.values) ** 2))
     # SNR: 24 dB after integration over both ramps and receivers, 21 dB in each map.
     noise_w = echo_w * radar.integration_gain / 250
-    std = [float(bound) for bound in crlb_standard_errors(radar.frame, snr=250.0)]
+    std = [float(bound) for bound in range_and_velocity_crlb_std(radar.frame, snr=250.0)]
     errors = np.full((trials, 2), np.nan)
     for trial in range(trials):
         noise = rng.standard_normal((2, *clean.shape)) * np.sqrt(noise_w / 2)
@@ -205,7 +205,7 @@ def test_pair_confidence_matches_rate_of_correct_pairs(radar):
         (up, up_targets), (down, down_targets) = draw_ramp_peaks(
             radar, rng.uniform(20, 100, n), rng.uniform(-40, 40, n), 200.0, rng, imbalance_db=30
         )
-        detections = pair_ramps(up, down, radar.frame)
+        detections = pair_rising_and_falling_peaks(up, down, radar.frame)
         n_targets += n
         beats = detections.peaks.tones.fast
         confidences.append(detections.hypotheses.confidence)
@@ -229,9 +229,9 @@ def test_ambiguous_pairs_of_equal_targets_are_marked(radar):
     (up, _), (down, _) = draw_ramp_peaks(
         radar, np.array([40.0, 44.0]), np.array([5.0, -5.0]), 300.0, rng
     )
-    detections = pair_ramps(up, down, radar.frame)
+    detections = pair_rising_and_falling_peaks(up, down, radar.frame)
     assert len(detections.doppler_hz) == 2
-    assert np.isnan(detections.hypotheses.certain_number).all()
+    assert np.isnan(detections.hypotheses.certain_numbers).all()
     assert np.all(detections.hypotheses.confidence < 0.9)
 
 
@@ -241,7 +241,7 @@ def test_peak_without_partner_is_not_paired(radar):
     no_peaks = RefinedPeaks(
         select_tones(down.tones, slice(0)), down.snr[:0], down.amplitude_noise[:0]
     )
-    assert len(pair_ramps(up, no_peaks, radar.frame).doppler_hz) == 0
+    assert len(pair_rising_and_falling_peaks(up, no_peaks, radar.frame).doppler_hz) == 0
 
 
 @pytest.mark.filterwarnings("ignore::dechirp.PhysicsWarning")

@@ -128,7 +128,7 @@ def measure_range_rates(kind, azimuth, times_s):
     target = Target(position_m=tuple(position_m), velocity_m_per_s=(10, 0, 0), body=body)
     scene, step_s = Scene(targets=[target]), 1e-4
     ranges_m = [
-        np.linalg.norm(scene.positions_m(times_s + shift_s), axis=-1)
+        np.linalg.norm(scene.scatterer_positions_m(times_s + shift_s), axis=-1)
         for shift_s in (-step_s / 2, step_s / 2)
     ]
     wheel_offsets_m = body.offsets_m(np.array([0.0, 1e-3]))

@@ -14,7 +14,7 @@ from dechirp.processing.velocity_ambiguity.by_transmitters import (
     channel_responses,
 )
 from dechirp.processing.velocity_ambiguity.hypotheses import MIN_CONFIDENCE
-from dechirp.processing.virtual_array import element_amplitudes, slot_phases
+from dechirp.processing.virtual_array import element_amplitudes, slot_phase_factors
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.ddma import Ddma
@@ -54,7 +54,9 @@ def echo_amplitudes(radar, sines, doppler_hz):
     steering = (
         radar_aperture(radar).steering_vectors(np.arcsin(sines)).reshape(len(sines), -1, n_rx)
     )
-    by_slot = np.einsum("lt,ntr,nl->nlr", frame.weights, steering, slot_phases(frame, doppler_hz))
+    by_slot = np.einsum(
+        "lt,ntr,nl->nlr", frame.weights, steering, slot_phase_factors(frame, doppler_hz)
+    )
     return by_slot.reshape(len(sines), -1)
 
 
@@ -89,7 +91,7 @@ def resolve_ambiguities(radar, snr, rng, **options):
     best = hypotheses.probability.argmax(axis=1)
     likeliest = hypotheses.number[np.arange(len(snr)), best]
     certain_number = np.where(hypotheses.confidence >= MIN_CONFIDENCE, likeliest, np.nan)
-    np.testing.assert_array_equal(hypotheses.certain_number, certain_number)
+    np.testing.assert_array_equal(hypotheses.certain_numbers, certain_number)
     return likeliest != ambiguity_number, hypotheses.confidence
 
 
@@ -167,7 +169,7 @@ def test_full_sub_bands_leave_some_directions_ambiguous(radar, code):
         channel_responses(radar, radar_aperture(radar)),
         np.ones(1),
     )
-    assert np.isnan(hypotheses.certain_number[0])
+    assert np.isnan(hypotheses.certain_numbers[0])
 
 
 @pytest.mark.parametrize("snr_db", [20, 35])
@@ -205,7 +207,7 @@ def test_calibrated_gains_do_not_change_ambiguity_number(radar):
         np.full(500, np.mean(abs(gain) ** -2)),
     )
 
-    assert np.mean(hypotheses.certain_number == ambiguity_number) > 0.99
+    assert np.mean(hypotheses.certain_numbers == ambiguity_number) > 0.99
 
 
 @pytest.mark.parametrize(("code", "n_rx"), RESOLVABLE_CODES, ids=str)

@@ -241,7 +241,7 @@ def test_drop_paths_follow_turning_radar(radar):
         assert velocity[:2] == pytest.approx([3, 2])
         assert -9 < velocity[2] <= 0
         for t in (-2e-3, 2e-3):
-            exact_m = dc.Scene(targets=[drop], ego=ego).positions_m([mid_s + t])[0, 0]
+            exact_m = dc.Scene(targets=[drop], ego=ego).scatterer_positions_m([mid_s + t])[0, 0]
             position_m = path_m[0, i] + path_m[1, i] * t + path_m[2, i] * t**2
             # Third-order residual: 75 m (0.6 rad/s 2 ms)^3 / 6.
             assert position_m == pytest.approx(exact_m, abs=1e-7)

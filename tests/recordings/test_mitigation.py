@@ -8,7 +8,7 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.mitigation.apply import apply_mitigation
 from dechirp.processing.mitigation.base import Mitigation
 from dechirp.processing.mitigation.leakage_subtraction import LeakageSubtraction
-from dechirp.processing.mitigation.noise_loss import equalise, mitigation_noise_gain
+from dechirp.processing.mitigation.noise_loss import equalise_map_noise, mitigation_noise_gain
 from dechirp.processing.quality.synchronous_interference import find_ghost_track
 from recordings.real_recordings import RECORDINGS, ROADSIDE, open_real_recording
 
@@ -61,7 +61,7 @@ def test_mitigation_changes_car_snr_by_less_than_1_db(real_data, kind):
     method = make_example(Mitigation.members()[kind])
     result = apply_mitigation(samples, frame, [method])
 
-    noise = dc.Chain().map_noise(ROADSIDE)
+    noise = dc.Chain().map_noise_statistics(ROADSIDE)
     noise_gain = mitigation_noise_gain(
         (method,), frame.chirp, noise.range_transform, noise.doppler_transform
     )
@@ -70,7 +70,7 @@ def test_mitigation_changes_car_snr_by_less_than_1_db(real_data, kind):
         power = dc.power_map(
             recording.cube.isel(frame=0).copy(data=cube_samples), ROADSIDE, dc.Chain()
         )
-        power = power.copy(data=equalise(power.values, noise_gain))
+        power = power.copy(data=equalise_map_noise(power.values, noise_gain))
         car_cells = power.sel(velocity=slice(-14.5, -11), range=slice(13.5, 15))
         return 10 * np.log10(car_cells.max().item())
 

@@ -6,7 +6,7 @@ import pytest
 
 from dechirp.radar.devices.lookup import device
 from dechirp.radar.multiplexing.tdm import Tdm
-from dechirp.recordings.settings.read import find_settings, read_settings
+from dechirp.recordings.settings.read import find_settings_file, read_settings
 from dechirp.recordings.settings.write_ti_cfg import format_ti_cfg
 
 CFGS = [
@@ -62,7 +62,7 @@ def test_both_studio_files_give_known_waveform(real_data, name):
 def test_finds_studio_pair_by_setup_file(real_data):
     folder = real_data / "mmwavestudio_json"
 
-    assert find_settings(folder / "adc_data.bin").name == "indoor_walking.setup.json"
+    assert find_settings_file(folder / "adc_data.bin").name == "indoor_walking.setup.json"
 
 
 def test_cfg_of_known_angles_gives_known_waveform(real_data):

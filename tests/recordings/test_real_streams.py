@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import dechirp as dc
-from dechirp.recordings.live.replay import build_packet, iter_packets
+from dechirp.recordings.live.replay import build_dca1000_packet, iter_file_as_packets
 from recordings.real_recordings import open_real_recording
 from udp_packets import receive_packets
 
@@ -32,7 +32,7 @@ def pipe_capture(real_data) -> tuple[Path, dict[str, object]]:
 def test_replayed_capture_equals_recording(pipe_capture):
     path, options = pipe_capture
 
-    frames, stream = receive_packets(iter_packets(path), **options)
+    frames, stream = receive_packets(iter_file_as_packets(path), **options)
 
     recorded_frames = list(dc.open(path, **options).frames())
     assert len(frames) == len(recorded_frames) == 10
@@ -71,7 +71,9 @@ def test_replayed_packets_equal_packets_of_real_dca1000(real_data):
     datagrams = [part for part in file.split(ADDRESSES)[1:] if part[2:4] == PORT]
     packets = [datagram[8 : int.from_bytes(datagram[4:6], "big")] for datagram in datagrams]
     assert len(packets) == 12
-    assert [build_packet(n, datagram[10:]) for n, datagram in enumerate(packets, 1)] == packets
+    assert [
+        build_dca1000_packet(n, datagram[10:]) for n, datagram in enumerate(packets, 1)
+    ] == packets
 
     frames, _ = receive_packets(packets, recording.radar, device="xwr1843", iq="qi")
 

@@ -4,7 +4,7 @@ import pytest
 import xarray as xr
 
 from dechirp.processing.quality.findings import recording_findings
-from dechirp.processing.quality.measures import measure_frame
+from dechirp.processing.quality.measures import measure_frame_quality
 from recordings.real_recordings import RECORDINGS, open_real_recording
 
 # Chirp 0 of both captures starts with a settling transient. In 190347 negative and positive beat
@@ -26,7 +26,7 @@ def test_warnings_match_known_defects(real_data, folder, name):
     recording = open_real_recording(real_data / folder, name)
     findings = recording.findings
     if recording.sizes:
-        measures = [measure_frame(frame, recording.radar) for frame in recording.frames()]
+        measures = [measure_frame_quality(frame, recording.radar) for frame in recording.frames()]
         findings += recording_findings(xr.concat(measures, "frame"), recording.radar)
 
     assert {f.setting for f in findings if f.level == "warning"} == EXPECTED_WARNINGS.get(
@@ -37,7 +37,7 @@ def test_warnings_match_known_defects(real_data, folder, name):
 def test_iq_image_of_real_mixer_has_measured_strength(real_data):
     recording = open_real_recording(real_data / "sirad122_walk", "giulioCammina.json")
 
-    image = measure_frame(recording.cube, recording.radar)["image"].item()
+    image = measure_frame_quality(recording.cube, recording.radar)["image"].item()
 
     # A power ratio of 3.2 of the two sides, by the script of the collection.
     assert 1 / image == pytest.approx(3.2, rel=0.15)

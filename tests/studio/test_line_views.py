@@ -10,7 +10,7 @@ from bokeh.models import Image
 
 from dechirp.core.units import SPEED_OF_LIGHT, from_decibels, to_decibels
 from dechirp.processing.range_doppler_map import threshold_map
-from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.frame_state import FrameState
@@ -329,7 +329,7 @@ def test_a_row_that_is_picked_moves_the_cursor_to_its_peak_on_the_map():
 
     cursor = view.session.cursor
     car = moment.truth.sel(target="car").squeeze()
-    seen = map_position(
+    seen = range_doppler_map_position(
         alias_range_velocity(RangeVelocity(car.range.values, car.velocity.values), moment.radar),
         moment.radar,
     )

@@ -12,7 +12,7 @@ import dechirp as dc
 from dechirp.experiments.scenario import RecordingSource
 from dechirp.processing.chain import Chain
 from dechirp.processing.range_doppler_map import power_map, threshold_map
-from dechirp.scene.aliasing import RangeVelocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_player import FramePlayer
 from dechirp.studio.scenario_edits import PageLimits
@@ -133,7 +133,9 @@ def test_cuts_are_the_row_and_the_column_of_both_maps(scenario, change, at):
 def test_without_a_cursor_all_look_at_the_strongest_detection(scenario):
     seen = FramePlayer(scenario).frame_at(0, None)
     first = seen.detections.isel(detection=int(seen.detections.snr.values.argmax()))
-    on = map_position(RangeVelocity(first["range"].values, first["velocity"].values), seen.radar)
+    on = range_doppler_map_position(
+        RangeVelocity(first["range"].values, first["velocity"].values), seen.radar
+    )
     assert seen.cursor.range_m == pytest.approx(
         float(on.range_m), abs=float(seen.power["range"][1])
     )

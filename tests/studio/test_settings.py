@@ -11,7 +11,7 @@ from dechirp.config.dumping import dump
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.experiments.scenario import Scenario, load, reference
 from dechirp.radar.calibration import Calibration
-from dechirp.recordings.settings.calibration import format_calibration
+from dechirp.recordings.settings.calibration import format_calibration_json
 from dechirp.studio.scenario_edits import (
     PageLimits,
     apply_options,
@@ -208,7 +208,7 @@ def folder(tmp_path: Path) -> Path:
     inside.mkdir()
     for place in (tmp_path, inside):
         (place / "radar.yaml").write_text(dump(reference().radar))
-        (place / "calibration.json").write_text(format_calibration(ideal()))
+        (place / "calibration.json").write_text(format_calibration_json(ideal()))
         (place / "mesh.stl").write_text("solid\nendsolid\n")
         (place / "capture.bin").write_bytes(b"")
     return inside

@@ -250,11 +250,11 @@ def test_independent_cell_factor_fails_under_hann_window(monkeypatch):
             pfa, n_training=box.n_training, n_summed=n_summed
         ),
     )
-    base._box_row_factors.cache_clear()
+    base._threshold_factors_per_box_row_and_error.cache_clear()
     try:
         counts = false_alarms.count_noise_alarms(np.random.default_rng(6), 40, noise_test=design)
     finally:
-        base._box_row_factors.cache_clear()
+        base._threshold_factors_per_box_row_and_error.cache_clear()
 
     expected = design.false_alarm_probability * design.n_cells_per_map
     assert not false_alarms.alarm_ratio_check("wrong", counts, expected).passed

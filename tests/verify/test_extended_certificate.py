@@ -164,7 +164,7 @@ def test_alarm_counts_match_those_of_chain():
     for n_alarms, n_edge_alarms in counts[:, 0, 0]:
         samples = every_detector.complex_white_noise(rng, (128, 1, 256))
         power = range_doppler_power(samples, radar, chain)
-        exceeds_threshold = power > cfar.threshold(power, chain.map_noise(radar))
+        exceeds_threshold = power > cfar.threshold(power, chain.map_noise_statistics(radar))
         assert n_alarms == exceeds_threshold.sum() > 200
         assert n_edge_alarms == exceeds_threshold[:, :14].sum() + exceeds_threshold[:, -14:].sum()
 

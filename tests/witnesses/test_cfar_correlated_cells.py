@@ -57,7 +57,7 @@ def test_factor_gives_its_probability_by_eigenvalues_of_window(case, row, n_summ
     training_window = TrainingWindow(
         n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4)
     )
-    correlated_window = training_window.noise_box(noise, row)
+    correlated_window = training_window.noise_covariance_in_box(noise, row)
 
     factor = correlated_factor(1e-6, correlated_window, n_summed=n_summed)
 
@@ -79,7 +79,7 @@ def test_independent_cell_count_matches_variance_of_window_mean(case, row):
     training_window = TrainingWindow(
         n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4)
     )
-    correlated_window = training_window.noise_box(noise, row)
+    correlated_window = training_window.noise_covariance_in_box(noise, row)
 
     training_mask = np.ones(
         (len(correlated_window.range_covariance), len(correlated_window.velocity_covariance))
@@ -96,7 +96,7 @@ def test_independent_cell_count_matches_variance_of_window_mean(case, row):
 def make_hann_window(n_range, n_velocity):
     """Make a training window for noise under Hann windows, without guard cells."""
     covariances = [
-        Transform(window="hann", n_points=4096, n_bins=4096).noise_correlation(n)
+        Transform(window="hann", n_points=4096, n_bins=4096).noise_correlation_of_bins(n)
         for n in (n_range, n_velocity)
     ]
     centre = (n_range // 2, n_velocity // 2)
@@ -136,7 +136,7 @@ def test_independent_cell_approximation_is_close_to_exact_factor():
             range_transform=Transform(window=window, n_points=2200, n_bins=n_bins),
             doppler_transform=Transform(window=window, n_points=128, n_bins=n_velocity_bins),
         )
-        correlated_window = training_window.noise_box(noise, 14)
+        correlated_window = training_window.noise_covariance_in_box(noise, 14)
         n_training = round(correlated_window.n_independent)
         assert cell_averaging_factor(1e-6, n_training=n_training) == pytest.approx(
             correlated_factor(1e-6, correlated_window), rel=tolerance
@@ -179,8 +179,10 @@ def test_reference_training_window_has_644_cells():
         range_transform=Transform(window="rectangular", n_points=2200, n_bins=2200),
         doppler_transform=Transform(window="rectangular", n_points=128, n_bins=128),
     )
-    assert training_window.noise_box(noise, 14).n_training == 644
-    assert training_window.noise_box(noise, 14).n_independent == pytest.approx(644, rel=1e-12)
+    assert training_window.noise_covariance_in_box(noise, 14).n_training == 644
+    assert training_window.noise_covariance_in_box(noise, 14).n_independent == pytest.approx(
+        644, rel=1e-12
+    )
     assert cell_averaging_factor(1e-6, n_training=644) == pytest.approx(13.965, abs=5e-4)
 
 
@@ -192,7 +194,7 @@ def test_correlated_factor_reduces_to_independent_factor():
         range_transform=Transform(window="rectangular", n_points=64, n_bins=64),
         doppler_transform=Transform(window="rectangular", n_points=32, n_bins=32),
     )
-    correlated_window = training_window.noise_box(noise, 4)
+    correlated_window = training_window.noise_covariance_in_box(noise, 4)
     for n_summed in (1, 3):
         exact = cell_averaging_factor(
             1e-4, n_training=correlated_window.n_training, n_summed=n_summed
@@ -222,7 +224,7 @@ def test_independent_factor_under_hann_window_raises_false_alarms_by_half():
     training_window = TrainingWindow(
         n_training=Cells(range=10, velocity=8), n_guard=Cells(range=4, velocity=4)
     )
-    correlated_window = training_window.noise_box(noise, 14)
+    correlated_window = training_window.noise_covariance_in_box(noise, 14)
     independent_factor = cell_averaging_factor(1e-6, n_training=correlated_window.n_training)
 
     def excess(log_pfa):

@@ -155,7 +155,9 @@ def make_correlated_window(training, guard, window="rectangular", padding_factor
     )
     cells = [Cells(range=r, velocity=v) for r, v in (training, guard)]
     training_window = TrainingWindow(n_training=cells[0], n_guard=cells[1])
-    return training_window.noise_box(noise, training_window.half_range if row is None else row)
+    return training_window.noise_covariance_in_box(
+        noise, training_window.half_range if row is None else row
+    )
 
 
 def mean(cells):

@@ -15,7 +15,7 @@ import xarray as xr
 import dechirp as dc
 from dechirp.processing.fixed_point.chain import stage_outputs
 from dechirp.processing.fixed_point.lookup_tables import make_lookup_tables
-from dechirp.processing.fixed_point.samples import to_integer_samples
+from dechirp.processing.fixed_point.samples import to_integer_samples_and_step
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 from dechirp.theory.windows import window_weights
 
@@ -259,7 +259,7 @@ def test_every_block_matches_exact_fractions_rounded_once(radar, word_lengths, s
         cube = xr.DataArray(samples, dims=dims)
 
     plan = make_lookup_tables(radar, chain, word_lengths)
-    integer_samples, _ = to_integer_samples(cube, radar, word_lengths)
+    integer_samples, _ = to_integer_samples_and_step(cube, radar, word_lengths)
     outputs = {block.name: block for block in stage_outputs(integer_samples, radar, plan)}
     expected = simulate_chain(samples, 32, 8, "hann", word_lengths, sampling == "complex")
     searched_rows = range(plan.searched_rows.start, plan.searched_rows.stop)

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.linalg import hadamard
 
 from dechirp.simulation.kernels import direct, nufft
-from dechirp.simulation.kernels.band_interpolation import make_interpolator
+from dechirp.simulation.kernels.band_interpolation import make_sparsest_interpolator
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 from dechirp.simulation.kernels.chebyshev import economise_powers
 from dechirp.simulation.kernels.gridding import make_spreading_kernel
@@ -27,8 +27,8 @@ from dechirp.simulation.kernels.taylor import (
     SERIES,
     AntennaPairView,
 )
-from dechirp.simulation.kernels.taylor import expand_all_blocks as fill_blocks
-from dechirp.simulation.kernels.tones import find_largest_errors
+from dechirp.simulation.kernels.taylor import fill_tone_blocks as fill_blocks
+from dechirp.simulation.kernels.tones import mask_scatterers_with_largest_errors
 
 # Specified RMS error of the kernel relative to the echoes.
 MAX_RELATIVE_ERROR = 1e-5
@@ -361,12 +361,12 @@ def test_largest_errors_are_few_and_remainder_is_within_allowance():
     rng = np.random.default_rng(0)
     errors = rng.exponential(size=1000) ** 6
     allowed = 0.01 * errors.sum()
-    is_large = find_largest_errors(errors, allowed)
+    is_large = mask_scatterers_with_largest_errors(errors, allowed)
     assert errors[~is_large].sum() <= allowed
     # Limits have steps of 1.4, so the selection is slightly larger than the minimum.
     fewest = np.count_nonzero(np.cumsum(np.sort(errors)) > allowed)
     assert is_large.sum() <= 1.15 * fewest
-    assert not find_largest_errors(errors, errors.sum() * 1.01).any()
+    assert not mask_scatterers_with_largest_errors(errors, errors.sum() * 1.01).any()
 
 
 @pytest.mark.parametrize("spacing", [1.5, 2.0])
@@ -390,29 +390,31 @@ def test_transform_of_spreading_weights_equals_their_integral(spacing):
         return sum(parts) * WIDTH / 2
 
     for angle in (0.0, 0.5, np.pi / spacing):
-        np.testing.assert_allclose(integrate(angle), kernel.transform(angle), rtol=1e-6)
+        np.testing.assert_allclose(integrate(angle), kernel.fourier_transform(angle), rtol=1e-6)
 
 
 @pytest.mark.parametrize("n_samples", [400, 401])
 def test_interpolated_samples_match_tones(n_samples):
     low, high = -0.02, 0.07
-    interpolator = make_interpolator(low, high, n_samples=n_samples, tolerance=2.5e-6)
+    interpolator = make_sparsest_interpolator(low, high, n_samples=n_samples, tolerance=2.5e-6)
     assert interpolator.step > 1
     frequencies = np.linspace(low, high, 7)
-    first, stop = interpolator.known_range(-(n_samples // 2), n_samples - n_samples // 2)
+    first, stop = interpolator.required_known_sample_range(
+        -(n_samples // 2), n_samples - n_samples // 2
+    )
     known_samples = np.arange(first, stop)[:, None] * interpolator.step
     tones = np.exp(
         2j * np.pi * (frequencies - interpolator.centre_frequency) * known_samples
     ).T.astype(np.complex64)
     echoes = np.zeros((9, n_samples), complex)
-    interpolator.interpolate(echoes, np.arange(1, 8), tones)
+    interpolator.add_interpolated(echoes, np.arange(1, 8), tones)
 
     samples = np.arange(n_samples)[:, None] - n_samples // 2
     exact = np.exp(2j * np.pi * frequencies * samples).T
     error = np.sqrt(np.mean(abs(echoes[1:8] - exact) ** 2))
     assert error < 2.5e-6
     assert not echoes[[0, 8]].any()
-    assert make_interpolator(0, 0.4, n_samples=n_samples, tolerance=2.5e-6) is None
+    assert make_sparsest_interpolator(0, 0.4, n_samples=n_samples, tolerance=2.5e-6) is None
 
 
 @pytest.mark.parametrize("tolerance", [1e-5, 2e-6])
@@ -434,7 +436,7 @@ def test_one_huge_error_does_not_hide_smaller_ones():
     # The largest error is beyond the range of the limit search, or not finite.
     for largest in (1e9, np.inf, np.nan):
         errors = np.append(np.full(1000, 5e-11), largest)
-        is_large = find_largest_errors(errors, 8e-12)
+        is_large = mask_scatterers_with_largest_errors(errors, 8e-12)
         assert is_large[-1]
         assert errors[~is_large].sum() <= 8e-12
 

@@ -7,7 +7,11 @@ import dechirp as dc
 from dechirp.processing import simd_fft, simd_range_doppler
 from dechirp.processing.detect import FrameProcessor, detect_columns
 from dechirp.processing.range_doppler_map import equalised_power
-from dechirp.processing.spectrum import Transform, mean_power, split_spectrum
+from dechirp.processing.spectrum import (
+    Transform,
+    mean_range_doppler_power,
+    range_doppler_real_and_imaginary,
+)
 
 LENGTHS = [*range(1, 17), 22, 26, 30, 49, 121, 128, 169, 182, 200, 243, 2200, 4096]
 
@@ -17,9 +21,9 @@ def test_sixteen_series_match_numpy_fft(n):
     rng = np.random.default_rng(n)
     series = rng.standard_normal((n, 16)) + 1j * rng.standard_normal((n, 16))
     work = np.stack([series.real, series.imag], axis=1).astype(np.float32).ravel()
-    stages = simd_fft.plan_stages(n)
-    simd_fft.transform_points(work, 0, n, *stages)
-    output = work.reshape(n, 2, 16)[simd_fft.frequency_positions(n)]
+    stages = simd_fft.plan_fft_stages(n)
+    simd_fft.fft_sixteen_series_in_place(work, 0, n, *stages)
+    output = work.reshape(n, 2, 16)[simd_fft.output_position_of_frequency(n)]
     exact = np.fft.fft(series, axis=0)
     # Each stage has a few rounding errors of 6e-8; radix 13 adds thirteen numbers one by one.
     error = output[:, 0] + 1j * output[:, 1] - exact
@@ -28,9 +32,9 @@ def test_sixteen_series_match_numpy_fft(n):
 
 
 def test_lengths_with_large_prime_factors_are_not_planned():
-    assert simd_fft.plan_stages(17) is None
-    assert simd_fft.plan_stages(2 * 19) is None
-    assert not simd_range_doppler.can_transform(128, 2 * 17, 34)
+    assert simd_fft.plan_fft_stages(17) is None
+    assert simd_fft.plan_fft_stages(2 * 19) is None
+    assert not simd_range_doppler.can_transform_sizes(128, 2 * 17, 34)
 
 
 SIZES = [
@@ -75,7 +79,7 @@ def test_power_matches_double_precision_transforms(size, n_channels):
     samples, range_transform, doppler_transform, spectrum = simulate_exact_spectrum(
         *size, n_channels
     )
-    power = mean_power(samples, "complex", range_transform, doppler_transform)
+    power = mean_range_doppler_power(samples, "complex", range_transform, doppler_transform)
     exact = np.mean(abs(spectrum) ** 2, axis=1)
     assert power.dtype == np.float32
     # Rounding errors are 1e-6 of the RMS amplitude, and twice that of the power.
@@ -86,7 +90,9 @@ def test_power_matches_double_precision_transforms(size, n_channels):
 @pytest.mark.usefixtures("_threads")
 def test_split_spectrum_matches_double_precision_transforms(size):
     samples, range_transform, doppler_transform, exact = simulate_exact_spectrum(*size, 3)
-    spectrum = split_spectrum(samples, "complex", range_transform, doppler_transform)
+    spectrum = range_doppler_real_and_imaginary(
+        samples, "complex", range_transform, doppler_transform
+    )
     assert spectrum.dtype == np.float32 and spectrum.flags.c_contiguous
     error = spectrum[:, :, 0] + 1j * spectrum[:, :, 1] - exact
     assert abs(error).max() < 5e-6 * np.sqrt(np.mean(abs(exact) ** 2))
@@ -117,7 +123,7 @@ def test_frame_processor_returns_map_of_detector(scenario_parts):
     radar, chain, scene = scenario_parts
     cube = dc.simulate(scene, radar, n_frames=2, seed=4)
     maps = []
-    for frame in FrameProcessor(radar, chain).process([cube]):
+    for frame in FrameProcessor(radar, chain).process_cubes([cube]):
         maps += frame.equalised_power
     assert len(maps) == 2
     for index, power in enumerate(maps):

@@ -15,7 +15,7 @@ RING = TrainingWindow(
 
 def test_one_training_cell_has_the_law_of_a_ratio_of_two_exponentials():
     for pfa in (0.3, 1e-2, 1e-4):
-        factor = LogMean().independent_cells_factor(pfa, np.ones((1, 2)), n_channels=1)
+        factor = LogMean().independent_cells_threshold_factor(pfa, np.ones((1, 2)), n_channels=1)
         assert factor == pytest.approx(1 / pfa - 1, rel=1e-6)
 
 
@@ -49,7 +49,7 @@ def test_a_strong_cell_raises_the_threshold_by_its_nth_root_in_the_map_and_cell_
     factors = np.full(60, 2.0, np.float32)
     levels = LogMean().threshold(power, RING, factors)
 
-    n_training = RING.n_training_cells(60)[35]
+    n_training = RING.n_training_cells_per_row(60)[35]
     assert levels[20, 35] == pytest.approx(2 * 1e3 ** (1 / n_training), rel=1e-4)
     slow = NoiseEstimator.threshold(LogMean(), power, RING, factors)
     assert levels == pytest.approx(slow, rel=1e-4)

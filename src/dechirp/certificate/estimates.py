@@ -23,7 +23,7 @@ from dechirp.certificate.shared_trials import ERROR_SNRS_DB, error_trials_by_snr
 from dechirp.certificate.trials import Job, trials_for_mean, trials_for_probability, trials_for_rms
 from dechirp.core.units import from_decibels, to_decibels
 from dechirp.radar.budget import sample_snr
-from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.theory import confidence_intervals
 
 MAX_RMSE_RATIO = 1.15
@@ -98,7 +98,7 @@ def evaluate_claims(results: Mapping[str, np.ndarray]) -> tuple[Claim, ...]:
 def cramer_rao_bounds(snr_db: float) -> TargetMotion:
     """Return the Cramér-Rao bounds of range and velocity for an SNR per sample."""
     snr = from_decibels(snr_db) * reference_radar().integration_gain
-    range_std, velocity_std = crlb_standard_errors(reference_radar().frame, snr=snr)
+    range_std, velocity_std = range_and_velocity_crlb_std(reference_radar().frame, snr=snr)
     return TargetMotion(float(range_std), float(velocity_std))
 
 

@@ -104,7 +104,9 @@ def calibrate_factor(
 ) -> np.ndarray:
     """Return the threshold factor of each range bin, (1, n_range)."""
     size = np.empty((reference_radar().frame.n_chirps, maps.n_range_bins), np.float32)
-    return cfar.row_factors(size, maps.chain.map_noise(small_radar()))[None]
+    return cfar.threshold_factors_per_row(size, maps.chain.map_noise_statistics(small_radar()))[
+        None
+    ]
 
 
 def _calibration_name(maps: NoiseMaps, kind: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from dechirp.core.units import from_decibels
 from dechirp.processing.cfar.base import Cells, TrainingWindow
 from dechirp.processing.cfar.cell_averaging import CellAveraging
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 
 SPEED_OF_LIGHT = 3e8
 START_FREQUENCY_HZ = 77e9
@@ -77,7 +77,7 @@ def self_masking(samples: np.ndarray, training_window: TrainingWindow) -> float:
 
 
 def _amplitude_map(samples: np.ndarray) -> np.ndarray:
-    power = mean_power(samples, "complex", OVER_RANGE, OVER_VELOCITY)
+    power = mean_range_doppler_power(samples, "complex", OVER_RANGE, OVER_VELOCITY)
     return np.ascontiguousarray(np.sqrt(power[:, :_N_RETAINED_BINS]))
 
 

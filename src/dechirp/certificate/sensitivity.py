@@ -119,14 +119,16 @@ def chain_detector(window: Window) -> DetectorLaw:
     The training window counts as 644 independent cells with rectangular windows, 181 with Hann.
     """
     chain = Chain(range_window=window, doppler_window=window)
-    law = detector_of(chain.cfar, chain.map_noise(reference_radar()))
+    law = detector_of(chain.cfar, chain.map_noise_statistics(reference_radar()))
     assert law is not None
     return law
 
 
 def theoretical_curve(window: Window) -> DetectionCurve:
     """Return the theoretical detection probability of the reference target over the SNR in dB."""
-    noise = Chain(range_window=window, doppler_window=window).map_noise(reference_radar())
+    noise = Chain(range_window=window, doppler_window=window).map_noise_statistics(
+        reference_radar()
+    )
     gain = snr_gain_in_map(noise.range_transform, noise.doppler_transform)
     return lambda snr_db: chain_detector(window).detection_probability(from_decibels(snr_db) * gain)
 

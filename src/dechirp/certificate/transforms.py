@@ -14,7 +14,7 @@ from dechirp.certificate.reference_trials import (
 )
 from dechirp.certificate.trials import Job
 from dechirp.core.units import to_decibels
-from dechirp.processing.spectrum import Transform, mean_power
+from dechirp.processing.spectrum import Transform, mean_range_doppler_power
 from dechirp.radar.radar import Radar
 from dechirp.simulation.kernels import direct
 from dechirp.simulation.kernels.base import Scatterers, Transmission
@@ -76,7 +76,7 @@ def _range_doppler_power(
         Transform(window=window, n_points=n, n_bins=n)
         for n in (frame.chirp.n_samples, frame.n_chirps)
     )
-    return mean_power(samples, frame.chirp.sampling, over_range, over_velocity)
+    return mean_range_doppler_power(samples, frame.chirp.sampling, over_range, over_velocity)
 
 
 def _echo_power_map(radar: Radar, window: Window = "rectangular") -> np.ndarray:

@@ -21,8 +21,7 @@ from cyclopts import (
 )
 
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
-from dechirp.core.errors import DechirpError, InvalidFile, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import DechirpError, InvalidFile, Mistake, quote_for_message
 
 # The libraries alone reserve 0.65 GB of addresses with one thread and 0.06 GB more per thread.
 # With less, one of them retries for ever and raises no exception.
@@ -132,7 +131,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
             commands = [word for word in app if not word.startswith("-")]
             mistake = Mistake(
                 setting="command",
-                value=quote_text(token),
+                value=quote_for_message(token),
                 expected=f"one of {', '.join(commands)}",
                 fix=did_you_mean(token, commands),
             )
@@ -145,7 +144,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
             ]
             option = token.keyword or token.value
             mistake = Mistake(
-                setting=quote_text(option),
+                setting=quote_for_message(option),
                 value="not an option of this command",
                 expected=f"one of {', '.join(options)}" if options else "no options",
                 fix=did_you_mean(option, options, CHOOSE_OR_OMIT) if options else help_fix,
@@ -153,7 +152,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
         case UnusedCliTokensError(unused_tokens=list() as tokens):
             mistake = Mistake(
                 setting="command line",
-                value=f"unexpected argument {quote_text(' '.join(tokens))}",
+                value=f"unexpected argument {quote_for_message(' '.join(tokens))}",
                 expected="no further argument",
                 fix=f"quote names with spaces, or {help_fix}",
             )
@@ -166,7 +165,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
             )
             fix = did_you_mean(token.value, choices) if choices else help_fix
             mistake = Mistake(
-                setting=setting, value=quote_text(token.value), expected=expected, fix=fix
+                setting=setting, value=quote_for_message(token.value), expected=expected, fix=fix
             )
         case RepeatArgumentError():
             mistake = Mistake(
@@ -177,7 +176,7 @@ def call_errors(error: CycloptsError) -> list[Mistake]:
         case _:
             mistake = Mistake(
                 setting="command line",
-                value=quote_text(str(error)),
+                value=quote_for_message(str(error)),
                 expected="a call as shown by --help",
                 fix=help_fix,
             )

@@ -8,7 +8,7 @@ from rich.cells import cell_len
 from rich.table import Table
 
 from dechirp.cli.console import new_table
-from dechirp.core.detection_columns import SHOWN_COLUMNS, std_column
+from dechirp.core.detection_columns import SHOWN_COLUMNS, standard_error_column
 from dechirp.core.text import EN_DASH, decimals_for_std, format_fixed
 from dechirp.evaluation.association import associate_detections
 from dechirp.experiments.run import Result
@@ -44,7 +44,7 @@ def detections_table(result: Result, *, at_most: int, width: int) -> Table:
     return table
 
 
-_TITLES = {column.heading: column.title for column in SHOWN_COLUMNS}
+_TITLES = {column.heading: column.heading_with_unit for column in SHOWN_COLUMNS}
 
 
 def _column_heading(name: str) -> str:
@@ -64,7 +64,7 @@ def _detection_cells(result: Result, detections: xr.Dataset) -> dict[str, list[s
     target = None if result.truth is None else _matched_targets(result, detections)
     for column in SHOWN_COLUMNS:
         values = column.to_shown_unit(detections[column.name].values)
-        std = std_column(column)
+        std = standard_error_column(column)
         if std is None:
             columns[column.heading] = [
                 format_fixed(one, column.decimals) for one in values.tolist()

@@ -11,8 +11,7 @@ from dechirp.cli.errors import name_options
 from dechirp.config import loading
 from dechirp.config.dumping import dump
 from dechirp.config.validation import Readers
-from dechirp.core.errors import DechirpError, InvalidFile, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import DechirpError, InvalidFile, Mistake, quote_for_message
 from dechirp.experiments.scenario import READERS, RecordingSource, Scenario, load, reference
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
@@ -184,7 +183,7 @@ def _frames_error(text: str, *, expected: str) -> InvalidFile:
     return InvalidFile(
         Mistake(
             setting="--frames",
-            value=quote_text(text),
+            value=quote_for_message(text),
             expected=expected,
             fix="count frames from 0; 20:30 excludes frame 30",
         )

@@ -18,8 +18,7 @@ from dechirp.config.fields import (
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean, nearest_name
 from dechirp.config.validation import ReferencedFileError
 from dechirp.config.yaml_tree import Location, YamlNode, join_path
-from dechirp.core.errors import InvalidSetting, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import InvalidSetting, Mistake, quote_for_message
 
 
 @dataclass(frozen=True)
@@ -200,7 +199,7 @@ def _suggest_fix(setting: SettingNode) -> str:
         kind = nearest_name(setting.node.text, hint.members()) or "NAME"
         return f"write {{kind: {kind}}} and its settings"
     if hint is str and not isinstance(setting.node.content, dict | list | None):
-        return f"write it in quotes: '{quote_text(setting.node.text)}'"
+        return f"write it in quotes: '{quote_for_message(setting.node.text)}'"
     fixes = {
         int: "write digits only, such as 128, without quotes, point or unit",
         float: "write one number",

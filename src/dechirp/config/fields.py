@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from dechirp.config.yaml_tree import YamlNode
-from dechirp.core.dimensions import DIMENSIONS, split_unit
+from dechirp.core.dimensions import DIMENSIONS, split_unit_suffix
 from dechirp.core.families import Family
 
 _SIMPLE_TYPES: dict[Any, str] = {
@@ -154,7 +154,7 @@ def _describe_type(hint: Any, unit: str | None, read_from_path: Collection[type]
 
 
 def _split_setting_unit(field: str, hint: Any) -> tuple[str, str | None]:
-    return split_unit(field) if _contains_type(float, hint) else (field, None)
+    return split_unit_suffix(field) if _contains_type(float, hint) else (field, None)
 
 
 def _contains_type(kind: type, hint: Any) -> bool:

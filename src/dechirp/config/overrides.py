@@ -7,8 +7,7 @@ from dechirp.config.error_messages import SettingNode
 from dechirp.config.suggestions import did_you_mean
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import Location, YamlNode, join_path, parse_yaml
-from dechirp.core.errors import InvalidFile
-from dechirp.core.text import quote_text
+from dechirp.core.errors import InvalidFile, quote_for_message
 
 _OPTION_LOCATION = Location("--set")
 
@@ -41,7 +40,7 @@ def parse_override(text: str) -> tuple[str, YamlNode]:
         raise InvalidFile(
             _OPTION_LOCATION.create_mistake(
                 "--set",
-                value=quote_text(text) if text else "empty",
+                value=quote_for_message(text) if text else "empty",
                 expected="PATH=VALUE",
                 fix="write --set radar.frame.n_chirps=64, for instance",
             )

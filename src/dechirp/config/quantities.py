@@ -6,8 +6,7 @@ from decimal import Decimal
 
 from dechirp.config.suggestions import nearest_name
 from dechirp.core.dimensions import DIMENSIONS, Dimension
-from dechirp.core.errors import InvalidSetting
-from dechirp.core.text import quote_text
+from dechirp.core.errors import InvalidSetting, quote_for_message
 
 _GRAMMAR = re.compile(
     r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>[A-Za-z]\S*)?", re.ASCII
@@ -41,7 +40,7 @@ def parse_quantity(text: str, unit: str | None, *, setting: str = "quantity") ->
     if match is None:
         raise InvalidSetting(
             setting,
-            value=quote_text(text),
+            value=quote_for_message(text),
             expected=kind.description,
             fix=_suggest_units(text, "", kind),
         )
@@ -49,11 +48,13 @@ def parse_quantity(text: str, unit: str | None, *, setting: str = "quantity") ->
     number = _to_si(match["number"], symbol, kind)
     if number is None:
         fix = _suggest_units(text, match["unit"] or "", kind)
-        raise InvalidSetting(setting, value=quote_text(text), expected=kind.description, fix=fix)
+        raise InvalidSetting(
+            setting, value=quote_for_message(text), expected=kind.description, fix=fix
+        )
     if math.isinf(number):
         raise InvalidSetting(
             setting,
-            value=quote_text(text),
+            value=quote_for_message(text),
             expected="a number below 1e308",
             fix="check the exponent",
         )
@@ -112,7 +113,7 @@ def convert_difference(symbol: str, text: str, unit: str | None) -> Decimal:
             return Decimal(match["number"])
         raise InvalidSetting(
             "quantity",
-            value=quote_text(text),
+            value=quote_for_message(text),
             expected=f"a difference of two values in {symbol}, such as 2 {difference_symbol}",
             fix=f"write a number and {difference_symbol}",
         )
@@ -121,7 +122,7 @@ def convert_difference(symbol: str, text: str, unit: str | None) -> Decimal:
     if own_symbol in levels or own_symbol in zeros or number is None:
         raise InvalidSetting(
             "quantity",
-            value=quote_text(text),
+            value=quote_for_message(text),
             expected=f"a difference, {kind.description}"
             if symbol
             else "a number without unit, like the values",
@@ -202,10 +203,10 @@ def _rounded_candidates(number: float, unit: str | None, kind: Dimension) -> lis
 
 
 def _suggest_units(text: str, symbol: str, kind: Dimension) -> str:
-    if not kind.offered_units:
+    if not kind.units_for_messages:
         return "omit the unit" if symbol else "write it without a unit"
-    units = f"units that fit: {', '.join(kind.offered_units)}"
+    units = f"units that fit: {', '.join(kind.units_for_messages)}"
     if "," in text:
         return f"write the decimal separator as a point; {units}"
-    suggestion = nearest_name(symbol, kind.offered_units) if symbol else None
+    suggestion = nearest_name(symbol, kind.units_for_messages) if symbol else None
     return f"did you mean {suggestion}? {units}" if suggestion else units

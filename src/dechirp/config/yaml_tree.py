@@ -21,8 +21,7 @@ from ruamel.yaml.events import (
     SequenceStartEvent,
 )
 
-from dechirp.core.errors import InvalidFile, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import InvalidFile, Mistake, quote_for_message
 
 Plain: TypeAlias = "str | int | float | bool | list[Plain] | dict[str, Plain] | None"
 
@@ -87,7 +86,7 @@ class YamlNode:
         number_in_quotes = self.content == self.text and not isinstance(
             resolve_scalar(self.text), str
         )
-        return f"the text '{self.text[:60]}'" if number_in_quotes else quote_text(self.text)
+        return f"the text '{self.text[:60]}'" if number_in_quotes else quote_for_message(self.text)
 
     @cached_property
     def labels(self) -> list[str]:
@@ -134,7 +133,7 @@ def parse_yaml(text: str, file: str) -> YamlNode:
     raise InvalidFile(
         place.create_mistake(
             "the text",
-            value=f"not YAML: {quote_text(problem)}",
+            value=f"not YAML: {quote_for_message(problem)}",
             expected="YAML",
             fix="correct it there, or just before",
         )
@@ -158,7 +157,7 @@ def find_duplicate_keys(node: YamlNode, path: str = "") -> Iterator[Mistake]:
 
 def join_path(path: str, name: str) -> str:
     """Append a name to the path of a setting."""
-    name = quote_text(name)
+    name = quote_for_message(name)
     return f"{path}.{name}" if path else name
 
 

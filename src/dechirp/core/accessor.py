@@ -6,10 +6,16 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.detection_columns import SHOWN_COLUMNS
-from dechirp.core.display import Table, pluralise, render_html, truncated_table
+from dechirp.core.display import Table, pluralise, render_display_html, truncated_display_table
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.table_columns import Cell, dataset_to_columns
-from dechirp.core.text import EN_DASH, format_number, format_quantity, power_db, power_unit
+from dechirp.core.text import (
+    EN_DASH,
+    format_number,
+    format_quantity,
+    power_level_unit,
+    power_to_dbm_or_dbfs,
+)
 
 if TYPE_CHECKING:
     import pandas as pd  # type: ignore[import-untyped]
@@ -39,7 +45,7 @@ class TableAccessor:
         if dim is None or _REQUIRED_VARIABLES[dim] not in dataset:
             variables = ", ".join(map(str, dataset.data_vars)) or "nothing"
             dims = ", ".join(map(str, dataset.dims)) or "no axis"
-            raise _invalid_array(
+            raise _invalid_array_error(
                 f"a dataset of {variables} over {dims}",
                 "detections, clusters, tracks, ego motion or truth",
                 "pass a result of dc.detect or a similar function; select one row with "
@@ -54,12 +60,14 @@ class TableAccessor:
         return pd.DataFrame(dataset_to_columns(self._dataset))
 
     def __repr__(self) -> str:
-        return self._summary()
+        return self._row_count_and_column_ranges()
 
     def _repr_html_(self) -> str:
-        return render_html("", self._summary(), [preview_table(self._dataset)])
+        return render_display_html(
+            "", self._row_count_and_column_ranges(), [first_rows_display_table(self._dataset)]
+        )
 
-    def _summary(self) -> str:
+    def _row_count_and_column_ranges(self) -> str:
         dataset = self._dataset
         parts = [pluralise(dataset.sizes[self._dim], self._dim)]
         for name, unit in _SUMMARY_UNITS.items():
@@ -80,7 +88,7 @@ class PowerMapAccessor:
     def __init__(self, power: xr.DataArray) -> None:
         units = _SAMPLE_UNITS.get(str(power.attrs.get("units")))
         if units is None or power.dtype.kind not in "fiu":
-            raise _invalid_array(
+            raise _invalid_array_error(
                 f"an array of {power.dtype} in {power.attrs.get('units', 'no unit')}",
                 "a power map in W or full scale squared",
                 "pass a result of dc.power_map or a similar function",
@@ -88,7 +96,10 @@ class PowerMapAccessor:
         self._power, self._units = power, units
 
     def __repr__(self) -> str:
-        level, unit = power_db(self._power.values, self._units), power_unit(self._units)
+        level, unit = (
+            power_to_dbm_or_dbfs(self._power.values, self._units),
+            power_level_unit(self._units),
+        )
         cells = " x ".join(f"{size} {name}" for name, size in self._power.sizes.items())
         if not level.size:
             return f"no cells: {cells}"
@@ -97,8 +108,8 @@ class PowerMapAccessor:
     def db(self) -> xr.DataArray:
         """Return the map in dBm or dBFS, with the angles along its axes in degrees."""
         power = self._power
-        level = power.copy(data=power_db(power.values, self._units))
-        level = level.assign_attrs(units=power_unit(self._units), long_name="power")
+        level = power.copy(data=power_to_dbm_or_dbfs(power.values, self._units))
+        level = level.assign_attrs(units=power_level_unit(self._units), long_name="power")
         in_degrees = {
             name: axis.copy(data=np.degrees(axis.values)).assign_attrs(units="deg")
             for name, axis in level.coords.items()
@@ -107,7 +118,7 @@ class PowerMapAccessor:
         return level.assign_coords(in_degrees)
 
 
-def preview_table(dataset: xr.Dataset, title: str = "") -> Table:
+def first_rows_display_table(dataset: xr.Dataset, title: str = "") -> Table:
     """Return the first rows, without empty columns."""
     columns = {
         name: cells
@@ -116,7 +127,7 @@ def preview_table(dataset: xr.Dataset, title: str = "") -> Table:
     }
     n_rows = len(next(iter(columns.values()), ()))
     rows = ([_format_cell(cell) for cell in row] for row in zip(*columns.values(), strict=True))
-    return truncated_table(title, rows, n_rows, list(columns))
+    return truncated_display_table(title, rows, n_rows, list(columns))
 
 
 def _format_cell(cell: Cell) -> str:
@@ -125,5 +136,5 @@ def _format_cell(cell: Cell) -> str:
     return EN_DASH if cell is None else str(cell)
 
 
-def _invalid_array(value: str, expected: str, fix: str) -> InvalidSetting:
+def _invalid_array_error(value: str, expected: str, fix: str) -> InvalidSetting:
     return InvalidSetting("array.dechirp", value=value, expected=expected, fix=fix)

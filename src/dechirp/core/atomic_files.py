@@ -13,42 +13,44 @@ from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
 _FILE_MANAGER_FILES = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
 
 
-def check_replaceable(out: Path, *, marker: str, own_names: Collection[str]) -> None:
+def check_output_folder_replaceable(
+    out: Path, *, marker_file: str, own_names: Collection[str]
+) -> None:
     """Raise `DechirpError` unless a folder is absent, empty, or an earlier result.
 
     Parameters
     ----------
     out : Path
         Folder to replace completely.
-    marker : str
+    marker_file : str
         Name of a file that identifies an earlier result.
     own_names : collection of str
         Names that a result may contain; any other file belongs to the user.
     """
     try:
         if not out.exists() and not out.is_symlink():
-            _check_writable(out)
+            _check_folder_creatable(out)
             return
         if not out.is_dir():
-            raise _refusal(out, value="a file", fix="name a folder")
+            raise _out_option_error(out, value="a file", fix="name a folder")
         working_folder = Path.cwd()
         if out.resolve() in (working_folder, *working_folder.parents):
-            raise _refusal(
+            raise _out_option_error(
                 out,
                 value="the working folder, or one of its parents",
                 fix="name a folder inside it: the output folder is replaced completely",
             )
         names = {file.name for file in out.iterdir()} - _FILE_MANAGER_FILES
         foreign_names = sorted(names - set(own_names))
-        if names and (foreign_names or marker not in names):
-            raise _refusal(
+        if names and (foreign_names or marker_file not in names):
+            raise _out_option_error(
                 out,
-                value=f"a folder with {foreign_names[0] if foreign_names else f'no {marker}'}",
+                value=f"a folder with {foreign_names[0] if foreign_names else f'no {marker_file}'}",
                 fix="name another folder, or empty it: the output folder is replaced completely",
             )
-        _check_writable(out)
+        _check_folder_creatable(out)
     except OSError as error:
-        raise _unwritable_error(out, error) from None
+        raise _unwritable_out_option_error(out, error) from None
 
 
 @contextmanager
@@ -63,17 +65,17 @@ def atomic_folder(out: Path) -> Iterator[Path]:
         If it cannot be written, or the disk is full.
     """
     target = out.resolve()
-    new_folder = _hidden_sibling(target)
+    new_folder = _unique_hidden_sibling(target)
     backup = new_folder.with_name(f"{new_folder.name}.before")
     try:
-        _restore_backup(target)
+        _undo_interrupted_replacement(target)
         new_folder.mkdir(parents=True)
         yield new_folder
         if target.exists():
             target.rename(backup)
         new_folder.rename(target)
     except OSError as error:
-        raise _unwritable_error(out, error) from None
+        raise _unwritable_out_option_error(out, error) from None
     finally:
         if backup.exists() and not target.exists():
             backup.rename(target)
@@ -81,7 +83,7 @@ def atomic_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(new_folder, ignore_errors=True)
 
 
-def _restore_backup(target: Path) -> None:
+def _undo_interrupted_replacement(target: Path) -> None:
     """Restore the folder that a process left behind when killed between its two renames."""
     pattern = re.compile(rf"{re.escape(f'.{target.name}.')}[0-9a-f]{{8}}\.before")
     siblings = target.parent.iterdir() if target.parent.is_dir() else ()
@@ -104,7 +106,7 @@ def atomic_file(out: Path) -> Iterator[Path]:
         If it cannot be written, or the disk is full.
     """
     target = out.resolve()
-    new_file = _hidden_sibling(target)
+    new_file = _unique_hidden_sibling(target)
     try:
         try:
             if target.is_dir():
@@ -114,7 +116,7 @@ def atomic_file(out: Path) -> Iterator[Path]:
         finally:
             new_file.unlink(missing_ok=True)
     except OSError as error:
-        raise _unwritable_error(out, error) from None
+        raise _unwritable_out_option_error(out, error) from None
 
 
 @contextmanager
@@ -134,9 +136,9 @@ def atomic_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
         If one is a folder, they cannot be written, or the disk is full.
     """
     if folder := next((out for out in outs if out.is_dir()), None):
-        raise _refusal(folder, value="a folder", fix="name a file")
+        raise _out_option_error(folder, value="a folder", fix="name a file")
     targets = [out.resolve() for out in outs]
-    new_files = [_hidden_sibling(target) for target in targets]
+    new_files = [_unique_hidden_sibling(target) for target in targets]
     backups = [new_file.with_name(f"{new_file.name}.before") for new_file in new_files]
     placed: list[Path] = []
     is_done = False
@@ -151,7 +153,7 @@ def atomic_files(*outs: Path) -> Iterator[tuple[Path, ...]]:
                 placed.append(target)
         is_done = True
     except OSError as error:
-        raise _unwritable_error(outs[0], error) from None
+        raise _unwritable_out_option_error(outs[0], error) from None
     finally:
         if not is_done:
             for target in placed:
@@ -173,15 +175,15 @@ def write_text_atomically(out: Path, text: str) -> None:
         If it cannot be written, or the disk is full.
     """
     with atomic_file(out) as new_file:
-        new_file.write_bytes(encode_utf8(text))
+        new_file.write_bytes(encode_utf8_with_escapes(text))
 
 
-def encode_utf8(text: str) -> bytes:
+def encode_utf8_with_escapes(text: str) -> bytes:
     """Encode as UTF-8, with JSON escapes for undecodable bytes of file names."""
     return text.encode("utf-8", "backslashreplace")
 
 
-def check_file_name(path: object, suffixes: Collection[str]) -> Path:
+def check_file_suffix(path: object, suffixes: Collection[str]) -> Path:
     """Return a path that ends in one of the suffixes, or raise `InvalidSetting`."""
     if not isinstance(path, str | Path):
         raise InvalidSetting("path", value=repr(path), expected="a path", fix="give it as a text")
@@ -218,7 +220,7 @@ def atomic_output_file(path: Path) -> Iterator[Path]:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise _unwritable_output(path, error) from None
+        raise _unwritable_path_error(path, error) from None
 
 
 def check_output_writable(path: Path) -> None:
@@ -231,10 +233,10 @@ def check_output_writable(path: Path) -> None:
         trial.touch(exist_ok=False)
         trial.unlink()
     except OSError as error:
-        raise _unwritable_output(path, error) from None
+        raise _unwritable_path_error(path, error) from None
 
 
-def _check_writable(out: Path) -> None:
+def _check_folder_creatable(out: Path) -> None:
     """Create and remove a trial folder: access rights alone are wrong for /proc."""
     target = Path(os.path.realpath(out))
     # A link that realpath leaves unresolved points to itself; no folder fits in it.
@@ -242,7 +244,7 @@ def _check_writable(out: Path) -> None:
         parent for parent in target.parents if parent.exists() or parent.is_symlink()
     )
     trial = (
-        existing_parent / f"{_hidden_sibling(target).name}.trying"
+        existing_parent / f"{_unique_hidden_sibling(target).name}.trying"
     )  # as long as the longest name of a result
     try:
         trial.mkdir()
@@ -254,20 +256,20 @@ def _check_writable(out: Path) -> None:
             trial.rmdir()
 
 
-def _hidden_sibling(path: Path) -> Path:
+def _unique_hidden_sibling(path: Path) -> Path:
     """Return a hidden, unique name in the same folder."""
     return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
 
 
-def _unwritable_error(out: Path, error: OSError) -> DechirpError:
-    return _refusal(
+def _unwritable_out_option_error(out: Path, error: OSError) -> DechirpError:
+    return _out_option_error(
         out,
         value=f"not writable ({error.strerror or error})",
         fix="name a writable folder with free space",
     )
 
 
-def _refusal(out: Path, *, value: str, fix: str) -> DechirpError:
+def _out_option_error(out: Path, *, value: str, fix: str) -> DechirpError:
     return DechirpError(
         Mistake(
             setting="--out",
@@ -278,7 +280,7 @@ def _refusal(out: Path, *, value: str, fix: str) -> DechirpError:
     )
 
 
-def _unwritable_output(path: Path, error: OSError) -> InvalidSetting:
+def _unwritable_path_error(path: Path, error: OSError) -> InvalidSetting:
     return InvalidSetting(
         "path",
         value=f"{path}, not writable ({error.strerror or error})",

@@ -20,7 +20,7 @@ class _ThreadArrays(threading.local):
 _thread_arrays = _ThreadArrays()
 
 
-def scratch_array(name: str, shape: tuple[int, ...]) -> np.ndarray:
+def scratch_complex64_array(name: str, shape: tuple[int, ...]) -> np.ndarray:
     """Return an uninitialised complex64 array, valid until this thread requests the name again."""
     size = math.prod(shape)
     if size * 8 > MAX_KEPT_BYTES:

@@ -14,14 +14,14 @@ Vector = tuple[float, float, float]
 _T = TypeVar("_T")
 
 
-def check_positive(
+def check_positive_fields(
     owner: object, *names: str, at_least: float = 0.0, at_most: float = math.inf
 ) -> None:
     """Raise `InvalidSetting` unless the named numbers are finite, above zero, within bounds."""
     for name in names:
         number = getattr(owner, name)
         setting = f"{type(owner).__name__}.{name}"
-        if not (_is_finite(number) and number > 0):
+        if not (_is_finite_number(number) and number > 0):
             raise InvalidSetting(
                 setting,
                 value=number,
@@ -31,12 +31,12 @@ def check_positive(
         _check_bounds(setting, number, at_least, at_most)
 
 
-def check_non_negative(owner: object, *names: str, at_most: float = math.inf) -> None:
+def check_non_negative_fields(owner: object, *names: str, at_most: float = math.inf) -> None:
     """Raise `InvalidSetting` unless the named numbers are finite, at least zero, within bounds."""
     for name in names:
         number = getattr(owner, name)
         setting = f"{type(owner).__name__}.{name}"
-        if not (_is_finite(number) and number >= 0):
+        if not (_is_finite_number(number) and number >= 0):
             raise InvalidSetting(
                 setting,
                 value=number,
@@ -46,7 +46,9 @@ def check_non_negative(owner: object, *names: str, at_most: float = math.inf) ->
         _check_bounds(setting, number, 0.0, at_most)
 
 
-def check_count(owner: object, *names: str, at_least: int = 1, at_most: int = 2**31 - 1) -> None:
+def check_integer_fields(
+    owner: object, *names: str, at_least: int = 1, at_most: int = 2**31 - 1
+) -> None:
     """Raise `InvalidSetting` unless the named fields are integers within bounds."""
     for name in names:
         check_integer(
@@ -82,7 +84,7 @@ def check_number(
     Arrays with axes, text, None, complex numbers and booleans are refused.
     """
     scalar = _unwrap_scalar(x)
-    value = float(scalar) if _is_finite(scalar) else math.nan
+    value = float(scalar) if _is_finite_number(scalar) else math.nan
     is_valid = (
         math.isfinite(value)
         and (above is None or value > above)
@@ -98,7 +100,7 @@ def check_number(
         ]
         raise InvalidSetting(
             setting,
-            value=x if _is_number(scalar) else reprlib.repr(x),
+            value=x if _is_real_number(scalar) else reprlib.repr(x),
             expected=", ".join(["one finite number", *requirements]),
             fix="check the sign and the unit",
         )
@@ -108,7 +110,7 @@ def check_number(
 def check_probability(setting: str, number: float) -> None:
     """Raise `InvalidSetting` for `setting` unless 0 < number < 1."""
     scalar = _unwrap_scalar(number)
-    if not (_is_number(scalar) and 0 < scalar < 1):
+    if not (_is_real_number(scalar) and 0 < scalar < 1):
         raise InvalidSetting(
             setting,
             value=number,
@@ -147,21 +149,21 @@ def check_detection_probability(
         )
 
 
-def check_ratios(setting: str, array: ArrayLike) -> np.ndarray:
+def check_non_negative_ratios(setting: str, array: ArrayLike) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite and 0 or more."""
     values = _to_float_array(setting, array)
-    _check_all_ratios(setting, values, values >= 0, "finite, 0 or more")
+    _check_ratios_by_mask(setting, values, values >= 0, "finite, 0 or more")
     return values
 
 
 def check_positive_ratios(setting: str, array: ArrayLike) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite and above 0."""
     values = _to_float_array(setting, array)
-    _check_all_ratios(setting, values, values > 0, "finite and above 0")
+    _check_ratios_by_mask(setting, values, values > 0, "finite and above 0")
     return values
 
 
-def check_array(
+def check_finite_array(
     setting: str, array: ArrayLike, *, above: float = -math.inf, below: float = math.inf
 ) -> np.ndarray:
     """Return an array of floats, or raise `InvalidSetting` unless all are finite, within bounds."""
@@ -180,17 +182,21 @@ def check_array(
     return values
 
 
-def check_vector(owner: object, name: str, *, at_most: float) -> None:
-    """Set the named field to three floats within +-`at_most`, or raise `InvalidSetting`."""
+def normalise_vector_field(owner: object, name: str, *, max_magnitude: float) -> None:
+    """Set the named field to three floats within +-`max_magnitude`, or raise `InvalidSetting`."""
     setting = f"{type(owner).__name__}.{name}"
-    object.__setattr__(owner, name, _to_vector(setting, getattr(owner, name), at_most))
+    object.__setattr__(
+        owner, name, _to_bounded_vector(setting, getattr(owner, name), max_magnitude)
+    )
 
 
-def check_vectors(owner: object, name: str, *, at_most: float) -> None:
+def normalise_vectors_field(owner: object, name: str, *, max_magnitude: float) -> None:
     """Set the named field to a tuple of at least one vector, or raise `InvalidSetting`."""
     setting = f"{type(owner).__name__}.{name}"
     rows = getattr(owner, name)
-    vectors = tuple(_to_vector(setting, row, at_most) for row in as_tuple(rows) or ())
+    vectors = tuple(
+        _to_bounded_vector(setting, row, max_magnitude) for row in as_tuple_or_none(rows) or ()
+    )
     if not vectors:
         raise InvalidSetting(
             setting,
@@ -201,7 +207,7 @@ def check_vectors(owner: object, name: str, *, at_most: float) -> None:
     object.__setattr__(owner, name, vectors)
 
 
-def as_tuple(value: object) -> tuple[Any, ...] | None:
+def as_tuple_or_none(value: object) -> tuple[Any, ...] | None:
     """Return the members of any list; None for a text, a mapping or a scalar."""
     is_number = isinstance(value, np.ndarray) and not value.ndim
     is_scalar = is_number or isinstance(value, str | bytes | Mapping)
@@ -217,7 +223,7 @@ def check_numbers(
     at_most: float | None = None,
 ) -> tuple[float, ...]:
     """Return a list of numbers as floats, or raise `InvalidSetting` for the list or a member."""
-    members = as_tuple(numbers)
+    members = as_tuple_or_none(numbers)
     if members is None:
         raise InvalidSetting(
             setting,
@@ -233,7 +239,7 @@ def check_numbers(
 
 def check_instances(setting: str, values: object, cls: type[_T], *, fix: str) -> tuple[_T, ...]:
     """Return instances of a class as a tuple, or raise `InvalidSetting` for list or member."""
-    members = as_tuple(values)
+    members = as_tuple_or_none(values)
     if members is None:
         expected = f"a list, each a {cls.__name__}"
         raise InvalidSetting(setting, value=reprlib.repr(values), expected=expected, fix=fix)
@@ -253,7 +259,7 @@ def _to_float_array(setting: str, array: ArrayLike) -> np.ndarray:
     except ValueError:  # ragged rows
         values = np.asarray(None)
     # NumPy stores integers beyond 64 bits as objects.
-    if values.dtype.kind in "iuf" or all(_is_finite(value) for value in values.flat):
+    if values.dtype.kind in "iuf" or all(_is_finite_number(value) for value in values.flat):
         return values.astype(float)
     raise InvalidSetting(
         setting,
@@ -263,7 +269,9 @@ def _to_float_array(setting: str, array: ArrayLike) -> np.ndarray:
     )
 
 
-def _check_all_ratios(setting: str, array: np.ndarray, is_valid: np.ndarray, expected: str) -> None:
+def _check_ratios_by_mask(
+    setting: str, array: np.ndarray, is_valid: np.ndarray, expected: str
+) -> None:
     wrong = array[~(is_valid & np.isfinite(array))]
     if wrong.size:
         raise InvalidSetting(
@@ -271,9 +279,9 @@ def _check_all_ratios(setting: str, array: np.ndarray, is_valid: np.ndarray, exp
         )
 
 
-def _to_vector(setting: str, coordinates: Any, at_most: float) -> Vector:
-    numbers = as_tuple(coordinates) or ()
-    if len(numbers) != 3 or not all(_is_finite(n) for n in numbers):
+def _to_bounded_vector(setting: str, coordinates: Any, max_magnitude: float) -> Vector:
+    numbers = as_tuple_or_none(coordinates) or ()
+    if len(numbers) != 3 or not all(_is_finite_number(n) for n in numbers):
         raise InvalidSetting(
             setting,
             value=coordinates,
@@ -282,7 +290,7 @@ def _to_vector(setting: str, coordinates: Any, at_most: float) -> Vector:
         )
     x, y, z = (float(n) for n in numbers)
     for number in (x, y, z):
-        _check_bounds(setting, number, -at_most, at_most)
+        _check_bounds(setting, number, -max_magnitude, max_magnitude)
     return (x, y, z)
 
 
@@ -308,12 +316,12 @@ def _unwrap_scalar(thing: Any) -> Any:
     return thing[()] if isinstance(thing, np.ndarray) and thing.ndim == 0 else thing
 
 
-def _is_finite(thing: Any) -> bool:
+def _is_finite_number(thing: Any) -> bool:
     try:
-        return _is_number(thing) and math.isfinite(thing)
+        return _is_real_number(thing) and math.isfinite(thing)
     except OverflowError:  # an integer beyond the largest float
         return False
 
 
-def _is_number(thing: object) -> bool:
+def _is_real_number(thing: object) -> bool:
     return isinstance(thing, int | float | np.integer | np.floating) and not isinstance(thing, bool)

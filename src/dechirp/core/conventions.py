@@ -33,12 +33,12 @@ AXES = {
 CUBE_AXES = ("frame", "chirp", "rx", "sample")
 
 
-def transmitter_coordinate(turns: Sequence[int], n_chirps: int) -> xr.Variable:
+def transmitter_coordinate(cycle_transmitters: Sequence[int], n_chirps: int) -> xr.Variable:
     """Return the coordinate along `chirp` with the transmitter of each, an index into `Array.tx_m`.
 
-    `turns` are the transmitters of one multiplexing cycle.
+    `cycle_transmitters` are the transmitters of one multiplexing cycle.
     """
-    numbers = np.resize(np.array(turns), n_chirps)
+    numbers = np.resize(np.array(cycle_transmitters), n_chirps)
     return xr.Variable("chirp", numbers, {"units": "1", "long_name": "transmitter of the chirp"})
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import xarray as xr
 
 
-def dataset_to_arrays(dataset: xr.Dataset) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def dataset_to_arrays_and_description(
+    dataset: xr.Dataset,
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return the arrays of a dataset by name, and their dimensions and attributes for JSON.
 
     Texts become UTF-8 bytes of equal length, (..., n) uint8; booleans and numbers are unchanged.
@@ -18,7 +20,7 @@ def dataset_to_arrays(dataset: xr.Dataset) -> tuple[dict[str, np.ndarray], dict[
         name = str(key)
         values = np.asarray(variable.values)
         is_text = values.dtype.kind in "UO"
-        arrays[name] = _encode_texts(values) if is_text else values
+        arrays[name] = _texts_to_utf8_rows(values) if is_text else values
         description["variables"][name] = {
             "dims": [str(dim) for dim in variable.dims],
             "attrs": _to_json_attributes(variable.attrs),
@@ -31,7 +33,7 @@ def dataset_to_arrays(dataset: xr.Dataset) -> tuple[dict[str, np.ndarray], dict[
 def dataset_from_arrays(
     arrays: Mapping[str, np.ndarray], description: Mapping[str, Any]
 ) -> xr.Dataset:
-    """Rebuild the dataset from the result of `dataset_to_arrays`.
+    """Rebuild the dataset from the result of `dataset_to_arrays_and_description`.
 
     Raises
     ------
@@ -42,7 +44,7 @@ def dataset_from_arrays(
     coordinates: dict[str, xr.Variable] = {}
     for name, entry in description["variables"].items():
         values = np.asarray(arrays[name])
-        values = _decode_texts(values) if entry["is_text"] else values
+        values = _utf8_rows_to_texts(values) if entry["is_text"] else values
         variable = xr.Variable(tuple(entry["dims"]), values, dict(entry["attrs"]))
         (coordinates if entry["is_coordinate"] else variables)[name] = variable
     return xr.Dataset(variables, coordinates, dict(description["attrs"]))
@@ -56,14 +58,14 @@ def _to_json_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
     }
 
 
-def _encode_texts(texts: np.ndarray) -> np.ndarray:
+def _texts_to_utf8_rows(texts: np.ndarray) -> np.ndarray:
     encoded = [str(text).encode() for text in texts.ravel()]
     width = max(map(len, encoded), default=0)
     rows = b"".join(text.ljust(width, b"\0") for text in encoded)
     return np.frombuffer(rows, np.uint8).reshape(*texts.shape, width).copy()
 
 
-def _decode_texts(encoded: np.ndarray) -> np.ndarray:
+def _utf8_rows_to_texts(encoded: np.ndarray) -> np.ndarray:
     *shape, width = encoded.shape
     rows = np.ascontiguousarray(encoded, np.uint8).reshape(int(np.prod(shape)), width)
     texts = [row.tobytes().rstrip(b"\0").decode() for row in rows]

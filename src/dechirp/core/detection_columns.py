@@ -41,26 +41,26 @@ class DetectionColumn(NamedTuple):
     """Whether object lists of detections and clusters keep it."""
 
     @property
-    def file_name(self) -> str:
+    def name_with_unit(self) -> str:
         """Name in files, with the unit: `range_m`, `azimuth_deg`, `snr_db`."""
         return self.name + _SUFFIXES.get(self.shown_unit or self.unit, "")
 
     @property
-    def extent_name(self) -> str:
+    def extent_name_with_unit(self) -> str:
         """Name of the extent in files: `range_extent_m`."""
-        return f"{self.name}_extent{self.file_name.removeprefix(self.name)}"
+        return f"{self.name}_extent{self.name_with_unit.removeprefix(self.name)}"
 
     @property
-    def unit_symbol(self) -> str:
+    def shown_unit_symbol(self) -> str:
         """Unit as tables for people show it."""
         unit = self.shown_unit or self.unit
         return _SYMBOLS.get(unit, "" if unit == "1" else unit)
 
     @property
-    def title(self) -> str:
+    def heading_with_unit(self) -> str:
         """Heading with the unit: "Range (m)"."""
         heading = self.heading[:1].upper() + self.heading[1:]
-        return f"{heading} ({self.unit_symbol})" if self.unit_symbol else heading
+        return f"{heading} ({self.shown_unit_symbol})" if self.shown_unit_symbol else heading
 
     def to_shown_unit(self, values: np.ndarray) -> np.ndarray:
         """Convert values in SI units to the unit that files and tables show."""
@@ -134,12 +134,12 @@ SHOWN_COLUMNS = tuple(column for column in TABLE if column.heading)
 """Columns of tables for people, each with its standard error where there is one."""
 
 
-def std_column(column: DetectionColumn) -> DetectionColumn | None:
+def standard_error_column(column: DetectionColumn) -> DetectionColumn | None:
     """Return the column with the standard error of another one, if there is one."""
     return BY_NAME.get(f"{column.name}_std")
 
 
-def to_dataset(columns: Mapping[str, np.ndarray]) -> xr.Dataset:
+def detections_from_columns(columns: Mapping[str, np.ndarray]) -> xr.Dataset:
     """Label columns by name as a dataset over `detection`, in the order of the table.
 
     Columns that the table does not have follow without units.
@@ -154,7 +154,7 @@ def to_dataset(columns: Mapping[str, np.ndarray]) -> xr.Dataset:
     )
 
 
-def to_columns(
+def detection_columns_as_floats(
     detections: xr.Dataset, required: Sequence[str], optional: Sequence[str] = ()
 ) -> dict[str, np.ndarray]:
     """Return columns of detections as floats, (n,) each; NaN for missing optional ones.
@@ -175,19 +175,21 @@ def to_columns(
         )
     unknown = np.full(detections.sizes["detection"], np.nan)
     return {
-        name: _to_floats(detections[name]) if name in detections else unknown
+        name: _numeric_column_as_floats(detections[name]) if name in detections else unknown
         for name in (*required, *optional)
     }
 
 
-def check_columns(
-    columns: Mapping[str, np.ndarray], rules: Mapping[str, tuple[np.ndarray, str]]
+def check_detection_rows(
+    columns: Mapping[str, np.ndarray],
+    valid_masks_and_expectations: Mapping[str, tuple[np.ndarray, str]],
 ) -> None:
     """Raise `InvalidSetting` about the first column with an invalid row.
 
-    `rules` maps a column to the mask of its valid rows, (n,), and a description of valid values.
+    `valid_masks_and_expectations` maps a column to the mask of its valid rows, (n,), and a
+    description of valid values.
     """
-    for name, (is_valid, expected) in rules.items():
+    for name, (is_valid, expected) in valid_masks_and_expectations.items():
         if not is_valid.all():
             n_invalid = (~is_valid).sum()
             raise InvalidSetting(
@@ -198,7 +200,7 @@ def check_columns(
             )
 
 
-def is_frame_number(numbers: np.ndarray) -> np.ndarray:
+def valid_frame_number_mask(numbers: np.ndarray) -> np.ndarray:
     """Return the mask of valid frame numbers: integers from 0."""
     return np.asarray((numbers >= 0) & (numbers == np.floor(numbers)))
 
@@ -211,7 +213,7 @@ def check_type(name: str, argument: object, expected: type[Any], *, fix: str) ->
         )
 
 
-def _to_floats(column: xr.DataArray) -> np.ndarray:
+def _numeric_column_as_floats(column: xr.DataArray) -> np.ndarray:
     if column.dims != ("detection",) or column.dtype.kind not in "iuf":
         raise InvalidSetting(
             f"detections.{column.name}",

@@ -21,7 +21,7 @@ class Dimension:
     """Units of the same size with another zero, each with its offset."""
 
     @property
-    def offered_units(self) -> tuple[str, ...]:
+    def units_for_messages(self) -> tuple[str, ...]:
         """Units that messages offer."""
         named = (*self.db_units, *self.offset_units)
         return (*(name for name, _ in named), *self.scaled_units, *self.other_units)
@@ -57,7 +57,7 @@ DIMENSIONS = {
 _SUFFIXES = sorted((f"_{unit}" for unit in DIMENSIONS if unit), key=len, reverse=True)
 
 
-def split_unit(name: str) -> tuple[str, str | None]:
+def split_unit_suffix(name: str) -> tuple[str, str | None]:
     """Split the name of a number into the name without its unit and a key of `DIMENSIONS`."""
     if name.endswith(("probability", "probabilities", "confidence")):
         return name, "probability"

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 
-def connect_in_memory() -> Any:
+def connect_duckdb_in_memory() -> Any:
     """Connect to a database in memory that never downloads extensions."""
     import duckdb
 
@@ -17,13 +17,13 @@ def connect_in_memory() -> Any:
     )
 
 
-def quote_sql(text: str) -> str:
+def quote_sql_string(text: str) -> str:
     """Quote a text as an SQL string."""
     return "'" + text.replace("'", "''") + "'"
 
 
 @contextmanager
-def utf8_path(path: Path) -> Iterator[str]:
+def utf8_path_alias(path: Path) -> Iterator[str]:
     """Yield a UTF-8 path for DuckDB to read or write; a temporary one if `path` is not UTF-8."""
     try:
         str(path).encode()
@@ -40,6 +40,6 @@ def utf8_path(path: Path) -> Iterator[str]:
         yield str(path)
 
 
-def escape_glob(name: str) -> str:
+def escape_glob_wildcards(name: str) -> str:
     """Escape the wildcards of a file name, so that the pattern matches this name alone."""
     return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)

@@ -43,10 +43,10 @@ class DechirpError(Exception):
 
     def __reduce__(self) -> tuple[object, ...]:
         # Constructors of subclasses take other arguments; pickling restores the mistakes.
-        return _restore_error, (type(self), self.mistakes)
+        return _unpickle_error, (type(self), self.mistakes)
 
 
-def _restore_error(kind: type[DechirpError], mistakes: tuple[Mistake, ...]) -> DechirpError:
+def _unpickle_error(kind: type[DechirpError], mistakes: tuple[Mistake, ...]) -> DechirpError:
     error = kind.__new__(kind)
     DechirpError.__init__(error, *mistakes)
     return error
@@ -86,3 +86,10 @@ class NotEnoughMemory(DechirpError, MemoryError):
                 fix=fix,
             )
         )
+
+
+def quote_for_message(text: str) -> str:
+    """Quote a text in a message: one printable line of at most 60 characters."""
+    line = " ".join(text.split())
+    line = line if line and line.isprintable() else repr(text)
+    return line if len(line) <= 60 else f"{line[:57]}..."

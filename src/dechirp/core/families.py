@@ -33,7 +33,7 @@ class Family(ABC):
     @classmethod
     def members(cls) -> dict[str, type]:
         """Return the final classes by kind: from the folder, plug-ins and notebooks."""
-        members, _ = cls._collect_members()
+        members, _ = cls._collect_members_and_failures()
         return dict(sorted(members.items()))
 
     @classmethod
@@ -43,11 +43,11 @@ class Family(ABC):
         A broken plug-in affects no other member, and one with the kind of another member does
         not replace it.
         """
-        _, reasons = cls._collect_members()
+        _, reasons = cls._collect_members_and_failures()
         return reasons
 
     @classmethod
-    def _collect_members(cls) -> tuple[dict[str, type], dict[str, str]]:
+    def _collect_members_and_failures(cls) -> tuple[dict[str, type], dict[str, str]]:
         """Return the members by kind, and the reasons of failed plug-ins."""
         folder = importlib.import_module(cls.__module__.rpartition(".")[0])
         for module in pkgutil.iter_modules(folder.__path__, folder.__name__ + "."):

@@ -35,7 +35,7 @@ class Finding:
         return f"{self.setting}: {self.value}; expected {self.expected}; {self.fix}"
 
 
-def findings_table(findings: Iterable[Finding]) -> Table:
+def findings_display_table(findings: Iterable[Finding]) -> Table:
     """Return the table of findings that a notebook shows."""
     return Table("Findings", [(finding.level, str(finding)) for finding in findings])
 
@@ -48,7 +48,7 @@ class PhysicsWarning(UserWarning):
 
 
 @contextmanager
-def collect_findings() -> Iterator[list[Finding]]:
+def capture_warned_findings() -> Iterator[list[Finding]]:
     """Collect the findings that the block warns about; emit all other warnings again."""
     findings: list[Finding] = []
     with warnings.catch_warnings(record=True) as caught:

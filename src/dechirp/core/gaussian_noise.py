@@ -29,7 +29,7 @@ import numpy as np
 from dechirp.core.threads import run_in_threads
 
 BLOCK = 2**11
-"""Normal numbers of one call of `philox` and `add_gaussian_pairs`: 8 KiB, which fit into L1."""
+"""Normal numbers of one call of `fill_philox_words` and `add_box_muller_pairs`: 8 KiB, fit L1."""
 # Counters of a block: each gives four words, and these give four numbers.
 _COUNTERS = np.uint64(BLOCK // 4)
 # Numbers of one thread's job.
@@ -67,7 +67,7 @@ def add_white_noise(samples: np.ndarray, power_w: float, rng: np.random.Generato
         key, upper = rng.integers(2**64, size=2, dtype=np.uint64)
 
         def add_piece(first: int) -> None:
-            _add_noise(parts[first : first + _PIECE], np.uint64(first // 4), upper, key, std)
+            _add_philox_noise(parts[first : first + _PIECE], np.uint64(first // 4), upper, key, std)
     else:
         # Drawn, not spawned, so that generators of equal state give equal noise.
         seeds = rng.integers(2**63, size=(len(firsts), 2))
@@ -81,15 +81,17 @@ def add_white_noise(samples: np.ndarray, power_w: float, rng: np.random.Generato
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def philox(first: np.uint64, upper: np.uint64, key: np.uint64, words: np.ndarray) -> None:
+def fill_philox_words(
+    first_counter_low: np.uint64, counter_high: np.uint64, key: np.uint64, words: np.ndarray
+) -> None:
     """Fill `words` (4, n) uint32 with Philox4x32-10 words from consecutive counters, in place.
 
-    Row i holds the i-th word of each counter (Salmon et al. 2011); `first` is the lower half of
-    the first counter, `upper` the upper half of all.
+    Row i holds the i-th word of each counter (Salmon et al. 2011); `first_counter_low` is the
+    lower half of the first counter, `counter_high` the upper half of all.
     """
     for i in range(np.uint64(words.shape[1])):
-        counter = first + i
-        c0, c1, c2, c3 = counter & _LOW, counter >> _32, upper & _LOW, upper >> _32
+        counter = first_counter_low + i
+        c0, c1, c2, c3 = counter & _LOW, counter >> _32, counter_high & _LOW, counter_high >> _32
         k0, k1 = key & _LOW, key >> _32
         for _ in range(_ROUNDS):
             # Only the lower half of a 64-bit lane enters a product: one instruction.
@@ -102,18 +104,20 @@ def philox(first: np.uint64, upper: np.uint64, key: np.uint64, words: np.ndarray
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def add_gaussian_pairs(numbers: np.ndarray, x: np.ndarray, y: np.ndarray, std: np.float32) -> None:
-    """Add a pair for each word of x and y, (n,) uint32, to `numbers` (2n,) float32, in place.
+def add_box_muller_pairs(
+    numbers: np.ndarray, amplitude_words: np.ndarray, phase_words: np.ndarray, std: np.float32
+) -> None:
+    """Add a pair for each two words, (n,) uint32 each, to `numbers` (2n,) float32, in place.
 
     The squared amplitude is -2 ln u = -2 (e ln 2 + ln m), 1/sqrt 2 <= m < sqrt 2. The phase is
-    an angle within a quarter turn about an axis, from 22 bits of y, and the axis and sign from
-    the other bits.
+    an angle within a quarter turn about an axis, from 22 bits of the phase word, and the axis and
+    sign from the other bits.
     """
     one = np.float32
-    for i in range(np.uint64(x.size)):
-        low = one(np.int32(y[i] & np.uint32(255)))
-        up = one(x[i]) + (low + one(0.5)) * one(2.0**-8)
-        down = one(np.uint32(~x[i])) + (one(255.5) - low) * one(2.0**-8)
+    for i in range(np.uint64(amplitude_words.size)):
+        low = one(np.int32(phase_words[i] & np.uint32(255)))
+        up = one(amplitude_words[i]) + (low + one(0.5)) * one(2.0**-8)
+        down = one(np.uint32(~amplitude_words[i])) + (one(255.5) - low) * one(2.0**-8)
         # Exponent and mantissa of u 2^32 from its bits; those of sqrt 1/2 are 0x3F3504F3.
         bits = one(up).view(np.int32)
         e = np.int32(np.int32(bits - np.int32(0x3F3504F3)) >> np.int32(23))
@@ -128,32 +132,36 @@ def add_gaussian_pairs(numbers: np.ndarray, x: np.ndarray, y: np.ndarray, std: n
         log = z * z * (z * log - one(0.5)) + exponent * one(-2.12194440e-4)
         log = exponent * one(0.693359375) + (z + log)
         size = std * np.sqrt(one(-2) * log)
-        turn = np.int32((y[i] >> np.uint32(8)) & np.uint32(2**22 - 1))
+        turn = np.int32((phase_words[i] >> np.uint32(8)) & np.uint32(2**22 - 1))
         angle = (one(np.int32(turn - np.int32(2**21))) + one(0.5)) * one(np.pi * 2.0**-23)
         q = angle * angle
         sine = one(-1.6666654611e-1) + q * (one(8.3321608736e-3) + q * one(-1.9515295891e-4))
         sine = angle + angle * q * sine
         cosine = one(4.166664568e-2) + q * (one(-1.388731625e-3) + q * one(2.443315712e-5))
         cosine = one(1) + q * (q * cosine - one(0.5))
-        is_across = y[i] & np.uint32(2**30) != 0
-        size = -size if y[i] & np.uint32(2**31) else size
+        is_across = phase_words[i] & np.uint32(2**30) != 0
+        size = -size if phase_words[i] & np.uint32(2**31) else size
         numbers[np.uint64(2) * i] += size * (sine if is_across else cosine)
         numbers[np.uint64(2) * i + np.uint64(1)] += size * (cosine if is_across else sine)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_noise(
-    parts: np.ndarray, first: np.uint64, upper: np.uint64, key: np.uint64, std: np.float32
+def _add_philox_noise(
+    numbers: np.ndarray,
+    first_counter_low: np.uint64,
+    counter_high: np.uint64,
+    key: np.uint64,
+    std: np.float32,
 ) -> None:
-    """Add noise to numbers, block by block, starting with the counter `first`."""
+    """Add noise to numbers, block by block, starting with the counter `first_counter_low`."""
     words = np.empty((4, _COUNTERS), np.uint32)
     x, y = words[:2].reshape(-1), words[2:].reshape(-1)
-    for start in range(0, parts.size, BLOCK):
-        philox(first + np.uint64(start // 4), upper, key, words)
-        block = parts[start : start + BLOCK]
+    for start in range(0, numbers.size, BLOCK):
+        fill_philox_words(first_counter_low + np.uint64(start // 4), counter_high, key, words)
+        block = numbers[start : start + BLOCK]
         if block.size == BLOCK:
-            add_gaussian_pairs(block, x, y, std)
+            add_box_muller_pairs(block, x, y, std)
         else:
             full_block = np.zeros(BLOCK, np.float32)
-            add_gaussian_pairs(full_block, x, y, std)
+            add_box_muller_pairs(full_block, x, y, std)
             block += full_block[: block.size]

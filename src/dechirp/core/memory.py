@@ -10,14 +10,14 @@ from dechirp.core.errors import NotEnoughMemory
 SMALL_BYTES = 2**25
 
 
-def check_memory(what: str, *, needed_bytes: float, fix: str) -> None:
+def check_free_memory(job: str, *, needed_bytes: float, fix: str) -> None:
     """Raise `NotEnoughMemory` if the job needs more than the free memory."""
     if needed_bytes < SMALL_BYTES:
         return
     available_bytes = available_memory_bytes()
     if needed_bytes > available_bytes:
         raise NotEnoughMemory(
-            what, needed_bytes=needed_bytes, available_bytes=available_bytes, fix=fix
+            job, needed_bytes=needed_bytes, available_bytes=available_bytes, fix=fix
         )
 
 

@@ -11,7 +11,7 @@ from types import ModuleType
 from dechirp.core.families import Family
 
 
-def lazy_namespace(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+def lazy_getattr_and_dir(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Create the `__getattr__` and the `__dir__` of a package.
 
     The package offers the names in `__all__` of its modules. A module without `__all__` offers
@@ -21,28 +21,32 @@ def lazy_namespace(package: str) -> tuple[Callable[[str], object], Callable[[], 
     def load_name(name: str) -> object:
         is_module = not name.startswith("_") and importlib.util.find_spec(f"{package}.{name}")
         if not is_module and (name == "__all__" or not name.startswith("_")):
-            names = public_names(package)
+            names = modules_by_public_name(package)
             if name == "__all__":
                 return sorted(names)
             if name in names:
                 return getattr(importlib.import_module(names[name]), name)
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
-    return load_name, lambda: sorted(public_names(package))
+    return load_name, lambda: sorted(modules_by_public_name(package))
 
 
 @cache
-def public_names(package: str) -> dict[str, str]:
+def modules_by_public_name(package: str) -> dict[str, str]:
     """Map each public name of a package to the module that defines it."""
     folder = importlib.import_module(package)
     modules = [
         importlib.import_module(module.name)
         for module in pkgutil.iter_modules(folder.__path__, f"{package}.")
     ]
-    return {name: module.__name__ for module in modules for name in _module_names(module, package)}
+    return {
+        name: module.__name__
+        for module in modules
+        for name in _public_names_of_module(module, package)
+    }
 
 
-def _module_names(module: ModuleType, package: str) -> list[str]:
+def _public_names_of_module(module: ModuleType, package: str) -> list[str]:
     if hasattr(module, "__path__"):
         return []
     listed: list[str] | None = vars(module).get("__all__")

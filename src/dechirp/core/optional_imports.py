@@ -6,7 +6,7 @@ from typing import Any
 from dechirp.core.errors import InvalidSetting
 
 
-def import_optional(name: str, *, setting: str = "objects") -> Any:
+def import_from_io_extra(name: str, *, setting: str = "objects") -> Any:
     """Import a module of the extra `io`, or raise `InvalidSetting` with the install command.
 
     `setting`: what it would read or write, in the words of the setting.

@@ -13,7 +13,7 @@ from dechirp.core.units import to_decibels
 Cell: TypeAlias = str | int | float | None
 
 COLUMNS = {
-    **{column.file_name: column.name for column in TABLE},
+    **{column.name_with_unit: column.name for column in TABLE},
     "cluster": "cluster",
     "motion": "motion",
     "label": "label",
@@ -22,11 +22,15 @@ COLUMNS = {
 
 _OF_CLUSTERS = {
     **{column: name for column, name in COLUMNS.items() if name not in {"cluster", "label"}},
-    **{column.extent_name: f"{column.name}_extent" for column in TABLE if column.has_extent},
+    **{
+        column.extent_name_with_unit: f"{column.name}_extent"
+        for column in TABLE
+        if column.has_extent
+    },
     "n_detections": "n_detections",
 }
 
-_INTEGERS = frozenset(column.file_name for column in TABLE if column.is_integer)
+_INTEGERS = frozenset(column.name_with_unit for column in TABLE if column.is_integer)
 
 _STATE = {"x_m": "x", "y_m": "y", "vx_m_per_s": "vx", "vy_m_per_s": "vy"}
 _OF_TRACKS = {"track": "track", "frame": "frame", "time_s": "time", "status": "status", **_STATE}
@@ -58,24 +62,29 @@ def dataset_to_columns(dataset: xr.Dataset) -> dict[str, list[Cell]]:
     """
     dims = [name for name in _AXES if name in dataset.dims]
     if dims == ["track", "frame"]:
-        return _track_columns(dataset)
+        return _tracks_to_columns(dataset)
     wanted = _COLUMNS.get(tuple(dims), COLUMNS)
     rows = dataset.stack(row=dims, create_index=False)
     n_rows = rows.sizes["row"]
     return {
-        column: _to_cells(column, rows[name].values) if name in rows.variables else [None] * n_rows
+        column: _to_file_cells(column, rows[name].values)
+        if name in rows.variables
+        else [None] * n_rows
         for column, name in wanted.items()
     }
 
 
-def _track_columns(tracks: xr.Dataset) -> dict[str, list[Cell]]:
+def _tracks_to_columns(tracks: xr.Dataset) -> dict[str, list[Cell]]:
     rows = tracks.stack(row=["track", "frame"], create_index=False).transpose("row", ...)
     present = rows.isel(row=np.flatnonzero(rows["status"].values != ""))
     covariance = present["covariance"]
     return {
-        **{column: _to_cells(column, present[name].values) for column, name in _OF_TRACKS.items()},
         **{
-            f"covariance_{a}_{b}": _to_cells("", covariance.sel(state=a, other_state=b).values)
+            column: _to_file_cells(column, present[name].values)
+            for column, name in _OF_TRACKS.items()
+        },
+        **{
+            f"covariance_{a}_{b}": _to_file_cells("", covariance.sel(state=a, other_state=b).values)
             for a, b in _PAIRS
         },
     }
@@ -87,7 +96,7 @@ def dataset_to_records(dataset: xr.Dataset) -> list[dict[str, Cell]]:
     return [dict(zip(table, cells, strict=True)) for cells in zip(*table.values(), strict=True)]
 
 
-def _to_cells(column: str, values: np.ndarray) -> list[Cell]:
+def _to_file_cells(column: str, values: np.ndarray) -> list[Cell]:
     if column.endswith("_db"):
         with np.errstate(divide="ignore"):  # no signal at all is minus infinity
             values = to_decibels(values)

@@ -30,7 +30,7 @@ def format_number(amount: float, digits: int = 4) -> str:
     return text.replace("-", MINUS_SIGN)
 
 
-def format_si(amount: float, unit: str, digits: int = 4) -> str:
+def format_with_si_prefix(amount: float, unit: str, digits: int = 4) -> str:
     """Write a number with a prefix that leaves it between 1 and 1000: 150 MHz."""
     if not math.isfinite(amount) or amount == 0:
         return f"{format_number(amount)} {unit}"
@@ -80,15 +80,15 @@ def ratio_db(ratio: float) -> float:
     return float(to_decibels(ratio)) if ratio > 0 else -math.inf
 
 
-def power_db(power: np.ndarray, units: str) -> np.ndarray:
+def power_to_dbm_or_dbfs(power: np.ndarray, sample_units: str) -> np.ndarray:
     """Convert power to dBm for samples in sqrt(W), else to dB relative to full scale."""
     floor = np.maximum(np.asarray(power, dtype=float), _SMALLEST_POWER)
-    return to_decibels(floor) + (30.0 if units == "sqrt(W)" else 0.0)
+    return to_decibels(floor) + (30.0 if sample_units == "sqrt(W)" else 0.0)
 
 
-def power_unit(units: str) -> str:
-    """Return the unit of `power_db` for samples in these units."""
-    return "dBm" if units == "sqrt(W)" else "dBFS"
+def power_level_unit(sample_units: str) -> str:
+    """Return the unit of `power_to_dbm_or_dbfs` for samples in these units."""
+    return "dBm" if sample_units == "sqrt(W)" else "dBFS"
 
 
 def format_quantity(amount: float, unit: str | None, digits: int = 4) -> str:
@@ -105,7 +105,9 @@ def format_quantity(amount: float, unit: str | None, digits: int = 4) -> str:
     if not kind.si_unit:
         return format_probability(amount) if 0 < amount < 1e-3 else format_number(amount, digits)
     factors = [
-        (name, factor) for name in kind.scaled_units if (factor := _unit_factor(name, kind.si_unit))
+        (name, factor)
+        for name in kind.scaled_units
+        if (factor := _unit_to_base_factor(name, kind.si_unit))
     ]
     # 0.6 m, but 150 MHz.
     min_amount = 10.0 if kind.si_unit == "m" else 1.0
@@ -120,7 +122,7 @@ def format_unit(unit: str) -> str:
     return unit.replace("^2", "²").replace("^3", "³").replace("deg", "°")
 
 
-def format_ranges(noun: str, numbers: Iterable[int], *, max_ranges: int = 6) -> str:
+def format_number_ranges(noun: str, numbers: Iterable[int], *, max_ranges: int = 6) -> str:
     """Write ascending numbers with their noun: `frames 3, 7 to 9 and 12`."""
     values = np.fromiter(numbers, np.int64)
     cuts = np.flatnonzero(np.diff(values) > 1) + 1
@@ -132,7 +134,7 @@ def format_ranges(noun: str, numbers: Iterable[int], *, max_ranges: int = 6) -> 
     return f"{noun}{'s' if values.size > 1 else ''} {text}"
 
 
-def _unit_factor(name: str, base: str) -> float | None:
+def _unit_to_base_factor(name: str, base: str) -> float | None:
     """Return the size of a unit in base units; None if the two differ by more than prefixes."""
     parts = [
         _FACTORS.get(part.removesuffix(base_part))
@@ -140,10 +142,3 @@ def _unit_factor(name: str, base: str) -> float | None:
     ]
     above, below = parts[0], parts[1] if len(parts) > 1 else 1.0
     return None if above is None or below is None else above / below
-
-
-def quote_text(text: str) -> str:
-    """Shorten a text to one printable line of at most 60 characters."""
-    line = " ".join(text.split())
-    line = line if line and line.isprintable() else repr(text)
-    return line if len(line) <= 60 else f"{line[:57]}..."

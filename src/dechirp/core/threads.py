@@ -42,7 +42,7 @@ def run_in_threads(n_threads: int, work: Callable[[T], None], jobs: Iterable[T])
 
 
 @contextmanager
-def single_threaded() -> Iterator[None]:
+def single_numba_thread() -> Iterator[None]:
     """Run the block with one Numba thread, and never two such blocks of a process at once.
 
     Some sums are split by the number of threads, and the split changes their rounding: on one

@@ -16,8 +16,8 @@ from dechirp.radar.resolution_cells import alias_doppler_cells, to_resolution_ce
 from dechirp.scene.aliasing import (
     RangeVelocity,
     alias_range_velocity,
-    apparent_truth,
-    wrap_to_period,
+    apparent_range_and_velocity,
+    wrap_about_zero,
 )
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
@@ -123,7 +123,7 @@ class Associator:
         errors = np.stack(
             [
                 detections.range - np.where(is_unambiguous, unaliased_range_m, range_m),
-                np.where(is_periodic, wrap_to_period(velocity_error, period), velocity_error),
+                np.where(is_periodic, wrap_about_zero(velocity_error, period), velocity_error),
                 detections.azimuth - azimuth,
                 detections.elevation - elevation,
             ]
@@ -149,8 +149,8 @@ class Associator:
         if self.scene is not None:
             is_point[:-1] = [target.body is None for target in self.scene.targets]
         reported = (
-            *apparent_truth(truth, self.radar),
-            *apparent_truth(truth, self.radar, n_spans=self._n_ambiguities),
+            *apparent_range_and_velocity(truth, self.radar),
+            *apparent_range_and_velocity(truth, self.radar, n_spans=self._n_ambiguities),
             truth.azimuth.values,
             truth.elevation.values,
         )
@@ -193,14 +193,14 @@ class Associator:
                 self.scene, float(self.truth.time[frame_index]), self.radar
             )
             owners, time_s = (
-                self.scene.owners[is_visible],
+                self.scene.target_of_scatterer[is_visible],
                 self.truth.time.values[frame_index : frame_index + 1],
             )
             motion = scatterer_motion(self.scene, time_s)
             range_m, velocity = alias_range_velocity(
                 RangeVelocity(*(values[0, is_visible] for values in motion)), radar
             )
-            x, y, z = self.scene.positions_m(time_s)[0, is_visible].T
+            x, y, z = self.scene.scatterer_positions_m(time_s)[0, is_visible].T
             azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
         n_chirps = radar.frame.n_chirps
         positions = alias_doppler_cells(
@@ -302,7 +302,7 @@ def scatterer_motion(scene: Scene, times_s: ArrayLike) -> RangeVelocity:
     """Return range and range rate of each scatterer at each time, (n_times, n_scatterers)."""
     times_s = np.asarray(times_s, dtype=float)
     moments_s = np.add.outer([-_RANGE_RATE_STEP_S, 0.0, _RANGE_RATE_STEP_S], times_s)
-    ranges_m = np.linalg.norm(scene.positions_m(moments_s.ravel()), axis=-1)
+    ranges_m = np.linalg.norm(scene.scatterer_positions_m(moments_s.ravel()), axis=-1)
     before_m, at_m, after_m = ranges_m.reshape(*moments_s.shape, -1)
     return RangeVelocity(at_m, (after_m - before_m) / (2 * _RANGE_RATE_STEP_S))
 
@@ -311,8 +311,8 @@ def visible_scatterers(scene: Scene, time_s: float, radar: Radar) -> np.ndarray:
     """Return True for scatterers that reflect: not those on the far side of a car."""
     rcs_m2 = scatterer_cross_sections_m2(scene, time_s, radar.frame.chirp.wavelength_m)
     strongest_m2 = np.zeros(len(scene.targets))
-    np.maximum.at(strongest_m2, scene.owners, rcs_m2)
-    return rcs_m2 > _HIDDEN_RCS_RATIO * strongest_m2[scene.owners]
+    np.maximum.at(strongest_m2, scene.target_of_scatterer, rcs_m2)
+    return rcs_m2 > _HIDDEN_RCS_RATIO * strongest_m2[scene.target_of_scatterer]
 
 
 def _select_columns(columns: Mapping[str, np.ndarray]) -> _Columns:

@@ -8,8 +8,8 @@ from dechirp.evaluation.association import GATE_CELLS
 from dechirp.evaluation.gates import normalised_frequencies
 from dechirp.evaluation.trial import TrialContext
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.direction_finding import direction_aperture
-from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.processing.direction_finding import checked_direction_aperture
+from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.radar.radar import Radar
 from dechirp.scene.aliasing import RangeVelocity
 from dechirp.theory.direction_bounds import direction_std_rad
@@ -61,7 +61,7 @@ def _resolvable_aperture(context: TrialContext) -> Aperture | None:
     if context.chain.angle is None:
         return None
     try:
-        return direction_aperture(context.radar, context.chain.field_of_view)
+        return checked_direction_aperture(context.radar, context.chain.field_of_view)
     except InvalidSetting:
         return None
 
@@ -73,7 +73,7 @@ def _frame_bounds(
     # In the null of an antenna the bound is infinite.
     radar, snr = context.radar.for_frame(int(truth.frame)), np.maximum(truth.snr.values, _MIN_SNR)
     bounds = np.full((len(AXES), len(snr)), np.nan)
-    bounds[:2] = crlb_standard_errors(radar.frame, snr=snr)
+    bounds[:2] = range_and_velocity_crlb_std(radar.frame, snr=snr)
     if aperture is not None:
         angles = zip(truth.azimuth.values, truth.elevation.values, snr, strict=True)
         bounds[2:] = np.transpose(
@@ -93,17 +93,17 @@ def _angle_bounds(
         elevation_rad=elevation,
         amplitudes=[np.sqrt(snr / radar.n_channels)],
         noise_power=1.0,
-        unknown=aperture.resolves,
+        unknown=aperture.resolves_azimuth_and_elevation,
     )[0]
     view = aperture.field_of_view
     is_in_view = abs(azimuth) <= view.azimuth_rad and abs(elevation) <= view.elevation_rad
-    if aperture.resolves == (True, True):
+    if aperture.resolves_azimuth_and_elevation == (True, True):
         return bounds if is_in_view else np.full(2, np.nan)
-    axis = aperture.resolves.index(True)
+    axis = aperture.resolves_azimuth_and_elevation.index(True)
     angle, other = (azimuth, elevation) if axis == 0 else (elevation, azimuth)
     cone = np.arcsin(np.sin(angle) * np.cos(other)) if axis == 0 else angle
     is_resolved = is_in_view and abs(cone - angle) <= _MAX_CONE_ERROR * bounds[axis]
-    return np.where(np.array(aperture.resolves) & is_resolved, bounds, np.nan)
+    return np.where(np.array(aperture.resolves_azimuth_and_elevation) & is_resolved, bounds, np.nan)
 
 
 def _is_near_other_target(truth: xr.Dataset, radar: Radar) -> np.ndarray:

@@ -9,7 +9,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
-from dechirp.processing.cfar.rank_kernels import resolve_cell_count
+from dechirp.processing.cfar.rank_kernels import cell_count_from_setting
 from dechirp.theory.cfar import cell_averaging_factor, ordered_statistic_factor
 from dechirp.theory.cfar_detection import (
     cell_averaging_detection_probability,
@@ -64,7 +64,7 @@ def find_detector_law(cfar: Cfar, noise: MapNoise, row: int | None = None) -> De
     middle.
     """
     ring, n_summed = cfar.training_window, noise.n_channels
-    box = ring.noise_box(noise, ring.half_range if row is None else row)
+    box = ring.noise_covariance_in_box(noise, ring.half_range if row is None else row)
     n_training = max(round(box.n_independent), 1)
     pfa, factor, rank = cfar.false_alarm_probability, cfar.offset, None
     if isinstance(cfar.estimator, CellAveraging):
@@ -72,7 +72,7 @@ def find_detector_law(cfar: Cfar, noise: MapNoise, row: int | None = None) -> De
             factor = cell_averaging_factor(pfa, n_training=n_training, n_summed=n_summed)
     elif isinstance(cfar.estimator, OrderedStatistic) and n_summed == 1:
         rank_share = (
-            resolve_cell_count(np.array(box.n_training), cfar.estimator.rank) / box.n_training
+            cell_count_from_setting(np.array(box.n_training), cfar.estimator.rank) / box.n_training
         )
         if rank_share < 1:  # the largest has no variable number of cells above it
             n_training = max(round(box.n_independent_for_quantile(float(rank_share))), 1)

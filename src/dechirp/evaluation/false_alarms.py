@@ -9,9 +9,9 @@ from dechirp.evaluation.trial import NoiseMap
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.chain import Chain
-from dechirp.processing.mitigation.noise_loss import usable_cells
-from dechirp.processing.range_doppler_map import detect_cells, residual_noise
-from dechirp.processing.spectrum import Transform, independent_rows
+from dechirp.processing.mitigation.noise_loss import sufficient_noise_gain_mask
+from dechirp.processing.range_doppler_map import detect_peaks_and_count_dropped, residual_noise_gain
+from dechirp.processing.spectrum import Transform, rows_with_circular_noise
 from dechirp.radar.radar import Radar
 from dechirp.theory.alarm_clusters import NeighbourCorrelation, local_maximum_fraction
 
@@ -31,10 +31,10 @@ def cell_false_alarm_probability(radar: Radar, chain: Chain) -> float:
     correlated by windows and zero padding; NaN for other estimators, which have no law. The mean
     over all ranges, since there are more training cells at the ends.
     """
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     if chain.cfar.false_alarm_probability is not None:
         return chain.cfar.false_alarm_probability
-    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     return _offset_false_alarm_probability(chain.cfar, noise, rows.stop - rows.start)
 
 
@@ -49,12 +49,12 @@ def frame_false_alarm_probability(radar: Radar, chain: Chain) -> float:
     more than 0.01 false alarms are expected in a training window: they then occur in clusters, so
     fewer frames have any.
     """
-    noise, p = chain.map_noise(radar), cell_false_alarm_probability(radar, chain)
+    noise, p = chain.map_noise_statistics(radar), cell_false_alarm_probability(radar, chain)
     cfar = chain.cfar
-    n_in_ring = len(cfar.training_window.offsets(cfar.training_window.half_range)) * p
-    if not n_in_ring <= _MAX_ALARMS_PER_WINDOW or residual_noise(radar, chain) is not None:
+    n_in_ring = len(cfar.training_window.training_cell_offsets(cfar.training_window.half_range)) * p
+    if not n_in_ring <= _MAX_ALARMS_PER_WINDOW or residual_noise_gain(radar, chain) is not None:
         return np.nan
-    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     n_cells = (rows.stop - rows.start) * noise.doppler_transform.n_bins
     neighbours = NeighbourCorrelation(
         in_range=_bin_correlations(noise.range_transform),
@@ -65,7 +65,7 @@ def frame_false_alarm_probability(radar: Radar, chain: Chain) -> float:
 
 
 def _bin_correlations(transform: Transform) -> tuple[complex, complex]:
-    _, lag_one, lag_two = transform.noise_correlation(3)[:, 0].tolist()
+    _, lag_one, lag_two = transform.noise_correlation_of_bins(3)[:, 0].tolist()
     return complex(lag_one), complex(lag_two)
 
 
@@ -76,7 +76,7 @@ def _offset_false_alarm_probability(cfar: Cfar, noise: MapNoise, n_rows: int) ->
         np.linspace(0, half_range, min(half_range + 1, _N_SAMPLED_ROWS)).round().astype(int)
     )
     probabilities = [_false_alarm_probability_at_row(cfar, noise, int(row)) for row in sampled_rows]
-    rows = cfar.training_window.box_rows(n_rows)
+    rows = cfar.training_window.box_row_of_map_rows(n_rows)
     log_probabilities = np.interp(
         np.minimum(rows, 2 * half_range - rows), sampled_rows, np.log(probabilities)
     )
@@ -86,12 +86,14 @@ def _offset_false_alarm_probability(cfar: Cfar, noise: MapNoise, n_rows: int) ->
 def _false_alarm_probability_at_row(cfar: Cfar, noise: MapNoise, row: int) -> float:
     """Return the probability in a row of the training window whose factor is the offset."""
     box, n_channels, offset = (
-        cfar.training_window.noise_box(noise, row),
+        cfar.training_window.noise_covariance_in_box(noise, row),
         noise.n_channels,
         cfar.offset,
     )
     assert offset is not None
-    closed = cfar.estimator.independent_cells_factor(0.1, box.offsets, n_channels=n_channels)
+    closed = cfar.estimator.independent_cells_threshold_factor(
+        0.1, box.offsets, n_channels=n_channels
+    )
     if not isinstance(cfar.estimator, CellAveraging) and (not box.is_white or closed is None):
         return np.nan
 
@@ -122,15 +124,15 @@ def count_noise_alarms(power: np.ndarray, radar: Radar, chain: Chain) -> NoiseMa
     chain : Chain
         Fitted to the radar.
     """
-    noise = chain.map_noise(radar)
-    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    noise = chain.map_noise_statistics(radar)
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     is_over = chain.cfar.exceeds_threshold(np.ascontiguousarray(power[:, rows]), noise)
     n_tested = is_over.size
-    if (residual_noise_map := residual_noise(radar, chain)) is not None:
-        is_usable = usable_cells(residual_noise_map)[:, rows]
+    if (residual_noise_map := residual_noise_gain(radar, chain)) is not None:
+        is_usable = sufficient_noise_gain_mask(residual_noise_map)[:, rows]
         is_over &= is_usable
         n_tested = int(np.count_nonzero(is_usable))
     n_over = int(np.count_nonzero(is_over))
     # Most maps have no alarm, and then no peak: those are not looked for.
-    n_peaks = len(detect_cells(power, radar, chain)[0]) if n_over else 0
+    n_peaks = len(detect_peaks_and_count_dropped(power, radar, chain)[0]) if n_over else 0
     return NoiseMap(power, n_tested, n_over, n_peaks)

@@ -57,7 +57,7 @@ def _frame_gate_cells(context: TrialContext, frame_index: int) -> GateCells:
         context.radar.for_frame(int(context.truth["frame"].values[frame_index])),
         float(context.times_s[frame_index]),
     )
-    noise = context.chain.map_noise(radar)
+    noise = context.chain.map_noise_statistics(radar)
     n_velocity, n_range = noise.doppler_transform.n_bins, noise.range_transform.n_bins
     is_visible = visible_scatterers(context.scene, time_s, radar)
     motion = scatterer_motion(context.scene, context.times_s[frame_index : frame_index + 1])
@@ -73,7 +73,7 @@ def _frame_gate_cells(context: TrialContext, frame_index: int) -> GateCells:
     # (scatterer, velocity, range)
     columns = (column[:, None, None] + gate_offsets[0][:, None]) % n_velocity
     rows = row[:, None, None] + gate_offsets[1]
-    owners = context.scene.owners[is_visible][:, None, None]
+    owners = context.scene.target_of_scatterer[is_visible][:, None, None]
     cells = np.stack(np.broadcast_arrays(owners, columns, rows), axis=-1).reshape(-1, 3)
     n_rows = n_range if radar.frame.chirp.sampling == "complex" else n_range // 2 + 1
     is_in_map = (cells[:, 2] >= 0) & (cells[:, 2] < n_rows)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from dechirp.core.checks import check_array, check_integer, check_probability
+from dechirp.core.checks import check_finite_array, check_integer, check_probability
 from dechirp.core.errors import InvalidSetting
 
 
@@ -35,7 +35,10 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> np.ndarray:
     Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and
     Navigation, Wiley, 2001, 5.4.
     """
-    errors, spreads = check_array("error", error), check_array("covariance", covariance)
+    errors, spreads = (
+        check_finite_array("error", error),
+        check_finite_array("covariance", covariance),
+    )
     if spreads.shape != (*errors.shape, *errors.shape[-1:]):
         raise InvalidSetting(
             "covariance",

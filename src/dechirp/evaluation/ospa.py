@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from dechirp.core.checks import check_array, check_number
+from dechirp.core.checks import check_finite_array, check_number
 from dechirp.core.errors import InvalidSetting
 
 _LARGEST_ORDER = 100  # above, a thousandth of the cut-off underflows
@@ -58,8 +58,8 @@ def pairwise_distances_m(estimate_m: ArrayLike, truth_m: ArrayLike) -> np.ndarra
     InvalidSetting
         If a position is not finite, or the sets have different axes.
     """
-    estimates = check_array("estimate_m", estimate_m)
-    truth = check_array("truth_m", truth_m)
+    estimates = check_finite_array("estimate_m", estimate_m)
+    truth = check_finite_array("truth_m", truth_m)
     if estimates.size == 0 or truth.size == 0:
         return np.zeros((len(estimates), len(truth)))
     if estimates.ndim != 2 or truth.ndim != 2 or estimates.shape[1] != truth.shape[1]:

@@ -34,7 +34,7 @@ from dechirp.evaluation.trial import TrialContext
 from dechirp.processing.cfar.base import MapNoise
 from dechirp.processing.chain import Chain
 from dechirp.processing.peaks import sidelobe_envelope
-from dechirp.processing.spectrum import Transform, independent_rows
+from dechirp.processing.spectrum import Transform, rows_with_circular_noise
 from dechirp.radar.radar import Radar
 from dechirp.scene.aliasing import RangeVelocity
 
@@ -102,7 +102,7 @@ def _has_law(context: TrialContext) -> bool:
         and not context.chain.mitigation
         and not context.radar.frame.has_falling_ramps
         and all(target.body is None for target in context.scene.targets)
-        and find_detector_law(context.chain.cfar, context.chain.map_noise(context.radar))
+        and find_detector_law(context.chain.cfar, context.chain.map_noise_statistics(context.radar))
         is not None
     )
 
@@ -126,7 +126,7 @@ def _frame_probabilities(context: TrialContext, truth: xr.Dataset, draws: slice)
     Each frame uses different draws: together they are as accurate as all draws for one frame.
     """
     radar = context.radar.for_frame(int(truth.frame))
-    noise = context.chain.map_noise(radar)
+    noise = context.chain.map_noise_statistics(radar)
     range_velocity = RangeVelocity(truth.range.values, truth.velocity.values)
     fast, slow = normalised_frequencies(range_velocity, radar)
     losses = (
@@ -158,14 +158,18 @@ def _frame_probabilities(context: TrialContext, truth: xr.Dataset, draws: slice)
 def _target_probability(
     echo: _Echo, others: list[_Echo], chain: Chain, radar: Radar, noise: MapNoise, draws: slice
 ) -> float:
-    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     row = round(echo.row) % noise.range_transform.n_bins
     if not rows.start <= row < rows.stop:
         return np.nan
-    window_row = int(chain.cfar.training_window.box_rows(rows.stop - rows.start)[row - rows.start])
+    window_row = int(
+        chain.cfar.training_window.box_row_of_map_rows(rows.stop - rows.start)[row - rows.start]
+    )
     law = find_detector_law(chain.cfar, noise, window_row)
     assert law is not None and echo.swerling is not None
-    if not _is_isolated(echo, others, law, chain.cfar.training_window.offsets(window_row), noise):
+    if not _is_isolated(
+        echo, others, law, chain.cfar.training_window.training_cell_offsets(window_row), noise
+    ):
         return np.nan
     straddle = _straddle_gain(echo, noise)
     nearest_probability = _nearest_cell_probability(
@@ -278,7 +282,7 @@ def _sample_noise(noise: MapNoise) -> tuple[np.ndarray, np.ndarray]:
     Complex amplitudes of one channel, and summed powers of all other channels.
     """
     roots = [
-        _covariance_root(transform.noise_correlation(2 * gate_half_width(transform) + 1))
+        _covariance_root(transform.noise_correlation_of_bins(2 * gate_half_width(transform) + 1))
         for transform in (noise.doppler_transform, noise.range_transform)
     ]
     shape = tuple(len(root) for root in roots)

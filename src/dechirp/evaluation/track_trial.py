@@ -5,7 +5,12 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.core.checks import check_count, check_number, check_positive, check_probability
+from dechirp.core.checks import (
+    check_integer_fields,
+    check_number,
+    check_positive_fields,
+    check_probability,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.identity import track_identities
@@ -50,10 +55,10 @@ class TrackTrial:
     tracker: Tracker = Tracker()
 
     def __post_init__(self) -> None:
-        check_count(self, "seed", at_least=0, at_most=2**63 - 1)
-        check_count(self, "n_frames", "acquired_within", at_most=100_000)
-        check_positive(self, "period_s", "cutoff_m")
-        check_positive(self, "range_std_m", "azimuth_std_rad", "velocity_std_m_per_s")
+        check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1)
+        check_integer_fields(self, "n_frames", "acquired_within", at_most=100_000)
+        check_positive_fields(self, "period_s", "cutoff_m")
+        check_positive_fields(self, "range_std_m", "azimuth_std_rad", "velocity_std_m_per_s")
         check_number("TrackTrial.wander_m2_per_s3", self.wander_m2_per_s3, at_least=0)
         check_probability("TrackTrial.detection_probability", self.detection_probability)
         for name, kind in (("scene", Scene), ("false_alarms", FalseAlarms), ("tracker", Tracker)):

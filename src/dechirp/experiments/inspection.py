@@ -10,7 +10,7 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.chain import Chain
 from dechirp.processing.quality.findings import recording_findings as judged
-from dechirp.processing.quality.measures import measure_frame
+from dechirp.processing.quality.measures import measure_frame_quality
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.base import Device
@@ -119,7 +119,7 @@ def _inspect_samples(
     for frame in recording.frames():
         if power is None:
             power = power_map(frame.isel(frame=0), recording.radar, Chain())
-        measures.append(measure_frame(frame, recording.radar))
+        measures.append(measure_frame_quality(frame, recording.radar))
         if progress is not None:
             progress(len(measures), recording.n_frames)
     assert power is not None  # a recording has a frame

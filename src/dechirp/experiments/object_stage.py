@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.core.findings import Finding, collect_findings
+from dechirp.core.findings import Finding, capture_warned_findings
 from dechirp.experiments.scenario import Scenario
 from dechirp.processing.cluster import cluster
 from dechirp.radar.radar import Radar
@@ -68,7 +68,7 @@ def run_object_stage(
     groups = group_detections(detections, scenario, radar)
     tracks, findings = None, list(groups.findings)
     if scenario.tracker is not None:
-        with collect_findings() as warned:
+        with capture_warned_findings() as warned:
             tracks = track(
                 trackable_rows(groups.track_inputs, radar),
                 times_s,

@@ -7,11 +7,11 @@ from time import perf_counter
 import numpy as np
 import xarray as xr
 
-from dechirp.core.accessor import preview_table
-from dechirp.core.detection_columns import to_dataset
+from dechirp.core.accessor import first_rows_display_table
+from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.display import Displayable, Table, pluralise
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding, collect_findings, findings_table
+from dechirp.core.findings import Finding, capture_warned_findings, findings_display_table
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.link_budget import added_noise_w, link_budget
 from dechirp.experiments.object_stage import run_object_stage
@@ -24,7 +24,7 @@ from dechirp.processing.detect import FrameProcessor
 from dechirp.processing.frame import FrameResult
 from dechirp.processing.mitigation.apply import RemovedEcho, mitigation_findings
 from dechirp.processing.peaks import MAX_PEAKS
-from dechirp.processing.range_doppler_map import label_power, power_map, threshold_map
+from dechirp.processing.range_doppler_map import label_map_axes, power_map, threshold_map
 from dechirp.radar.budget import BudgetLine
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording
@@ -87,7 +87,7 @@ class Result(Displayable):
         """Number of frames whose samples are kept: of a stream the first alone."""
         return self.source.sizes["frame"]
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         parts = [pluralise(self.n_frames, "frame")]
         tables = {"detection": self.detections, "cluster": self.clusters, "track": self.tracks}
         parts += [
@@ -98,11 +98,11 @@ class Result(Displayable):
         parts += [pluralise(len(self.findings), "finding")] if self.findings else []
         return f"{self.scenario.name}: {', '.join(parts)}"
 
-    def _tables(self) -> Iterable[Table]:
-        yield findings_table(self.findings)
-        yield preview_table(self.detections, "Detections")
+    def _display_tables(self) -> Iterable[Table]:
+        yield findings_display_table(self.findings)
+        yield first_rows_display_table(self.detections, "Detections")
         if self.tracks is not None:
-            yield preview_table(self.tracks, "Tracks")
+            yield first_rows_display_table(self.tracks, "Tracks")
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Yield the kept frames as cubes of one frame each; recordings are decoded on the fly."""
@@ -146,12 +146,14 @@ def run(
     source_time_s = perf_counter()
     numbers = _frame_numbers(source)
     processor, frames = FrameProcessor(radar, scenario.chain), FrameTotals()
-    for frame in processor.process(_iter_frames(source), first=numbers.start):
+    for frame in processor.process_cubes(_iter_frames(source), first_frame_number=numbers.start):
         frames.add(frame)
         if progress is not None:
             progress(n_simulated + len(frames.times_s), n_simulated + len(numbers))
     detection_run = DetectionRun(
-        first_frame=numbers.start, detections=to_dataset(processor.detections()), frames=frames
+        first_frame=numbers.start,
+        detections=detections_from_columns(processor.joined_detection_columns()),
+        frames=frames,
     )
     detection_time_s = perf_counter()
     result = build_result(scenario, radar, source, detection_run)
@@ -269,7 +271,7 @@ def frame_power_map(
     radar = radar.for_frame(number)
     if len(power) > 1:
         return power_map(cube.isel(frame=0), radar, chain)
-    return label_power(power[0], radar, chain, samples_unit=str(cube.attrs.get("units")))
+    return label_map_axes(power[0], radar, chain, samples_unit=str(cube.attrs.get("units")))
 
 
 def build_result_object_list(result: Result) -> xr.Dataset:
@@ -418,7 +420,7 @@ def _load_source(
     """Return the simulated cube or the recording, its radar, and findings."""
     if scenario.scene is not None:
         assert scenario.radar is not None
-        with collect_findings() as findings:
+        with capture_warned_findings() as findings:
             cube = simulate(
                 scenario.scene,
                 scenario.radar,

@@ -11,20 +11,20 @@ import numpy as np
 
 from dechirp.config import loading
 from dechirp.config.validation import Readers
-from dechirp.core.checks import check_count, check_instances
+from dechirp.core.checks import check_instances, check_integer_fields
 from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
 from dechirp.core.findings import PhysicsWarning
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.fft import Fft
-from dechirp.processing.chain import Chain, n_searched_rows
-from dechirp.processing.direction_finding import direction_aperture
+from dechirp.processing.chain import Chain, n_searched_range_rows
+from dechirp.processing.direction_finding import checked_direction_aperture
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
 from dechirp.recordings.settings.calibration import read_calibration
 from dechirp.recordings.settings.read import holds_settings, read_radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
-from dechirp.scene.validity import check_scene
+from dechirp.scene.validity import check_scene_echoes_finite
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.impairments.noise import ThermalNoise
@@ -97,8 +97,8 @@ class Scenario:
         fix = "Write [ThermalNoise()], with both brackets, even for one alone."
         impairments = check_instances("Scenario.impairments", self.impairments, Impairment, fix=fix)
         object.__setattr__(self, "impairments", impairments)
-        check_count(self, "seed", at_least=0, at_most=2**63 - 1)
-        check_count(self, "n_frames", at_most=1_000_000)
+        check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1)
+        check_integer_fields(self, "n_frames", at_most=1_000_000)
         if (self.scene is None) == (self.recording is None):
             raise InvalidSetting(
                 "Scenario.scene",
@@ -132,7 +132,7 @@ class Scenario:
     def _check_scene(self, scene: Scene, radar: Radar) -> None:
         with setting_prefix("radar.hardware", instead_of="Radar.hardware"):
             radar.require_hardware()
-        check_scene(scene, radar, n_frames=self.n_frames)
+        check_scene_echoes_finite(scene, radar, n_frames=self.n_frames)
         truth(scene, radar)  # raises for a body whose origin is the radar
         kinds = [impairment.kind() for impairment in self.impairments]
         for index, impairment in enumerate(self.impairments):
@@ -155,19 +155,19 @@ def check_chain(chain: Chain, radar: Radar) -> None:
             setting_prefix("radar.frame", instead_of="Frame"),
             setting_prefix(path, instead_of=type(method).__name__),
         ):
-            method.check_frame(radar.frame)
+            method.check_frame_suits_method(radar.frame)
     with setting_prefix("chain.n_range_bins", instead_of="Transform.n_bins"):
         over_range = chain.range_transform(radar.frame.chirp)
     with setting_prefix("chain.n_velocity_bins", instead_of="Transform.n_bins"):
         over_velocity = chain.doppler_transform(radar.frame)
-    n_rows = n_searched_rows(radar.frame.chirp, over_range)
+    n_rows = n_searched_range_rows(radar.frame.chirp, over_range)
     with setting_prefix("chain.cfar", instead_of="Cfar"):
         chain.cfar.fit_to_map(over_velocity.n_bins, n_rows).training_window.check_map_size(
             over_velocity.n_bins, n_rows
         )
     angle = chain.fit_to_radar(radar).angle
     if angle is not None:
-        aperture = direction_aperture(radar, chain.field_of_view)
+        aperture = checked_direction_aperture(radar, chain.field_of_view)
         if angle != Fft():  # accepts any array; others are tested with a zero snapshot
             snapshots = np.zeros((1, 1, aperture.n_elements), complex)
             with (

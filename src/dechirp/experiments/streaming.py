@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 import xarray as xr
 
-from dechirp.core.detection_columns import UNITS, to_dataset
+from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import DechirpError, InvalidSetting, RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
@@ -106,14 +106,14 @@ def process_stream(
             arrival_s, number = perf_counter(), stream.number
             if first is None:
                 first, numbers = cube, range(number, number)
-            (frame,) = process_cubes([cube], radar, chain, first=number)
+            (frame,) = process_cubes([cube], radar, chain, first_frame_number=number)
             frames.add(frame)
             numbers = range(numbers.start, number + 1)
             for name, column in columns.items():
                 column.extend(frame.detections[name])
             if on_frame is not None:
                 n_gaps = int(cube.gap.sum()) if "gap" in cube.coords else 0
-                detections = to_dataset(frame.detections)
+                detections = detections_from_columns(frame.detections)
                 on_frame(FrameReport(number=number, detections=detections, n_gaps=n_gaps))
             processing_s += perf_counter() - arrival_s
     if first is None:
@@ -134,7 +134,9 @@ def process_stream(
         scenario,
         radar,
         first,
-        DetectionRun(first_frame=numbers.start, detections=to_dataset(arrays), frames=frames),
+        DetectionRun(
+            first_frame=numbers.start, detections=detections_from_columns(arrays), frames=frames
+        ),
     )
     waiting_s = perf_counter() - start_s - processing_s - result.timing_s["process"]
     return replace(

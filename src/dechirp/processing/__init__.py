@@ -8,9 +8,10 @@ at range R with radial velocity v in chirp m, sample n, slot l (one transmitter 
     f_b = S tau + f_D,   tau = 2 R / c,   f_D = 2 v / lambda
 
 1. `mitigation/`: repairs interference, filters slow time, subtracts leakage.
-2. `virtual_array.split_slots`: channels of the slots of each round, channel = (l, receiver).
-3. `spectrum.mean_power`, `range_doppler_map`: windows w_m, w_n and two discrete Fourier transforms,
-   averaged over K channels,
+2. `virtual_array.split_chirps_into_slots`: channels of the slots of each round, channel =
+   (l, receiver).
+3. `spectrum.mean_range_doppler_power`, `range_doppler_map`: windows w_m, w_n and two discrete
+   Fourier transforms, averaged over K channels,
    P[k, i] = 1 / K sum |sum w_m w_n x[m, l, n] exp -2 pi j (k m / M + i n / N)|^2 / (sum w)^2;
    `range_walk` keeps targets that cross range cells in one.
 4. `cfar/`: a cell is over threshold where P > alpha Z, Z the noise estimate of its training cells;

@@ -14,17 +14,17 @@ from dechirp.processing.angle.bartlett import Bartlett
 from dechirp.processing.angle.base import SpectralEstimator
 from dechirp.processing.chain import Chain
 from dechirp.processing.direction_finding import (
-    direction_aperture,
-    element_snapshots,
+    checked_direction_aperture,
+    element_snapshots_and_noise,
     phase_centres_m,
     range_from_phase_centre_m,
 )
-from dechirp.processing.range_walk import frame_transform, frequency_growth
+from dechirp.processing.range_walk import select_frame_transform, slow_time_frequency_growth
 from dechirp.processing.refine import Tones, refine_tones
-from dechirp.processing.simd_beamforming import mirrored_beams, raise_to_beam_power
-from dechirp.processing.spectrum import FrameTransform, Transform, split_spectrum
+from dechirp.processing.simd_beamforming import mirrored_beam_weights, raise_to_largest_beam_power
+from dechirp.processing.spectrum import FrameTransform, Transform, range_doppler_real_and_imaginary
 from dechirp.processing.velocity_ambiguity import by_ramps
-from dechirp.processing.virtual_array import slot_phases, split_slots
+from dechirp.processing.virtual_array import slot_phase_factors, split_chirps_into_slots
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -69,9 +69,9 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     appears at a wrong azimuth. `detect` resolves the velocity ambiguity.
     """
     chain = chain or Chain()
-    samples, radar = _rising_ramp_channels(cube, radar)
-    plan = _plan_map(radar, chain)
-    spectrum = split_spectrum(
+    samples, radar = _rising_ramp_channels_and_radar(cube, radar)
+    plan = _plan_range_azimuth_transforms(radar, chain)
+    spectrum = range_doppler_real_and_imaginary(
         samples,
         radar.frame.chirp.sampling,
         plan.range_transform,
@@ -83,8 +83,8 @@ def range_azimuth_map(cube: xr.DataArray, radar: Radar, chain: Chain | None = No
     powers = np.zeros((len(parts), *plan.empty_map.shape), np.float32)
 
     def add_part(part: int) -> None:
-        aligned = _align_slots(spectrum[parts[part]], plan.beat_rad, radar)
-        raise_to_beam_power(
+        aligned = _align_and_combine_slots(spectrum[parts[part]], plan.beat_rad, radar)
+        raise_to_largest_beam_power(
             powers[part], aligned, plan.compensation[parts[part]], plan.folding, plan.weights
         )
 
@@ -104,15 +104,15 @@ class _MapPlan(NamedTuple):
     compensation: np.ndarray
     folding: np.ndarray
     weights: np.ndarray
-    """This and the two above: see `raise_to_beam_power`."""
+    """This and the two above: see `raise_to_largest_beam_power`."""
     empty_map: xr.DataArray
     """Labelled map of zeros."""
 
 
 @lru_cache(maxsize=8)  # 0.7 ms of 5
-def _plan_map(radar: Radar, chain: Chain) -> _MapPlan:
-    aperture = direction_aperture(radar, chain.field_of_view)
-    if not aperture.resolves[0]:
+def _plan_range_azimuth_transforms(radar: Radar, chain: Chain) -> _MapPlan:
+    aperture = checked_direction_aperture(radar, chain.field_of_view)
+    if not aperture.resolves_azimuth_and_elevation[0]:
         raise InvalidSetting(
             "radar.array",
             value="a vertical linear array",
@@ -130,13 +130,13 @@ def _plan_map(radar: Radar, chain: Chain) -> _MapPlan:
     range_m = chirp.range_bins_m()
     n_velocities = frame.n_chirps
     doppler_hz = (np.arange(n_velocities) - n_velocities // 2) / (n_velocities * frame.repetition_s)
-    pair_sums, weights = mirrored_beams(aperture)
-    compensation, decoding = _compensation_and_decoding(doppler_hz, radar)
-    azimuth_rad = aperture.grid.azimuth_rad
+    pair_sums, weights = mirrored_beam_weights(aperture)
+    compensation, decoding = _motion_compensation_and_decoding(doppler_hz, radar)
+    azimuth_rad = aperture.direction_grid.azimuth_rad
     return _MapPlan(
         range_transform=over_range,
         doppler_transform=over_velocity,
-        transform=frame_transform(chain.range_walk, chirp),
+        transform=select_frame_transform(chain.range_walk, chirp),
         beat_rad=2 * np.pi / over_range.n_bins * np.arange(range_m.size),
         compensation=compensation,
         folding=(decoding @ pair_sums).astype(np.complex64),
@@ -185,20 +185,20 @@ def angle_spectrum(
         If the array resolves no direction.
     """
     chain = chain or Chain()
-    samples, radar = _rising_ramp_channels(cube, radar)
-    aperture = direction_aperture(radar, chain.field_of_view)
-    tones, doppler_hz, noise = _refine_detection(samples, radar, detections, index)
+    samples, radar = _rising_ramp_channels_and_radar(cube, radar)
+    aperture = checked_direction_aperture(radar, chain.field_of_view)
+    tones, doppler_hz, noise = _refine_detection_tone(samples, radar, detections, index)
     amplitude = by_ramps.remove_beat_phase(tones.amplitude, tones.fast, radar.frame)
-    snapshots, noise = element_snapshots(amplitude, doppler_hz, noise, radar)
+    snapshots, noise = element_snapshots_and_noise(amplitude, doppler_hz, noise, radar)
     estimator = chain.angle if isinstance(chain.angle, SpectralEstimator) else Bartlett()
-    azimuth, elevation = aperture.grid.azimuth_rad, aperture.grid.elevation_rad
-    if not all(aperture.resolves):
+    azimuth, elevation = aperture.direction_grid.azimuth_rad, aperture.direction_grid.elevation_rad
+    if not all(aperture.resolves_azimuth_and_elevation):
         azimuth, elevation = _oversample_angles(azimuth), _oversample_angles(elevation)
     steering = aperture.steering_vectors(azimuth, elevation[:, None]).reshape(
         -1, aperture.n_elements
     )
     spectrum = estimator.spectrum_at(
-        estimator.prepare_snapshots(snapshots, aperture, noise), steering
+        estimator.precompute_for_spectrum(snapshots, aperture, noise), steering
     )
     return xr.DataArray(
         spectrum.reshape(len(elevation), len(azimuth)),
@@ -215,63 +215,65 @@ def angle_spectrum(
     )
 
 
-def _has_repeated_slots(frame: Frame) -> bool:
+def _has_several_slots_of_one_transmitter(frame: Frame) -> bool:
     """Return whether all slots are of one transmitter, so that each cell combines them."""
     return frame.multiplexing is None and frame.n_slots > 1
 
 
-def _compensation_and_decoding(
+def _motion_compensation_and_decoding(
     doppler_hz: np.ndarray, radar: Radar
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the motion compensation of slots, and the decoding matrix.
 
     (velocity, channel) complex64, and (channel, element), from channels or from the elements of
-    `_combine_slots`.
+    `_combine_single_transmitter_slots`.
     """
     n_rx, n_slots = radar.array.n_rx, radar.frame.n_slots
-    if _has_repeated_slots(radar.frame):
+    if _has_several_slots_of_one_transmitter(radar.frame):
         return np.ones((len(doppler_hz), n_rx), np.complex64), np.eye(n_rx)
-    compensation = np.repeat(slot_phases(radar.frame, doppler_hz).conj(), n_rx, axis=1)
+    compensation = np.repeat(slot_phase_factors(radar.frame, doppler_hz).conj(), n_rx, axis=1)
     zeros = np.zeros(n_slots * n_rx)
-    decoding, _ = element_snapshots(np.eye(n_slots * n_rx), zeros, zeros, radar)
+    decoding, _ = element_snapshots_and_noise(np.eye(n_slots * n_rx), zeros, zeros, radar)
     return compensation.astype(np.complex64), decoding[:, 0]
 
 
-def _align_slots(spectrum: np.ndarray, beats: np.ndarray, radar: Radar) -> np.ndarray:
+def _align_and_combine_slots(
+    spectrum: np.ndarray, beat_rad: np.ndarray, radar: Radar
+) -> np.ndarray:
     """Align slots of different ramps, combine those of one transmitter; split the parts."""
     frame = radar.frame
-    if frame.has_identical_ramps and not _has_repeated_slots(frame):
+    if frame.has_identical_ramps and not _has_several_slots_of_one_transmitter(frame):
         return spectrum
     channels = spectrum[:, :, 0] + 1j * spectrum[:, :, 1]
     if not frame.has_identical_ramps:
-        ones = np.ones((len(beats), channels.shape[1]), np.complex64)
-        channels *= by_ramps.remove_beat_phase(ones, beats, frame).T
-    if _has_repeated_slots(frame):
-        channels = _combine_slots(channels, radar)
+        ones = np.ones((len(beat_rad), channels.shape[1]), np.complex64)
+        channels *= by_ramps.remove_beat_phase(ones, beat_rad, frame).T
+    if _has_several_slots_of_one_transmitter(frame):
+        channels = _combine_single_transmitter_slots(channels, radar)
     return np.stack([channels.real, channels.imag], axis=2)
 
 
-def _combine_slots(spectrum: np.ndarray, radar: Radar) -> np.ndarray:
+def _combine_single_transmitter_slots(spectrum: np.ndarray, radar: Radar) -> np.ndarray:
     """Combine the slots of one transmitter, (velocity, element, range) complex64."""
     n_velocities, _, n_rows = spectrum.shape
     elements = np.empty((n_velocities, radar.array.n_rx, n_rows), np.complex64)
     zeros = np.zeros(n_rows)
     for row, cells in zip(elements, spectrum, strict=True):
-        row[:] = element_snapshots(cells.T, zeros, zeros, radar)[0][:, 0].T
+        row[:] = element_snapshots_and_noise(cells.T, zeros, zeros, radar)[0][:, 0].T
     return elements
 
 
-def _rising_ramp_channels(cube: xr.DataArray, radar: Radar) -> tuple[np.ndarray, Radar]:
+def _rising_ramp_channels_and_radar(cube: xr.DataArray, radar: Radar) -> tuple[np.ndarray, Radar]:
     """Return the channels of rising ramps, (chirp, channel, sample), and their radar."""
     kind = np.complex64 if radar.frame.chirp.sampling == "complex" else np.float32
     samples = np.ascontiguousarray(cube.variable.transpose("chirp", "rx", "sample").values, kind)
-    samples = split_slots(samples, radar.frame)
+    samples = split_chirps_into_slots(samples, radar.frame)
     if not radar.frame.has_falling_ramps:
         return samples, radar
     return np.ascontiguousarray(samples[:, : radar.array.n_rx]), radar.with_rising_ramps_only()
 
 
-def _refine_detection(
+def _refine_detection_tone(
     samples: np.ndarray, radar: Radar, detections: xr.Dataset, index: int
 ) -> tuple[Tones, np.ndarray, np.ndarray]:
     """Refine the tone of a detection; return it with its Doppler frequency and amplitude noise.
@@ -297,7 +299,7 @@ def _refine_detection(
         2 * np.pi * frame.repetition_s * doppler_hz,
         2 * np.pi / chirp.sample_rate_hz * beat_hz,
         np.zeros(len(order)),
-        growth=frequency_growth(chirp),
+        growth=slow_time_frequency_growth(chirp),
     )
     refined_index = np.flatnonzero(order == tone_index)
     tone = Tones(

@@ -6,14 +6,14 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.core.detection_columns import TABLE, std_column
+from dechirp.core.detection_columns import TABLE, standard_error_column
 from dechirp.radar.radar import Radar
 from dechirp.radar.resolution_cells import to_resolution_cells
 from dechirp.radar.velocity_ambiguity import (
     UNAMBIGUOUS,
-    n_unambiguous_spans,
-    range_shift_m,
-    unambiguous_span_m_per_s,
+    n_spans_until_aliasing,
+    range_shift_per_ambiguity_m,
+    unambiguous_velocity_span_m_per_s,
 )
 
 
@@ -30,7 +30,9 @@ class DetectionCells(NamedTuple):
     """Decrease of the range for each span added to the velocity, (n,)."""
 
 
-def to_detection_cells(columns: Mapping[str, np.ndarray], radar: Radar) -> DetectionCells:
+def detections_to_resolution_cells(
+    columns: Mapping[str, np.ndarray], radar: Radar
+) -> DetectionCells:
     """Convert detections to resolution cells, from their columns, (n,) each."""
     numbers = columns["frame"].astype(int)
     n = numbers.size
@@ -46,14 +48,21 @@ def to_detection_cells(columns: Mapping[str, np.ndarray], radar: Radar) -> Detec
         placed.cells[in_interval] = to_resolution_cells(
             range_m, velocity, azimuth, elevation, frame_radar
         )
-        placed.n_spans[in_interval] = n_unambiguous_spans(ambiguity_number, radar.frame, interval)
-        placed.span_m_per_s[in_interval] = unambiguous_span_m_per_s(range_m, frame_radar.frame)
-        placed.range_shift_m[in_interval] = range_shift_m(frame_radar.frame)
+        placed.n_spans[in_interval] = n_spans_until_aliasing(
+            ambiguity_number, radar.frame, interval
+        )
+        placed.span_m_per_s[in_interval] = unambiguous_velocity_span_m_per_s(
+            range_m, frame_radar.frame
+        )
+        placed.range_shift_m[in_interval] = range_shift_per_ambiguity_m(frame_radar.frame)
     return placed
 
 
 def cluster_centroids(
-    columns: Mapping[str, np.ndarray], placed: DetectionCells, label: np.ndarray, n_chirps: int
+    columns: Mapping[str, np.ndarray],
+    detection_cells: DetectionCells,
+    label: np.ndarray,
+    n_chirps: int,
 ) -> xr.Dataset:
     """Average the detections of each label except -1, as `core.detection_columns` says.
 
@@ -61,22 +70,27 @@ def cluster_centroids(
     """
     members = np.flatnonzero(label >= 0)
     members = members[np.argsort(label[members], kind="stable")]
-    label, placed = label[members], DetectionCells(*(column[members] for column in placed))
+    label, detection_cells = (
+        label[members],
+        DetectionCells(*(column[members] for column in detection_cells)),
+    )
     member_columns = {name: column[members] for name, column in columns.items()}
     first = np.flatnonzero(np.diff(label, prepend=-1))  # each cluster is a run now
     weight = _snr_weights(member_columns["snr"], label)
     strongest = _strongest_members(member_columns, weight, first)
-    n_added = _spans_to_add(member_columns, placed, weight, first, strongest, n_chirps)
-    member_columns["range"] = member_columns["range"] - n_added * placed.range_shift_m
-    member_columns["velocity"] = member_columns["velocity"] + n_added * placed.span_m_per_s
+    n_added = _velocity_spans_to_add(
+        member_columns, detection_cells, weight, first, strongest, n_chirps
+    )
+    member_columns["range"] = member_columns["range"] - n_added * detection_cells.range_shift_m
+    member_columns["velocity"] = member_columns["velocity"] + n_added * detection_cells.span_m_per_s
     averages: dict[str, tuple[np.ndarray, str]] = {}
     for column in TABLE:
-        name, unit, std = column.name, column.unit, std_column(column)
+        name, unit, std = column.name, column.unit, standard_error_column(column)
         if column.cluster == "first":
             averages[name] = member_columns[name][first], unit
         elif column.cluster == "mean":
             error = member_columns[name] * np.nan if std is None else member_columns[std.name]
-            mean, mean_error = _weighted_mean(member_columns[name], error, weight, label)
+            mean, mean_error = _weighted_mean_and_error(member_columns[name], error, weight, label)
             averages[name] = mean, unit
             if std is not None:
                 averages[std.name] = mean_error, unit
@@ -86,7 +100,7 @@ def cluster_centroids(
     for column in TABLE:
         if column.has_extent:
             averages[f"{column.name}_extent"] = (
-                _extent(member_columns[column.name], first),
+                _value_extent_per_cluster(member_columns[column.name], first),
                 column.unit,
             )
     for column in TABLE:
@@ -105,20 +119,20 @@ def _snr_weights(snr: np.ndarray, label: np.ndarray) -> np.ndarray:
 
 
 def _strongest_members(
-    member_columns: Mapping[str, np.ndarray], weight: np.ndarray, first: np.ndarray
+    member_columns: Mapping[str, np.ndarray], weight: np.ndarray, cluster_starts: np.ndarray
 ) -> np.ndarray:
     """Find the strongest detection of each cluster; one with known ambiguity number goes first."""
-    sizes = np.diff(first, append=weight.size)
-    label = np.repeat(np.arange(first.size), sizes)
+    sizes = np.diff(cluster_starts, append=weight.size)
+    label = np.repeat(np.arange(cluster_starts.size), sizes)
     is_known = np.isfinite(member_columns["ambiguity_number"])
     return np.asarray(np.lexsort((weight, is_known, label))[np.cumsum(sizes) - 1])
 
 
-def _spans_to_add(
+def _velocity_spans_to_add(
     member_columns: Mapping[str, np.ndarray],
-    placed: DetectionCells,
+    detection_cells: DetectionCells,
     weight: np.ndarray,
-    first: np.ndarray,
+    cluster_starts: np.ndarray,
     strongest: np.ndarray,
     n_chirps: int,
 ) -> np.ndarray:
@@ -127,18 +141,18 @@ def _spans_to_add(
     Every detection moves to the span nearest to the strongest one with a known ambiguity number.
     In clusters without any, the mean then moves into the span about zero.
     """
-    sizes = np.diff(first, append=weight.size)
-    label = np.repeat(np.arange(first.size), sizes)
-    doppler = np.nan_to_num(placed.cells[:, 1])
+    sizes = np.diff(cluster_starts, append=weight.size)
+    label = np.repeat(np.arange(cluster_starts.size), sizes)
+    doppler = np.nan_to_num(detection_cells.cells[:, 1])
     is_known = np.isfinite(member_columns["ambiguity_number"])
-    is_ambiguous = placed.n_spans < UNAMBIGUOUS
+    is_ambiguous = detection_cells.n_spans < UNAMBIGUOUS
     added = np.where(is_ambiguous, np.rint((doppler[strongest][label] - doppler) / n_chirps), 0.0)
     mean = np.bincount(label, weight * (doppler + n_chirps * added)) / np.bincount(label, weight)
     to_zero = is_ambiguous & ~is_known[strongest][label]
     return np.asarray(added - np.where(to_zero, np.rint(mean / n_chirps)[label], 0.0))
 
 
-def _weighted_mean(
+def _weighted_mean_and_error(
     values: np.ndarray, error: np.ndarray, weight: np.ndarray, label: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return weighted means of known values and their standard errors, (n_clusters,); else NaN."""
@@ -150,8 +164,8 @@ def _weighted_mean(
     return mean, np.sqrt(variance) / total
 
 
-def _extent(values: np.ndarray, first: np.ndarray) -> np.ndarray:
+def _value_extent_per_cluster(values: np.ndarray, cluster_starts: np.ndarray) -> np.ndarray:
     """Return the largest less the smallest known value of each run; NaN where none is known."""
-    if not first.size:  # there are no runs to reduce
+    if not cluster_starts.size:  # there are no runs to reduce
         return np.empty(0)
-    return np.fmax.reduceat(values, first) - np.fmin.reduceat(values, first)
+    return np.fmax.reduceat(values, cluster_starts) - np.fmin.reduceat(values, cluster_starts)

@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import get_args
 
-from dechirp.core.checks import check_count, check_instances
-from dechirp.core.display import Displayable, format_value
+from dechirp.core.checks import check_instances, check_integer_fields
+from dechirp.core.display import Displayable, format_setting_value
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.aperture import FieldOfView
@@ -17,7 +17,7 @@ from dechirp.processing.cluster import Dbscan
 from dechirp.processing.direction_finding import can_resolve_directions
 from dechirp.processing.mitigation.base import Mitigation
 from dechirp.processing.range_walk import RangeWalk
-from dechirp.processing.spectrum import Transform, independent_rows
+from dechirp.processing.spectrum import Transform, rows_with_circular_noise
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -61,7 +61,7 @@ class Chain(Displayable):
         object.__setattr__(self, "mitigation", methods)
         for name in ("n_range_bins", "n_velocity_bins"):
             if getattr(self, name) is not None:
-                check_count(self, name, at_least=2)
+                check_integer_fields(self, name, at_least=2)
         for name, choices in (
             ("range_window", get_args(Window)),
             ("doppler_window", get_args(Window)),
@@ -98,12 +98,12 @@ class Chain(Displayable):
     def range_transform(self, chirp: Chirp) -> Transform:
         """Return the range transform of a chirp."""
         n_bins = chirp.n_samples if self.n_range_bins is None else self.n_range_bins
-        return _cached_transform(self.range_window, chirp.n_samples, n_bins)
+        return _make_cached_transform(self.range_window, chirp.n_samples, n_bins)
 
     def doppler_transform(self, frame: Frame) -> Transform:
         """Return the Doppler transform of a frame."""
         n_bins = frame.n_chirps if self.n_velocity_bins is None else self.n_velocity_bins
-        return _cached_transform(self.doppler_window, frame.n_chirps, n_bins)
+        return _make_cached_transform(self.doppler_window, frame.n_chirps, n_bins)
 
     def fit_to_radar(self, radar: Radar) -> "Chain":
         """Return the chain with defaults that fit the radar.
@@ -111,7 +111,7 @@ class Chain(Displayable):
         Fewer training cells where the default ones do not fit into the map, and no direction
         estimator instead of the default one where the array resolves no direction.
         """
-        n_rows = n_searched_rows(radar.frame.chirp, self.range_transform(radar.frame.chirp))
+        n_rows = n_searched_range_rows(radar.frame.chirp, self.range_transform(radar.frame.chirp))
         cfar = self.cfar.fit_to_map(self.doppler_transform(radar.frame).n_bins, n_rows)
         no_angle = (
             self.angle is not None and self.angle == Fft() and not can_resolve_directions(radar)
@@ -120,7 +120,7 @@ class Chain(Displayable):
             return self
         return replace(self, angle=None if no_angle else self.angle, cfar=cfar)
 
-    def map_noise(self, radar: Radar) -> MapNoise:
+    def map_noise_statistics(self, radar: Radar) -> MapNoise:
         """Return the statistics of white noise in the map of a radar."""
         return MapNoise(
             range_transform=self.range_transform(radar.frame.chirp),
@@ -128,26 +128,28 @@ class Chain(Displayable):
             n_channels=radar.n_summed_maps,
         )
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         windows = dict.fromkeys((self.range_window, self.doppler_window))
-        parts = [f"{format_value(self.mitigation)} applied"] if self.mitigation else []
+        parts = [f"{format_setting_value(self.mitigation)} applied"] if self.mitigation else []
         parts += [f"{' and '.join(windows)} windows", self.cfar.estimator.kind()]
         rate = self.cfar.false_alarm_probability
-        parts[-1] += "" if rate is None else f" at {format_value(rate, 'probability')}"
+        parts[-1] += "" if rate is None else f" at {format_setting_value(rate, 'probability')}"
         parts.append(
-            "no directions" if self.angle is None else f"directions by {format_value(self.angle)}"
+            "no directions"
+            if self.angle is None
+            else f"directions by {format_setting_value(self.angle)}"
         )
         parts += ["clusters"] if self.cluster is not None else []
         return ", ".join(parts)
 
 
 @lru_cache(maxsize=64)
-def _cached_transform(window: Window, n_points: int, n_bins: int) -> Transform:
+def _make_cached_transform(window: Window, n_points: int, n_bins: int) -> Transform:
     """Return a cached transform, which computes the properties of its window once."""
     return Transform(window=window, n_points=n_points, n_bins=n_bins)
 
 
-def n_searched_rows(chirp: Chirp, range_transform: Transform) -> int:
+def n_searched_range_rows(chirp: Chirp, range_transform: Transform) -> int:
     """Return the number of range rows that are searched for targets."""
     if chirp.sampling == "complex":
         return range_transform.n_bins
@@ -156,5 +158,5 @@ def n_searched_rows(chirp: Chirp, range_transform: Transform) -> int:
     # takes the square of their number.
     if n_rows > 2048:
         return n_rows
-    rows = independent_rows(chirp, range_transform)
+    rows = rows_with_circular_noise(chirp, range_transform)
     return rows.stop - rows.start

@@ -8,7 +8,7 @@ from dechirp.processing.angle.aperture import radar_aperture
 from dechirp.processing.cfar.base import Cfar, MapNoise
 from dechirp.processing.chain import Chain
 from dechirp.processing.direction_finding import can_resolve_directions
-from dechirp.processing.spectrum import Transform, independent_rows
+from dechirp.processing.spectrum import Transform, rows_with_circular_noise
 from dechirp.radar.radar import Radar
 from dechirp.theory.cfar import cell_averaging_factor
 
@@ -22,12 +22,12 @@ def self_masking_loss(cfar: Cfar, noise: MapNoise) -> float:
     factor is that for independent cells.
     """
     window = cfar.training_window
-    offsets = window.offsets(window.half_range)
+    offsets = window.training_cell_offsets(window.half_range)
     factor = cfar.offset or cell_averaging_factor(
         cfar.false_alarm_probability or 0.5, n_training=len(offsets), n_summed=noise.n_channels
     )
-    response = _window_response(noise.doppler_transform, offsets[:, 0])
-    response *= _window_response(noise.range_transform, offsets[:, 1])
+    response = _window_power_response(noise.doppler_transform, offsets[:, 0])
+    response *= _window_power_response(noise.range_transform, offsets[:, 1])
 
     unmasked_snr = required_snr = factor * float(
         cfar.estimator.statistic(np.ones(len(offsets)), offsets)
@@ -42,7 +42,7 @@ def self_masking_loss(cfar: Cfar, noise: MapNoise) -> float:
     return np.inf
 
 
-def _window_response(transform: Transform, bins: np.ndarray) -> np.ndarray:
+def _window_power_response(transform: Transform, bins: np.ndarray) -> np.ndarray:
     """Return the power at bins from a tone on a bin, relative to the tone's."""
     cycles = np.arange(transform.n_points)[:, None] * bins / transform.n_bins
     amplitude = transform.weights @ np.exp(2j * np.pi * cycles) / transform.weights.sum()
@@ -51,15 +51,23 @@ def _window_response(transform: Transform, bins: np.ndarray) -> np.ndarray:
 
 def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
     """List the findings about the maps that a chain computes for a radar."""
-    noise, training, guard = chain.map_noise(radar), chain.cfar.n_training, chain.cfar.n_guard
-    findings = [remark for method in chain.mitigation for remark in method.target_findings(radar)]
+    noise, training, guard = (
+        chain.map_noise_statistics(radar),
+        chain.cfar.n_training,
+        chain.cfar.n_guard,
+    )
+    findings = [
+        remark for method in chain.mitigation for remark in method.limitation_findings(radar)
+    ]
     if training.range:
-        findings += _guard_findings("range", guard.range, noise.range_transform, chain.cfar, noise)
+        findings += _self_masking_findings(
+            "range", guard.range, noise.range_transform, chain.cfar, noise
+        )
     if training.velocity:
-        findings += _guard_findings(
+        findings += _self_masking_findings(
             "velocity", guard.velocity, noise.doppler_transform, chain.cfar, noise
         )
-    error = chain.cfar.false_alarm_error(noise)
+    error = chain.cfar.false_alarm_probability_error(noise)
     if error:
         findings.append(
             Finding(
@@ -74,7 +82,7 @@ def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
         )
     chirp, n_rows = radar.frame.chirp, noise.range_transform.n_bins // 2 + 1
     if chirp.sampling == "real":
-        rows = independent_rows(chirp, noise.range_transform)
+        rows = rows_with_circular_noise(chirp, noise.range_transform)
         findings.append(
             Finding(
                 level="note",
@@ -86,15 +94,15 @@ def chain_findings(radar: Radar, chain: Chain) -> list[Finding]:
             )
         )
     if chain.angle is not None and can_resolve_directions(radar):
-        findings += chain.angle.array_findings(radar_aperture(radar, chain.field_of_view))
+        findings += chain.angle.array_ambiguity_findings(radar_aperture(radar, chain.field_of_view))
     return findings
 
 
-def _guard_findings(
+def _self_masking_findings(
     axis: str, n_guard: int, transform: Transform, cfar: Cfar, noise: MapNoise
 ) -> list[Finding]:
     """Warn if a target would raise its own threshold."""
-    needed = int(np.ceil(transform.main_lobe_bins)) - 1
+    needed = int(np.ceil(transform.main_lobe_half_width_bins)) - 1
     if n_guard >= needed:
         return []
     loss = self_masking_loss(cfar, noise)
@@ -103,7 +111,8 @@ def _guard_findings(
         Finding(
             level="warning",
             setting=f"chain.cfar.n_guard.{axis}",
-            value=f"{n_guard} guard cells inside a main lobe of {transform.main_lobe_bins:.3g} bins"
+            value=f"{n_guard} guard cells inside a main lobe of"
+            f" {transform.main_lobe_half_width_bins:.3g} bins"
             f" on each side, which {consequence}",
             expected=f"{needed} or more, or a target raises its own threshold",
             fix="widen the guard, or pad less",

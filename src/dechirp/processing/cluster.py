@@ -6,19 +6,23 @@ import xarray as xr
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from dechirp.core.checks import check_count, check_positive
+from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.detection_columns import (
     TABLE,
     UNITS,
-    check_columns,
+    check_detection_rows,
     check_type,
-    is_frame_number,
-    to_columns,
+    detection_columns_as_floats,
+    valid_frame_number_mask,
 )
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.core.values import frozen_dataclass
-from dechirp.processing.centroids import DetectionCells, cluster_centroids, to_detection_cells
+from dechirp.processing.centroids import (
+    DetectionCells,
+    cluster_centroids,
+    detections_to_resolution_cells,
+)
 from dechirp.radar.radar import Radar
 
 _REQUIRED = ("frame", "range", "velocity", "snr")
@@ -47,10 +51,10 @@ class Reach:
 
     def __post_init__(self) -> None:
         # A reach wider than any map has a wrong unit.
-        check_positive(self, "range", "velocity", "direction", at_most=1e4)
+        check_positive_fields(self, "range", "velocity", "direction", at_most=1e4)
 
     @property
-    def by_axis(self) -> np.ndarray:
+    def as_array_by_axis(self) -> np.ndarray:
         """Reach along range, velocity, azimuth and elevation, (4,)."""
         return np.array([self.range, self.velocity, self.direction, self.direction])
 
@@ -80,7 +84,7 @@ class Dbscan:
                 expected="a Reach: cells along range, velocity and direction",
                 fix="give Reach(range=5, velocity=2, direction=0.5)",
             )
-        check_count(self, "min_detections", at_most=1_000_000)
+        check_integer_fields(self, "min_detections", at_most=1_000_000)
 
 
 _DEFAULT = Dbscan()
@@ -133,11 +137,14 @@ def cluster(
     """
     check_type("radar", radar, Radar, fix="give the radar that they were detected with")
     check_type("dbscan", dbscan, Dbscan, fix="give Dbscan(), or leave it out")
-    columns = to_columns(detections, _REQUIRED, _OPTIONAL)
-    check_columns(
+    columns = detection_columns_as_floats(detections, _REQUIRED, _OPTIONAL)
+    check_detection_rows(
         columns,
         {
-            "frame": (is_frame_number(columns["frame"]), "the number of a frame, 0 or more"),
+            "frame": (
+                valid_frame_number_mask(columns["frame"]),
+                "the number of a frame, 0 or more",
+            ),
             "range": (np.isfinite(columns["range"]), "a finite number"),
             "velocity": (~np.isinf(columns["velocity"]), "a finite number, or NaN"),
             "azimuth": (~np.isinf(columns["azimuth"]), "a finite number, or NaN"),
@@ -149,20 +156,20 @@ def cluster(
             ),
         },
     )
-    placed = to_detection_cells(columns, radar)
+    placed = detections_to_resolution_cells(columns, radar)
     label = _cluster_labels(columns["frame"], placed, radar, dbscan)
     marked = detections.assign(cluster=("detection", label, {"units": "1"}))
     return marked, cluster_centroids(columns, placed, label, radar.frame.n_chirps)
 
 
 def _cluster_labels(
-    frame: np.ndarray, placed: DetectionCells, radar: Radar, dbscan: Dbscan
+    frame: np.ndarray, detection_cells: DetectionCells, radar: Radar, dbscan: Dbscan
 ) -> np.ndarray:
     """Assign each detection to the first cluster of the core detections near it, (n,)."""
     n = frame.size
     if not n:
         return np.empty(0, np.int64)
-    first, second = _find_neighbours(frame, placed, radar, dbscan.reach)
+    first, second = _find_neighbour_pairs(frame, detection_cells, radar, dbscan.reach)
     n_near = 1 + np.bincount(first, minlength=n) + np.bincount(second, minlength=n)
     is_core = n_near >= dbscan.min_detections
     is_link = is_core[first] & is_core[second]
@@ -176,35 +183,39 @@ def _cluster_labels(
     return np.where(used[label] < n, label, -1)
 
 
-def _find_neighbours(
-    frame: np.ndarray, placed: DetectionCells, radar: Radar, reach: Reach
+def _find_neighbour_pairs(
+    frame: np.ndarray, detection_cells: DetectionCells, radar: Radar, reach: Reach
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find pairs of detections of a frame within reach along all known axes, (n_pairs,)."""
-    order = np.lexsort((placed.cells[:, 0], frame))
-    cells = placed.cells[order] / reach.by_axis
-    rows = frame[order], cells, placed.n_spans[order] * (radar.frame.n_chirps / reach.velocity)
+    order = np.lexsort((detection_cells.cells[:, 0], frame))
+    cells = detection_cells.cells[order] / reach.as_array_by_axis
+    rows = (
+        frame[order],
+        cells,
+        detection_cells.n_spans[order] * (radar.frame.n_chirps / reach.velocity),
+    )
     pairs = np.empty((_PAIRS_PER_DETECTION * len(frame), 2), np.int64)
-    n_pairs = _write_near_pairs(*rows, pairs)
-    check_memory(
+    n_pairs = _count_and_write_near_pairs(*rows, pairs)
+    check_free_memory(
         "the pairs of neighbours among detections",
         needed_bytes=_PAIR_BYTES * n_pairs,
         fix="lower the reach, or keep fewer detections",
     )
     if n_pairs > len(pairs):
         pairs = np.empty((n_pairs, 2), np.int64)
-        _write_near_pairs(*rows, pairs)
+        _count_and_write_near_pairs(*rows, pairs)
     first, second = order[pairs[:n_pairs]].T
     return first, second
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _write_near_pairs(
-    frame: np.ndarray, cells: np.ndarray, period: np.ndarray, pairs: np.ndarray
+def _count_and_write_near_pairs(
+    frame: np.ndarray, cells: np.ndarray, velocity_period: np.ndarray, pairs: np.ndarray
 ) -> int:
     """Count pairs within 1 of each other along all axes, and write those that fit.
 
-    Rows are sorted by frame and range; velocities repeat after `period`. A k-d tree takes three
-    times as long, 7.4 ms against 2.4 for 5,000 detections in a frame.
+    Rows are sorted by frame and range; velocities repeat after `velocity_period`. A k-d tree takes
+    three times as long, 7.4 ms against 2.4 for 5,000 detections in a frame.
     """
     n = 0
     for i in range(len(frame)):
@@ -217,7 +228,7 @@ def _write_near_pairs(
                 continue
             doppler_difference = cells[j, 1] - cells[i, 1]
             if abs(doppler_difference) > 1.0:
-                shorter_period = min(period[i], period[j])
+                shorter_period = min(velocity_period[i], velocity_period[j])
                 doppler_difference -= shorter_period * np.rint(doppler_difference / shorter_period)
             if not abs(doppler_difference) > 1.0:
                 if n < len(pairs):

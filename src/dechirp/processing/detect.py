@@ -7,15 +7,15 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES
-from dechirp.core.detection_columns import UNITS, to_dataset
+from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.processing.chain import Chain
-from dechirp.processing.frame import FrameResult, frame_detections, process_frame
+from dechirp.processing.frame import FrameResult, frame_detection_columns, process_frame
 from dechirp.processing.peaks import MAX_PEAKS
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks
 from dechirp.processing.velocity_ambiguity.resolve import resolve_across_frames
-from dechirp.radar.cube import check_sampling
+from dechirp.radar.cube import check_samples_complex_or_real
 from dechirp.radar.radar import Radar
 
 
@@ -84,28 +84,32 @@ def detect(cube: xr.DataArray, radar: Radar, chain: Chain | None = None) -> xr.D
     PhysicsWarning
         If a map has more than 2,000 peaks: the weaker ones are dropped.
     """
-    return to_dataset(detect_columns([cube], radar, chain))
+    return detections_from_columns(detect_columns([cube], radar, chain))
 
 
 def detect_columns(
-    cubes: Iterable[xr.DataArray], radar: Radar, chain: Chain | None = None, *, first: int = 0
+    cubes: Iterable[xr.DataArray],
+    radar: Radar,
+    chain: Chain | None = None,
+    *,
+    first_frame_number: int = 0,
 ) -> dict[str, np.ndarray]:
     """Detect targets in cubes of successive frames; arrays instead of the Dataset of `detect`.
 
-    Labels take 1 ms. `first` is the number of the first frame. The next cube is requested after
-    the frames of the one before are processed. Raises and warns as `detect`.
+    Labels take 1 ms. `first_frame_number` is the number of the first frame. The next cube is
+    requested after the frames of the one before are processed. Raises and warns as `detect`.
     """
     processor = FrameProcessor(radar, chain or Chain())
-    for frame in processor.process(cubes, first=first):
+    for frame in processor.process_cubes(cubes, first_frame_number=first_frame_number):
         warn_about_dropped_peaks(frame, stacklevel=4)
-    return processor.detections()
+    return processor.joined_detection_columns()
 
 
 class FrameProcessor:
     """Processor of successive frames: yields the result of each, and joins their detections.
 
-    Of frames with intervals in turn, the peaks of all are kept until `detections` resolves their
-    velocity ambiguity together; of other frames the columns of the detections alone.
+    Of frames with intervals in turn, the peaks of all are kept until `joined_detection_columns`
+    resolves their velocity ambiguity together; of other frames the columns of the detections alone.
     """
 
     def __init__(self, radar: Radar, chain: Chain) -> None:
@@ -114,15 +118,21 @@ class FrameProcessor:
         self._peaks: list[FramePeaks] = []
         self._columns: list[dict[str, np.ndarray]] = []
 
-    def process(self, cubes: Iterable[xr.DataArray], *, first: int = 0) -> Iterator[FrameResult]:
-        """Process the frames of cubes one by one; `first` is the number of the first frame.
+    def process_cubes(
+        self, cubes: Iterable[xr.DataArray], *, first_frame_number: int = 0
+    ) -> Iterator[FrameResult]:
+        """Process the frames of cubes one by one, numbered from `first_frame_number`.
 
-        The results of frames with intervals in turn have no directions: those of `detections`
-        follow from the velocities on which all frames agree.
+        The results of frames with intervals in turn have no directions: those of
+        `joined_detection_columns` follow from the velocities on which all frames agree.
         """
         with_directions = not self._is_joint
         for frame in process_cubes(
-            cubes, self._radar, self._chain, first=first, with_directions=with_directions
+            cubes,
+            self._radar,
+            self._chain,
+            first_frame_number=first_frame_number,
+            with_directions=with_directions,
         ):
             if self._is_joint:
                 self._peaks.append(frame.peaks)
@@ -130,14 +140,14 @@ class FrameProcessor:
                 self._columns.append(frame.detections)
             yield frame
 
-    def detections(self) -> dict[str, np.ndarray]:
+    def joined_detection_columns(self) -> dict[str, np.ndarray]:
         """Return the columns of the detections of all frames processed, (n_detections,) each."""
         columns = self._columns
         if self._is_joint:
             frames: Iterable[FramePeaks] = self._peaks
             if len(self._peaks) > 1:
                 frames = resolve_across_frames(self._peaks, self._radar.frame)
-            columns = [frame_detections(frame, self._chain) for frame in frames]
+            columns = [frame_detection_columns(frame, self._chain) for frame in frames]
         if len(columns) == 1:
             return columns[0]
         return {
@@ -151,16 +161,16 @@ def process_cubes(
     radar: Radar,
     chain: Chain,
     *,
-    first: int = 0,
+    first_frame_number: int = 0,
     with_directions: bool = True,
 ) -> Iterator[FrameResult]:
     """Process the frames of cubes one by one, each by itself, see `process_frame`.
 
     Raises `InvalidSetting` if a cube does not fit the radar, and as `process_frame`.
     """
-    number = first
+    number = first_frame_number
     for cube in cubes:
-        check_cube(cube, radar)
+        check_cube_fits_radar(cube, radar)
         # Labels of a label take 0.03 ms.
         labels = cube.coords.variables
         starts_s = labels["frame"].values if "frame" in labels else None
@@ -182,7 +192,7 @@ def process_cubes(
             number += 1
 
 
-def check_cube(cube: xr.DataArray, radar: Radar) -> None:
+def check_cube_fits_radar(cube: xr.DataArray, radar: Radar) -> None:
     """Raise `InvalidSetting` unless the radar could have taken the cube."""
     chirp = radar.frame.chirp
     if not isinstance(cube, xr.DataArray):
@@ -212,7 +222,7 @@ def check_cube(cube: xr.DataArray, radar: Radar) -> None:
                 expected=f"{size}, as the radar has",
                 fix="pass the radar that the cube was taken with",
             )
-    check_sampling(chirp, cube, where="cube")
+    check_samples_complex_or_real(chirp, cube, setting="cube")
 
 
 def warn_about_dropped_peaks(frame: FrameResult, *, stacklevel: int = 3) -> None:

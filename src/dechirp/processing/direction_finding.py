@@ -7,7 +7,11 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.angle.aperture import Aperture, FieldOfView, radar_aperture
 from dechirp.processing.angle.base import DirectionEstimator
-from dechirp.processing.virtual_array import element_amplitudes, element_noise, is_decodable
+from dechirp.processing.virtual_array import (
+    can_separate_transmitters,
+    element_amplitudes,
+    element_to_channel_noise_ratio,
+)
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.theory.direction_bounds import unit_vectors
@@ -29,7 +33,7 @@ class Sources(NamedTuple):
     elevation_std_rad: np.ndarray
 
 
-def direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aperture:
+def checked_direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aperture:
     """Return the aperture of the virtual array, if it resolves directions.
 
     Raises
@@ -47,7 +51,7 @@ def direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aperture:
         if mistake.setting != "Radar.array":
             raise
         problem, expected = mistake.value, mistake.expected
-    if not is_decodable(radar.frame):
+    if not can_separate_transmitters(radar.frame):
         n_tx = len(radar.array.tx_m)
         problem, expected = f"a code of {n_tx} transmitters", "a code that parts them over a round"
     elif radar.frame.n_chirps == 1 < radar.frame.n_slots and len(radar.array.tx_m) > 1:
@@ -68,15 +72,17 @@ def direction_aperture(radar: Radar, field_of_view: FieldOfView) -> Aperture:
 def can_resolve_directions(radar: Radar) -> bool:
     """Return whether the array of a radar resolves directions."""
     try:
-        direction_aperture(radar, FieldOfView())
+        checked_direction_aperture(radar, FieldOfView())
     except InvalidSetting:
         return False
     return True
 
 
-def without_directions(n: int) -> Sources:
+def sources_without_directions(n_detections: int) -> Sources:
     """Return one source without direction for each of n detections."""
-    return Sources(np.arange(n), np.ones(n), *np.full((4, n), np.nan))
+    return Sources(
+        np.arange(n_detections), np.ones(n_detections), *np.full((4, n_detections), np.nan)
+    )
 
 
 def phase_centres_m(
@@ -90,12 +96,14 @@ def phase_centres_m(
     """
     centre_m = radar.element_positions_m.mean(axis=0) / 2
     has_angle = np.stack([np.isfinite(azimuth_rad), np.isfinite(elevation_rad)], axis=-1)
-    is_known = has_angle.any(axis=1) & has_known_direction(ambiguity_number, radar.frame)
+    is_known = has_angle.any(axis=1) & detections_with_known_direction(
+        ambiguity_number, radar.frame
+    )
     axes = np.column_stack([np.ones(len(has_angle), bool), has_angle]) & is_known[:, None]
     return np.where(axes, centre_m, 0.0)
 
 
-def move_to_origin(
+def range_and_direction_from_origin(
     range_m: np.ndarray, azimuth_rad: np.ndarray, elevation_rad: np.ndarray, centre_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Convert ranges and directions from phase centres, (n, 3), to the origin, (n,) each.
@@ -103,8 +111,10 @@ def move_to_origin(
     Unknown angles remain unknown, see `phase_centres_m`. Ranges up to the distance of the origin
     are leakage and constant offsets, which have no position, and stay as they are.
     """
-    x, y, z = (centre_m + range_m[:, None] * _unit_vectors(azimuth_rad, elevation_rad)).T
-    is_target = _is_beyond_offset(range_m, centre_m)
+    x, y, z = (
+        centre_m + range_m[:, None] * _unit_vectors_with_nan_as_zero(azimuth_rad, elevation_rad)
+    ).T
+    is_target = _ranges_beyond_centre_offset(range_m, centre_m)
     return (
         np.where(is_target, np.sqrt(x**2 + y**2 + z**2), range_m),
         np.where(is_target & np.isfinite(azimuth_rad), np.arctan2(y, x), azimuth_rad),
@@ -117,27 +127,31 @@ def move_to_origin(
 def range_from_phase_centre_m(
     centre_m: np.ndarray, range_m: np.ndarray, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
 ) -> np.ndarray:
-    """Return the ranges of sources from phase centres: the inverse of `move_to_origin`."""
-    position_m = range_m[:, None] * _unit_vectors(azimuth_rad, elevation_rad) - centre_m
-    is_target = _is_beyond_offset(range_m, centre_m)
+    """Return ranges from phase centres: the inverse of `range_and_direction_from_origin`."""
+    position_m = (
+        range_m[:, None] * _unit_vectors_with_nan_as_zero(azimuth_rad, elevation_rad) - centre_m
+    )
+    is_target = _ranges_beyond_centre_offset(range_m, centre_m)
     return np.where(is_target, np.linalg.norm(position_m, axis=1), range_m)
 
 
-def _is_beyond_offset(range_m: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
-    away_m = np.linalg.norm(middle_m, axis=1)
+def _ranges_beyond_centre_offset(range_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
+    away_m = np.linalg.norm(centre_m, axis=1)
     return np.asarray((away_m > 0) & (range_m > away_m))
 
 
-def _unit_vectors(azimuth_rad: np.ndarray, elevation_rad: np.ndarray) -> np.ndarray:
+def _unit_vectors_with_nan_as_zero(
+    azimuth_rad: np.ndarray, elevation_rad: np.ndarray
+) -> np.ndarray:
     return unit_vectors(np.nan_to_num(azimuth_rad), np.nan_to_num(elevation_rad))
 
 
-def has_known_direction(ambiguity_number: np.ndarray, frame: Frame) -> np.ndarray:
+def detections_with_known_direction(ambiguity_number: np.ndarray, frame: Frame) -> np.ndarray:
     """Return the mask of directions whose ambiguity number is known or not needed, (n,)."""
     return np.asarray(~np.isnan(ambiguity_number) | (frame.multiplexing is None))
 
 
-def element_snapshots(
+def element_snapshots_and_noise(
     amplitudes: np.ndarray, doppler_hz: np.ndarray, noise_power: np.ndarray, radar: Radar
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return amplitudes of the virtual elements, (n, 1, n_elements), and their noise, (n,).
@@ -147,17 +161,19 @@ def element_snapshots(
     number changes the phases between its elements.
     """
     if radar.frame.multiplexing is None:
-        snapshots = _combine_slots(amplitudes, radar.frame.n_slots)
+        snapshots = _average_slots_in_phase(amplitudes, radar.frame.n_slots)
     else:
         snapshots = element_amplitudes(amplitudes, radar.frame, doppler_hz)
     snapshots = snapshots * radar.element_corrections
     noise = (
-        noise_power * element_noise(radar.frame) * np.mean(np.abs(radar.element_corrections) ** 2)
+        noise_power
+        * element_to_channel_noise_ratio(radar.frame)
+        * np.mean(np.abs(radar.element_corrections) ** 2)
     )
     return snapshots[:, None], np.asarray(noise)
 
 
-def _combine_slots(amplitudes: np.ndarray, n_slots: int) -> np.ndarray:
+def _average_slots_in_phase(amplitudes: np.ndarray, n_slots: int) -> np.ndarray:
     """Average the slots, (n, n_rx), with the phases that maximise their sum."""
     if n_slots == 1:
         return amplitudes
@@ -180,15 +196,15 @@ def estimate_sources(
     Parameters
     ----------
     amplitudes : array (n, n_slots * n_rx), complex
-        Of the channels, see `processing.virtual_array.split_slots`.
+        Of the channels, see `processing.virtual_array.split_chirps_into_slots`.
     doppler_hz : array (n,)
         Unambiguous as far as known, to compensate the motion between slots.
     noise_power : array (n,)
         E|w|^2 in one amplitude of a channel.
-    radar, estimator, seen
-        Whose they are, and how directions are looked for.
+    radar, estimator, virtual_aperture
+        The radar of the detections, the direction estimator and the virtual array that it uses.
     """
-    snapshots, noise = element_snapshots(amplitudes, doppler_hz, noise_power, radar)
+    snapshots, noise = element_snapshots_and_noise(amplitudes, doppler_hz, noise_power, radar)
     directions = estimator.find_directions(snapshots, virtual_aperture, noise)
     is_source = np.isfinite(directions.azimuth_rad) | np.isfinite(directions.elevation_rad)
     is_source[:, 0] = True

@@ -7,13 +7,13 @@ from scipy.special import gammaincinv
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.cfar.base import TrainingWindow
 from dechirp.processing.refine import Tones
-from dechirp.radar.estimation_bounds import crlb_standard_errors
+from dechirp.radar.estimation_bounds import range_and_velocity_crlb_std
 from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import noncoherent_effective_snr
 
 
-def local_noise(
-    power: np.ndarray, cells: np.ndarray, ring: TrainingWindow, n_channels: int
+def local_noise_power(
+    power: np.ndarray, cells: np.ndarray, training_window: TrainingWindow, n_channels: int
 ) -> np.ndarray:
     """Estimate the mean noise power around each peak, (n,).
 
@@ -22,28 +22,28 @@ def local_noise(
     and other targets shift a median little. All cells of a training window along one axis count.
     """
     median = gammaincinv(n_channels, 0.5) / n_channels
-    guard, rows = ring.n_guard, 2 * ring.half_range + 1
-    first = cells[:, 1] - ring.box_rows(power.shape[1])[cells[:, 1]]
-    reach = np.array([ring.half_velocity, guard.velocity, rows, guard.range])
-    return np.asarray(_ring_medians(power, cells, first, reach) / median)
+    guard, rows = training_window.n_guard, 2 * training_window.half_range + 1
+    first = cells[:, 1] - training_window.box_row_of_map_rows(power.shape[1])[cells[:, 1]]
+    reach = np.array([training_window.half_velocity, guard.velocity, rows, guard.range])
+    return np.asarray(_corner_medians(power, cells, first, reach) / median)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _ring_medians(
-    power: np.ndarray, peaks: np.ndarray, first: np.ndarray, reach: np.ndarray
+def _corner_medians(
+    power: np.ndarray, peaks: np.ndarray, first_rows: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
-    """Median of the corners of each ring, whose rows begin at `first`; of all of a flat one."""
+    """Return the median of the corners of each window; of all cells of a flat one."""
     half_velocity, guard_velocity, n_rows, guard_range = reach
     cells = np.empty(n_rows * (2 * half_velocity + 1), power.dtype)
     medians = np.empty(len(peaks))
     for i in range(len(peaks)):
         velocity, row = peaks[i]
-        has_sides = max(row - first[i], first[i] + n_rows - 1 - row) > guard_range
+        has_sides = max(row - first_rows[i], first_rows[i] + n_rows - 1 - row) > guard_range
         n = 0
         for dv in range(-half_velocity, half_velocity + 1):
             if abs(dv) <= guard_velocity and (half_velocity > guard_velocity or dv != 0):
                 continue
-            for r in range(first[i], first[i] + n_rows):
+            for r in range(first_rows[i], first_rows[i] + n_rows):
                 if abs(r - row) <= guard_range and (has_sides or r != row):
                     continue
                 cells[n] = power[(velocity + dv) % power.shape[0], r]
@@ -59,21 +59,25 @@ def principal_doppler_hz(tones: Tones, frame: Frame) -> np.ndarray:
 
 
 def range_velocity_estimates(
-    fast: np.ndarray, doppler_hz: np.ndarray, snr: np.ndarray, frame: Frame, n_channels: int
+    beat_rad_per_sample: np.ndarray,
+    doppler_hz: np.ndarray,
+    snr: np.ndarray,
+    frame: Frame,
+    n_channels: int,
 ) -> dict[str, np.ndarray]:
     """Estimate range and velocity of tones, with standard errors.
 
-    With the delay tau at mid-window, the fast-time frequency (`fast`, rad per sample) is
-    S tau + f_D and the slow-time frequency f_D = 2 v (f - S tau) / c, f the mean of the sampled
-    frequencies. So their difference is free of range-Doppler coupling and of the residual video
-    phase, if f_D is unambiguous. A single chirp gives no velocity: NaN, and the range is that of
-    a target at rest. Standard errors are those of the maximum of the sum of n_channels
+    With the delay tau at mid-window, the fast-time frequency (`beat_rad_per_sample`, rad per
+    sample) is S tau + f_D and the slow-time frequency f_D = 2 v (f - S tau) / c, f the mean of the
+    sampled frequencies. So their difference is free of range-Doppler coupling and of the residual
+    video phase, if f_D is unambiguous. A single chirp gives no velocity: NaN, and the range is that
+    of a target at rest. Standard errors are those of the maximum of the sum of n_channels
     periodograms, see `theory.bounds.noncoherent_effective_snr`.
     """
     chirp = frame.chirp
-    beat_hz = fast * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
+    beat_hz = beat_rad_per_sample * chirp.sample_rate_hz / (2 * np.pi) - doppler_hz
     wavelength_m = SPEED_OF_LIGHT / (chirp.mean_sampled_frequency_hz - beat_hz)
-    range_std, velocity_std = crlb_standard_errors(
+    range_std, velocity_std = range_and_velocity_crlb_std(
         frame,
         snr=noncoherent_effective_snr(snr=snr, n_channels=n_channels),
         wavelength_m=wavelength_m,

@@ -1,6 +1,7 @@
 """One frame through the processing chain: from samples to detections.
 
-`process_frame` has one line for each step of the chain, and `_find_peaks` those of one map.
+`process_frame` has one line for each step of the chain, and `_find_and_refine_peaks` those of one
+map.
 """
 
 from collections.abc import Iterator
@@ -13,24 +14,32 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.processing.chain import Chain
 from dechirp.processing.direction_finding import (
     Sources,
-    direction_aperture,
+    checked_direction_aperture,
     estimate_sources,
-    move_to_origin,
     phase_centres_m,
-    without_directions,
+    range_and_direction_from_origin,
+    sources_without_directions,
 )
-from dechirp.processing.estimates import local_noise, principal_doppler_hz, range_velocity_estimates
+from dechirp.processing.estimates import (
+    local_noise_power,
+    principal_doppler_hz,
+    range_velocity_estimates,
+)
 from dechirp.processing.mitigation.apply import RemovedEcho, apply_mitigation
 from dechirp.processing.mitigation.noise_loss import MIN_NOISE_GAIN
-from dechirp.processing.peak_interpolation import interpolate_peaks
-from dechirp.processing.range_doppler_map import detect_cells, equalised_power, range_doppler_power
-from dechirp.processing.range_walk import frequency_growth
+from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
+from dechirp.processing.range_doppler_map import (
+    detect_peaks_and_count_dropped,
+    equalised_power,
+    range_doppler_power,
+)
+from dechirp.processing.range_walk import slow_time_frequency_growth
 from dechirp.processing.refine import RefinedPeaks, Tones, refine_tones
-from dechirp.processing.scaling import binary_exponent, scale_down
+from dechirp.processing.scaling import binary_scaling_exponent, divide_by_power_of_two
 from dechirp.processing.spectrum import noise_gain
 from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks
 from dechirp.processing.velocity_ambiguity.resolve import resolve_velocity_ambiguity
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -92,11 +101,12 @@ def process_frame(
     """
     start_s = radar.frame.frame_start_s(number) if start_s is None else start_s
     radar = radar.for_frame(number)
-    samples, removed = _mitigate(_in_single_precision(samples, radar.frame), radar.frame, chain)
-    exponent = binary_exponent(samples)
-    channels = split_slots(scale_down(samples, exponent), radar.frame)
+    samples, removed = _mitigate(_to_single_precision(samples, radar.frame), radar.frame, chain)
+    exponent = binary_scaling_exponent(samples)
+    channels = split_chirps_into_slots(divide_by_power_of_two(samples, exponent), radar.frame)
     maps = [
-        _find_peaks(part, part_radar, chain) for part, part_radar in _split_ramps(channels, radar)
+        _find_and_refine_peaks(part, part_radar, chain)
+        for part, part_radar in _split_by_ramp_direction(channels, radar)
     ]
     resolved = resolve_velocity_ambiguity(
         [map_peaks.peaks for map_peaks in maps], radar, chain.field_of_view
@@ -105,36 +115,36 @@ def process_frame(
     return FrameResult(
         number=number,
         time_s=peaks.time_s,
-        detections=frame_detections(
+        detections=frame_detection_columns(
             peaks, chain if with_directions else replace(chain, angle=None)
         ),
         peaks=peaks,
-        power=tuple(scale_down(map_peaks.power, -2 * exponent) for map_peaks in maps),
+        power=tuple(divide_by_power_of_two(map_peaks.power, -2 * exponent) for map_peaks in maps),
         equalised_power=tuple(
-            scale_down(map_peaks.equalised_power, -2 * exponent) for map_peaks in maps
+            divide_by_power_of_two(map_peaks.equalised_power, -2 * exponent) for map_peaks in maps
         ),
         removed=removed,
         n_dropped_peaks=sum(map_peaks.n_dropped_peaks for map_peaks in maps),
     )
 
 
-def frame_detections(frame: FramePeaks, chain: Chain) -> dict[str, np.ndarray]:
+def frame_detection_columns(frame_peaks: FramePeaks, chain: Chain) -> dict[str, np.ndarray]:
     """Return the columns of the detections of one frame, a row for each source of its peaks."""
-    sources = find_directions(frame.resolved, frame.radar, chain)
+    sources = find_directions(frame_peaks.resolved, frame_peaks.radar, chain)
     n_rows = len(sources.detection)
     return {
-        "frame": np.full(n_rows, frame.number),
-        "time": np.full(n_rows, frame.time_s),
-        **detection_columns(frame.resolved, sources, frame.radar),
+        "frame": np.full(n_rows, frame_peaks.number),
+        "time": np.full(n_rows, frame_peaks.time_s),
+        **detection_columns(frame_peaks.resolved, sources, frame_peaks.radar),
     }
 
 
 def find_directions(resolved: ResolvedPeaks, radar: Radar, chain: Chain) -> Sources:
     """Find the sources of peaks and their directions; one source each without an estimator."""
     if chain.angle is None:
-        return without_directions(len(resolved.doppler_hz))
-    radar = _single_ramp_radar(radar)
-    aperture = direction_aperture(radar, chain.field_of_view)
+        return sources_without_directions(len(resolved.doppler_hz))
+    radar = _rising_ramp_radar(radar)
+    aperture = checked_direction_aperture(radar, chain.field_of_view)
     peaks = resolved.peaks
     return estimate_sources(
         peaks.tones.amplitude,
@@ -159,16 +169,16 @@ def detection_columns(
         "elevation": sources.elevation_rad,
         "azimuth_std": sources.azimuth_std_rad,
         "elevation_std": sources.elevation_std_rad,
-        "ambiguity_number": hypotheses.certain_number[peak],
+        "ambiguity_number": hypotheses.certain_numbers[peak],
         "ambiguity_confidence": hypotheses.confidence[peak],
     }
     if radar.calibration is not None:
         columns["range"] -= radar.calibration.range_offset_m
     angles = sources.azimuth_rad, sources.elevation_rad
-    centre_m = phase_centres_m(*angles, columns["ambiguity_number"], _single_ramp_radar(radar))
+    centre_m = phase_centres_m(*angles, columns["ambiguity_number"], _rising_ramp_radar(radar))
     if centre_m.any():
-        columns["range"], columns["azimuth"], columns["elevation"] = move_to_origin(
-            columns["range"], *angles, centre_m
+        columns["range"], columns["azimuth"], columns["elevation"] = (
+            range_and_direction_from_origin(columns["range"], *angles, centre_m)
         )
     return columns
 
@@ -180,20 +190,22 @@ class _MapPeaks(NamedTuple):
     n_dropped_peaks: int
 
 
-def _find_peaks(samples: np.ndarray, radar: Radar, chain: Chain) -> _MapPeaks:
+def _find_and_refine_peaks(samples: np.ndarray, radar: Radar, chain: Chain) -> _MapPeaks:
     """Detect the peaks in the map of samples (chirp, channel, sample), and refine them."""
-    frame, noise = radar.frame, chain.map_noise(radar)
+    frame, noise = radar.frame, chain.map_noise_statistics(radar)
     power = range_doppler_power(samples, radar, chain)
     equalised = equalised_power(power, radar, chain)
-    _check_finite(equalised)
-    cells, n_dropped = detect_cells(equalised, radar, chain)
-    slow, fast = interpolate_peaks(equalised, cells, noise)
-    cell_noise = local_noise(equalised, cells, chain.cfar.training_window, noise.n_channels)
+    _check_power_finite(equalised)
+    cells, n_dropped = detect_peaks_and_count_dropped(equalised, radar, chain)
+    slow, fast = interpolate_peak_frequencies(equalised, cells, noise)
+    cell_noise = local_noise_power(equalised, cells, chain.cfar.training_window, noise.n_channels)
     sample_noise = cell_noise / noise_gain(
         noise.range_transform, noise.doppler_transform, frame.chirp
     )
     sample_noise = np.maximum(sample_noise, np.finfo(np.float32).tiny)
-    tones = refine_tones(samples, slow, fast, sample_noise, growth=frequency_growth(frame.chirp))
+    tones = refine_tones(
+        samples, slow, fast, sample_noise, growth=slow_time_frequency_growth(frame.chirp)
+    )
     tones = _undo_mitigation_gain(tones, frame, chain)
     peaks = RefinedPeaks(
         tones=tones,
@@ -203,7 +215,7 @@ def _find_peaks(samples: np.ndarray, radar: Radar, chain: Chain) -> _MapPeaks:
     return _MapPeaks(power, equalised, peaks, n_dropped)
 
 
-def _in_single_precision(samples: np.ndarray, frame: Frame) -> np.ndarray:
+def _to_single_precision(samples: np.ndarray, frame: Frame) -> np.ndarray:
     is_complex = frame.chirp.sampling == "complex"
     return np.ascontiguousarray(samples, np.complex64 if is_complex else np.float32)
 
@@ -218,7 +230,9 @@ def _mitigate(
     return clean.samples, clean.removed
 
 
-def _split_ramps(channels: np.ndarray, radar: Radar) -> Iterator[tuple[np.ndarray, Radar]]:
+def _split_by_ramp_direction(
+    channels: np.ndarray, radar: Radar
+) -> Iterator[tuple[np.ndarray, Radar]]:
     """Yield the channels of each map: of all ramps, or of rising and of falling ones."""
     if not radar.frame.has_falling_ramps:
         yield channels, radar
@@ -228,7 +242,7 @@ def _split_ramps(channels: np.ndarray, radar: Radar) -> Iterator[tuple[np.ndarra
         yield np.ascontiguousarray(channels[:, part]), radar.with_rising_ramps_only()
 
 
-def _single_ramp_radar(radar: Radar) -> Radar:
+def _rising_ramp_radar(radar: Radar) -> Radar:
     """Return the radar with the rising ramps alone, to which paired peaks are referred."""
     return radar.with_rising_ramps_only() if radar.frame.has_falling_ramps else radar
 
@@ -238,14 +252,16 @@ def _undo_mitigation_gain(tones: Tones, frame: Frame, chain: Chain) -> Tones:
     if not chain.mitigation:
         return tones
     doppler_hz = principal_doppler_hz(tones, frame)
-    gain = np.prod([method.doppler_gain(doppler_hz, frame) for method in chain.mitigation], axis=0)
+    gain = np.prod(
+        [method.doppler_power_gain(doppler_hz, frame) for method in chain.mitigation], axis=0
+    )
     # Peaks lie where a tenth of the noise is left; beside a notch a target may have less.
     gain = np.maximum(gain, MIN_NOISE_GAIN)
     amplitude = tones.amplitude / np.sqrt(gain)[:, None]
     return replace(tones, energy=tones.energy / gain, amplitude=amplitude)
 
 
-def _check_finite(power: np.ndarray) -> None:
+def _check_power_finite(power: np.ndarray) -> None:
     # One sample that is not finite reaches every cell, so one cell is enough.
     if not np.isfinite(power[0, 0]):
         raise InvalidSetting(

@@ -17,11 +17,11 @@ from functools import lru_cache
 import numba
 import numpy as np
 
-from dechirp.core.buffers import scratch_array
+from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.gaussian_noise import add_white_noise
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.processing.chain import Chain
 from dechirp.processing.spectrum import Transform, noise_gain
 from dechirp.radar.radar import Radar
@@ -45,8 +45,8 @@ def can_draw_noise_maps(radar: Radar, chain: Chain) -> bool:
         and not frame.has_falling_ramps
         and not chain.mitigation
         and chain.range_walk is None
-        and _window_factors(chain.range_transform(frame.chirp)) is not None
-        and _window_factors(chain.doppler_transform(frame)) is not None
+        and _window_convolution_factors(chain.range_transform(frame.chirp)) is not None
+        and _window_convolution_factors(chain.doppler_transform(frame)) is not None
     )
 
 
@@ -66,10 +66,10 @@ def draw_noise_map(
         If the map would not fit.
     """
     power = check_number("noise_power_w", noise_power_w, at_least=0)
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     velocity_factors, range_factors = (
-        _window_factors(noise.doppler_transform),
-        _window_factors(noise.range_transform),
+        _window_convolution_factors(noise.doppler_transform),
+        _window_convolution_factors(noise.range_transform),
     )
     if velocity_factors is None or range_factors is None or not can_draw_noise_maps(radar, chain):
         raise InvalidSetting(
@@ -80,7 +80,7 @@ def draw_noise_map(
             fix="compute the map of noise samples with power_map",
         )
     shape = noise.doppler_transform.n_bins, noise.range_transform.n_bins
-    check_memory(
+    check_free_memory(
         "map of noise",
         needed_bytes=shape[0] * shape[1] * (2 * 4.0 + 4.0),  # amplitudes of a channel, power
         fix="take fewer samples or chirps",
@@ -91,17 +91,17 @@ def draw_noise_map(
     )
     share = np.float32(mean / bandwidths / (2 * noise.n_channels))
     # Real and imaginary parts are stored in separate rows, so that all loops are vectorised.
-    white = scratch_array("noise", shape).view(np.float32).reshape(shape[0], 2, shape[1])
+    white = scratch_complex64_array("noise", shape).view(np.float32).reshape(shape[0], 2, shape[1])
     sums = np.zeros(shape, np.float32)
     for _ in range(noise.n_channels):
         white.fill(0)
         add_white_noise(white, 1.0, rng)
-        _add_power(sums, white, velocity_factors, range_factors, share)
+        _add_convolved_power(sums, white, velocity_factors, range_factors, share)
     return sums
 
 
 @lru_cache(maxsize=32)
-def _window_factors(transform: Transform) -> np.ndarray | None:
+def _window_convolution_factors(transform: Transform) -> np.ndarray | None:
     """Return the factors of bins at distance 0, 1, ... of the convolution by a window, or None.
 
     (n,) float32, the first is 1: the transform of the window, which is real and even where the
@@ -124,12 +124,12 @@ def _window_factors(transform: Transform) -> np.ndarray | None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _add_power(
+def _add_convolved_power(
     sums: np.ndarray,
     white: np.ndarray,
     velocity_factors: np.ndarray,
     range_factors: np.ndarray,
-    share: np.float32,
+    power_factor: np.float32,
 ) -> None:
     """Add a share of the power of white amplitudes (velocity, 2, range), convolved, in place.
 
@@ -153,11 +153,13 @@ def _add_power(
             for m in range(1, far + 1):  # circular ends
                 line[far - m] = middle[-m % n_r]
                 line[far + n_r - 1 + m] = middle[(m - 1) % n_r]
-            _add_squares(out, line, range_factors, share)
+            _add_convolved_squares(out, line, range_factors, power_factor)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _add_squares(out: np.ndarray, line: np.ndarray, factors: np.ndarray, share: np.float32) -> None:
+def _add_convolved_squares(
+    out: np.ndarray, line: np.ndarray, factors: np.ndarray, power_factor: np.float32
+) -> None:
     """Add a share of the squares of a row after the convolution along it."""
     n, far = out.size, factors.size - 1
     middle = line[far : far + n]
@@ -166,7 +168,7 @@ def _add_squares(out: np.ndarray, line: np.ndarray, factors: np.ndarray, share: 
         lower, upper = line[:n], line[2 : 2 + n]
         for j in range(n):
             z = middle[j] + neighbour_factor * (lower[j] + upper[j])
-            out[j] += share * z * z
+            out[j] += power_factor * z * z
         return
     total = np.empty(n, np.float32)
     for j in range(n):
@@ -177,4 +179,4 @@ def _add_squares(out: np.ndarray, line: np.ndarray, factors: np.ndarray, share: 
         for j in range(n):
             total[j] += factor * (lower[j] + upper[j])
     for j in range(n):
-        out[j] += share * total[j] * total[j]
+        out[j] += power_factor * total[j] * total[j]

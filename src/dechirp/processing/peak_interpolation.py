@@ -25,7 +25,7 @@ _OFFSETS = np.linspace(0, 0.5, _STEPS + 1)
 _FLAT = 1e-9
 
 
-def interpolate_peaks(
+def interpolate_peak_frequencies(
     power: np.ndarray, cells: np.ndarray, noise: MapNoise
 ) -> tuple[np.ndarray, np.ndarray]:
     """Estimate the frequencies of peaks, rad per chirp and rad per sample, (n,) each.
@@ -40,10 +40,10 @@ def interpolate_peaks(
         return power[at_velocity % n_velocity, np.minimum(at_row % n_bins, n_rows - 1)]
 
     top = power_at(velocity, row)
-    velocity_offset = bin_offsets(
+    velocity_offset = tone_bin_offsets(
         power_at(velocity - 1, row), top, power_at(velocity + 1, row), noise.doppler_transform
     )
-    row_offset = bin_offsets(
+    row_offset = tone_bin_offsets(
         power_at(velocity, row - 1), top, power_at(velocity, row + 1), noise.range_transform
     )
     turn_velocity = 2 * np.pi / noise.doppler_transform.n_bins
@@ -52,14 +52,14 @@ def interpolate_peaks(
     return slow, (row + row_offset) * turn_range
 
 
-def bin_offsets(
+def tone_bin_offsets(
     lower: np.ndarray, centre: np.ndarray, upper: np.ndarray, transform: Transform
 ) -> np.ndarray:
     """Estimate the offsets of tones from their cells, -1/2 to 1/2 bins; 0 without power.
 
     `lower`, `centre` and `upper` are powers of three cells in a row, the highest in the middle.
     """
-    ratios = _neighbour_ratios(transform)
+    ratios = _neighbour_amplitude_ratios(transform)
     if ratios[0] > 1 - _FLAT:
         return np.zeros(centre.shape)
     power = np.maximum(lower, upper) / np.where(centre > 0, centre, np.inf)
@@ -68,7 +68,7 @@ def bin_offsets(
 
 
 @lru_cache(maxsize=32)
-def _neighbour_ratios(transform: Transform) -> np.ndarray:
+def _neighbour_amplitude_ratios(transform: Transform) -> np.ndarray:
     """Return the amplitude ratio of neighbour and peak cell, for offsets of 0 to 1/2 bin."""
     turns = 2j * np.pi / transform.n_bins * np.arange(transform.n_points)
     own_response, neighbour_response = (

@@ -20,13 +20,15 @@ def find_peaks(power: np.ndarray, threshold: np.ndarray, noise: MapNoise) -> np.
     """Find the peaks of a map, (n, 2) indices of velocity and range, strongest first.
 
     A peak exceeds its threshold and its eight neighbours (velocity wraps round), and is no
-    sidelobe of a stronger one: `local_maxima`, then `reject_sidelobes`.
+    sidelobe of a stronger one: `strongest_local_maxima_and_n_dropped`, then `reject_sidelobes`.
     """
-    cells, _ = local_maxima(power, power > threshold)
+    cells, _ = strongest_local_maxima_and_n_dropped(power, power > threshold)
     return reject_sidelobes(power, cells, threshold[cells[:, 0], cells[:, 1]], noise)
 
 
-def local_maxima(power: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, int]:
+def strongest_local_maxima_and_n_dropped(
+    power: np.ndarray, mask: np.ndarray
+) -> tuple[np.ndarray, int]:
     """Find the cells of a mask that no neighbour exceeds.
 
     Returns
@@ -52,7 +54,7 @@ def reject_sidelobes(
     """
     if len(cells) < 2:
         return cells
-    keep = _is_above_sidelobes(
+    keep = _peaks_above_sidelobes(
         cells,
         np.sqrt(power[cells[:, 0], cells[:, 1]]),
         np.sqrt(threshold),
@@ -122,7 +124,7 @@ def _is_local_maximum(power: np.ndarray, v: int, j: int) -> bool:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _is_above_sidelobes(
+def _peaks_above_sidelobes(
     cells: np.ndarray,
     amplitude: np.ndarray,
     threshold: np.ndarray,

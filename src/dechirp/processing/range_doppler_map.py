@@ -6,45 +6,49 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import axis_coordinate
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.apply import apply_mitigation
-from dechirp.processing.mitigation.noise_loss import equalise, mitigation_noise_gain, usable_cells
-from dechirp.processing.peaks import local_maxima, reject_sidelobes
-from dechirp.processing.range_walk import frame_transform
-from dechirp.processing.spectrum import independent_rows, mean_power
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.mitigation.noise_loss import (
+    equalise_map_noise,
+    mitigation_noise_gain,
+    sufficient_noise_gain_mask,
+)
+from dechirp.processing.peaks import reject_sidelobes, strongest_local_maxima_and_n_dropped
+from dechirp.processing.range_walk import select_frame_transform
+from dechirp.processing.spectrum import mean_range_doppler_power, rows_with_circular_noise
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
 
 
 def power_map(cube: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArray:
     """Compute the range-Doppler map of one frame, (chirp, rx, sample) to (velocity, range).
 
-    Mean power over the channels, see `split_slots`; a tone on a bin keeps its power. Where
-    mitigation attenuates velocities, the map is divided by the residual white noise, except in
-    cells with less than a tenth of it, see `processing.mitigation.noise_loss`.
+    Mean power over the channels, see `split_chirps_into_slots`; a tone on a bin keeps its power.
+    Where mitigation attenuates velocities, the map is divided by the residual white noise, except
+    in cells with less than a tenth of it, see `processing.mitigation.noise_loss`.
     """
     samples = cube.variable.transpose("chirp", "rx", "sample").values
     if chain.mitigation:
         samples = apply_mitigation(samples, radar.frame, chain.mitigation).samples
-    return label_power(
-        range_doppler_power(split_slots(samples, radar.frame), radar, chain),
+    return label_map_axes(
+        range_doppler_power(split_chirps_into_slots(samples, radar.frame), radar, chain),
         radar,
         chain,
         samples_unit=str(cube.attrs.get("units")),
     )
 
 
-def label_power(
+def label_map_axes(
     power: np.ndarray, radar: Radar, chain: Chain, *, samples_unit: str
 ) -> xr.DataArray:
     """Label a map (velocity, range) with its axes and its unit."""
-    return _axes_of_map(radar, chain, samples_unit).copy(deep=False, data=power)
+    return _empty_labelled_map(radar, chain, samples_unit).copy(deep=False, data=power)
 
 
 @lru_cache(maxsize=8)  # 0.7 ms
-def _axes_of_map(radar: Radar, chain: Chain, samples_unit: str) -> xr.DataArray:
-    noise = chain.map_noise(radar)
+def _empty_labelled_map(radar: Radar, chain: Chain, samples_unit: str) -> xr.DataArray:
+    noise = chain.map_noise_statistics(radar)
     velocity_m_per_s = radar.frame.velocity_bins_m_per_s(noise.doppler_transform.n_bins)
     range_m = radar.frame.chirp.range_bins_m(noise.range_transform.n_bins)
     return xr.DataArray(
@@ -65,21 +69,21 @@ def threshold_map(power: xr.DataArray, radar: Radar, chain: Chain) -> xr.DataArr
     """Compute the threshold of each cell of a map; infinite where no false-alarm law holds.
 
     Infinite in the rows about DC and about half the sample rate of real sampling, see
-    `processing.spectrum.independent_rows`, and in cells with less than a tenth of the noise left
-    by mitigation; neither are training cells.
+    `processing.spectrum.rows_with_circular_noise`, and in cells with less than a tenth of the noise
+    left by mitigation; neither are training cells.
     """
     labelled = power.transpose("velocity", "range")
-    noise = chain.map_noise(radar)
-    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    noise = chain.map_noise_statistics(radar)
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     level = np.ascontiguousarray(equalised_power(labelled.values, radar, chain)[:, rows])
     threshold = np.full_like(labelled.values, np.inf)
     threshold[:, rows] = chain.cfar.threshold(level, noise)
-    if (residual := residual_noise(radar, chain)) is not None:
-        threshold[~usable_cells(residual)] = np.inf
+    if (residual := residual_noise_gain(radar, chain)) is not None:
+        threshold[~sufficient_noise_gain_mask(residual)] = np.inf
     return labelled.copy(data=threshold).assign_attrs(long_name="threshold")
 
 
-def threshold_cuts(
+def threshold_cuts_through_cell(
     power: xr.DataArray, radar: Radar, chain: Chain, cell: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the threshold of the row and the column through a cell (velocity, range).
@@ -88,8 +92,8 @@ def threshold_cuts(
     the time of `threshold_map`.
     """
     row, column = cell
-    noise, ring = chain.map_noise(radar), chain.cfar.training_window
-    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    noise, ring = chain.map_noise_statistics(radar), chain.cfar.training_window
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     values = power.variable.transpose("velocity", "range").values
     level = equalised_power(values, radar, chain)[:, rows]
     window_rows = np.arange(row - ring.half_velocity, row + ring.half_velocity + 1) % len(level)
@@ -97,12 +101,12 @@ def threshold_cuts(
     over_range[rows] = chain.cfar.threshold(level[window_rows], noise)[ring.half_velocity]
     over_velocity = np.full(values.shape[0], np.inf, np.float32)
     if rows.start <= column < rows.stop:
-        box_row = int(ring.box_rows(level.shape[1])[column - rows.start])
+        box_row = int(ring.box_row_of_map_rows(level.shape[1])[column - rows.start])
         first = column - rows.start - box_row
         box = np.ascontiguousarray(level[:, first : first + 2 * ring.half_range + 1])
         over_velocity = chain.cfar.threshold(box, noise)[:, box_row]
-    if (residual := residual_noise(radar, chain)) is not None:
-        is_usable = usable_cells(residual)
+    if (residual := residual_noise_gain(radar, chain)) is not None:
+        is_usable = sufficient_noise_gain_mask(residual)
         over_range[~is_usable[row]] = np.inf
         over_velocity = np.where(is_usable[:, column], over_velocity, np.inf)
     return over_range, over_velocity
@@ -110,31 +114,31 @@ def threshold_cuts(
 
 def range_doppler_power(samples: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     """Compute the map (velocity, range) of samples (chirp, channel, sample) after mitigation."""
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     cells = noise.range_transform.n_bins * noise.doppler_transform.n_bins
-    check_memory(
+    check_free_memory(
         "range-Doppler map",
         needed_bytes=cells * (3 * 8.0 + 3 * 4.0),  # spectra of a channel, power, threshold
         fix="take fewer range or velocity bins",
     )
     chirp = radar.frame.chirp
-    transform = frame_transform(chain.range_walk, chirp)
-    power = mean_power(
+    transform = select_frame_transform(chain.range_walk, chirp)
+    power = mean_range_doppler_power(
         samples, chirp.sampling, noise.range_transform, noise.doppler_transform, transform
     )
-    if (residual := residual_noise(radar, chain)) is not None:
-        np.divide(power, residual, out=power, where=usable_cells(residual))
+    if (residual := residual_noise_gain(radar, chain)) is not None:
+        np.divide(power, residual, out=power, where=sufficient_noise_gain_mask(residual))
     return power
 
 
-def residual_noise(radar: Radar, chain: Chain) -> np.ndarray | None:
+def residual_noise_gain(radar: Radar, chain: Chain) -> np.ndarray | None:
     """Return the noise gain of the mitigation in each cell, see `mitigation_noise_gain`.
 
     None if no method filters slow time, which leaves all noise.
     """
     if not any(method.filters_slow_time for method in chain.mitigation):
         return None
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     return mitigation_noise_gain(
         chain.mitigation, radar.frame.chirp, noise.range_transform, noise.doppler_transform
     )
@@ -142,11 +146,17 @@ def residual_noise(radar: Radar, chain: Chain) -> np.ndarray | None:
 
 def equalised_power(power: np.ndarray, radar: Radar, chain: Chain) -> np.ndarray:
     """Return the map that the detector reads: unused cells are filled with noise beside them."""
-    residual = residual_noise(radar, chain)
-    return power if residual is None else equalise(power, usable_cells(residual).astype(np.float32))
+    residual = residual_noise_gain(radar, chain)
+    return (
+        power
+        if residual is None
+        else equalise_map_noise(power, sufficient_noise_gain_mask(residual).astype(np.float32))
+    )
 
 
-def detect_cells(power: np.ndarray, radar: Radar, chain: Chain) -> tuple[np.ndarray, int]:
+def detect_peaks_and_count_dropped(
+    power: np.ndarray, radar: Radar, chain: Chain
+) -> tuple[np.ndarray, int]:
     """Detect the peaks of a map.
 
     Parameters
@@ -169,15 +179,15 @@ def detect_cells(power: np.ndarray, radar: Radar, chain: Chain) -> tuple[np.ndar
     The mask of cells over threshold, and the threshold of a few cells, take a fraction of the
     time that an ordered statistic takes for a whole map.
     """
-    noise = chain.map_noise(radar)
-    rows = independent_rows(radar.frame.chirp, noise.range_transform)
+    noise = chain.map_noise_statistics(radar)
+    rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
     searched_power = np.ascontiguousarray(power[:, rows])
     is_over = chain.cfar.exceeds_threshold(searched_power, noise)
     if searched_power.shape != power.shape:
         in_rows, is_over = is_over, np.zeros(power.shape, bool)
         is_over[:, rows] = in_rows
-    if (residual := residual_noise(radar, chain)) is not None:
-        is_over &= usable_cells(residual)
-    cells, n_dropped = local_maxima(power, is_over)
+    if (residual := residual_noise_gain(radar, chain)) is not None:
+        is_over &= sufficient_noise_gain_mask(residual)
+    cells, n_dropped = strongest_local_maxima_and_n_dropped(power, is_over)
     threshold = chain.cfar.threshold_at_cells(searched_power, cells - (0, rows.start), noise)
     return reject_sidelobes(power, cells, threshold, noise), n_dropped

@@ -30,7 +30,12 @@ from typing import Literal
 import numpy as np
 import scipy.fft
 
-from dechirp.processing.spectrum import FrameTransform, Transform, amplitude_weights, range_doppler
+from dechirp.processing.spectrum import (
+    FrameTransform,
+    Transform,
+    amplitude_range_weights,
+    range_doppler_spectrum,
+)
 from dechirp.radar.chirp import Chirp, Sampling
 
 # Largest size of a block of samples in the chirp transform, in complex numbers.
@@ -45,21 +50,22 @@ _TAPER_SHAPE = 0.75 * np.pi * _TAPER_LENGTH
 RangeWalk = Literal["keystone", "segmented"]
 
 
-def frame_transform(name: RangeWalk | None, chirp: Chirp) -> FrameTransform:
+def select_frame_transform(range_walk: RangeWalk | None, chirp: Chirp) -> FrameTransform:
     """Return the frame transform of a correction for a chirp; the plain one for None."""
-    if name is None:
-        return range_doppler
+    if range_walk is None:
+        return range_doppler_spectrum
     return partial(
-        {"keystone": keystone, "segmented": segmented}[name], growth=frequency_growth(chirp)
+        {"keystone": keystone_range_doppler, "segmented": segmented_range_doppler}[range_walk],
+        growth=slow_time_frequency_growth(chirp),
     )
 
 
-def frequency_growth(chirp: Chirp) -> float:
+def slow_time_frequency_growth(chirp: Chirp) -> float:
     """Return the growth of slow-time frequencies per sample, relative to their mean."""
     return chirp.slope_hz_per_s / chirp.sample_rate_hz / chirp.mean_sampled_frequency_hz
 
 
-def keystone(
+def keystone_range_doppler(
     samples: np.ndarray,
     sampling: Sampling,
     range_transform: Transform,
@@ -69,14 +75,14 @@ def keystone(
 ) -> np.ndarray:
     """Transform one frame with exact range-walk correction, to (velocity, channel, range).
 
-    Like `spectrum.range_doppler` except for the phase, which is that at mid-frame. The transform
-    over chirps is a chirp transform (Bluestein 1970), exact at any scale of its frequencies:
-    a forward and an inverse fast transform of more than twice the length.
+    Like `spectrum.range_doppler_spectrum` except for the phase, which is that at mid-frame. The
+    transform over chirps is a chirp transform (Bluestein 1970), exact at any scale of its
+    frequencies: a forward and an inverse fast transform of more than twice the length.
     """
-    tapered = _window_samples(samples, sampling, range_transform, doppler_transform)
+    tapered = _apply_windows(samples, sampling, range_transform, doppler_transform)
     n_chirps, n_bins = doppler_transform.n_points, doppler_transform.n_bins
     # Of k j = (k^2 + j^2 - (k - j)^2) / 2.
-    rates = -np.pi / n_bins * _frequency_scales(range_transform.n_points, growth)
+    rates = -np.pi / n_bins * _relative_frequency_per_sample(range_transform.n_points, growth)
     chirps, bins = _centred_index(n_chirps), _signed_bins(n_bins)
     apart = bins[0] - chirps[-1] + np.arange(n_chirps + n_bins - 1)
     n_fft = scipy.fft.next_fast_len(apart.size)
@@ -85,15 +91,15 @@ def keystone(
     for first in range(0, range_transform.n_points, step):
         block = slice(first, first + step)
         rate = rates[block]
-        modulated = tapered[:, :, block] * _phase_factors(chirps**2, rate)
+        modulated = tapered[:, :, block] * _outer_phase_factors(chirps**2, rate)
         filtered = scipy.fft.fft(modulated, n_fft, axis=0, overwrite_x=True)
-        filtered *= scipy.fft.fft(_phase_factors(apart**2, -rate), n_fft, axis=0)
+        filtered *= scipy.fft.fft(_outer_phase_factors(apart**2, -rate), n_fft, axis=0)
         spectrum = scipy.fft.ifft(filtered, axis=0, overwrite_x=True)[n_chirps - 1 : apart.size]
-        np.multiply(spectrum, _phase_factors(bins**2, rate), out=out[:, :, block])
+        np.multiply(spectrum, _outer_phase_factors(bins**2, rate), out=out[:, :, block])
     return _transform_range(out, sampling, range_transform)
 
 
-def segmented(
+def segmented_range_doppler(
     samples: np.ndarray,
     sampling: Sampling,
     range_transform: Transform,
@@ -101,7 +107,7 @@ def segmented(
     *,
     growth: float,
 ) -> np.ndarray:
-    r"""Transform one frame like `keystone`, with the walk corrected segment by segment.
+    r"""Transform one frame with range-walk correction segment by segment.
 
     Within a segment of chirps a target stays in its cell; segments are aligned for each
     velocity and added. They overlap with Kaiser-Bessel tapers h, whose transform is divided
@@ -113,9 +119,9 @@ def segmented(
     at other velocities and ranges, instead of 75 dB. The time grows with the walk of the largest
     velocity: two fast transforms for each cell, and five more.
     """
-    tapered = _window_samples(samples, sampling, range_transform, doppler_transform)
+    tapered = _apply_windows(samples, sampling, range_transform, doppler_transform)
     n_bins = doppler_transform.n_bins
-    relative_frequency = _frequency_scales(range_transform.n_points, growth) - 1
+    relative_frequency = _relative_frequency_per_sample(range_transform.n_points, growth) - 1
     chirps, bins = (
         _centred_index(doppler_transform.n_points),
         np.fft.ifftshift(_signed_bins(n_bins)),
@@ -127,24 +133,26 @@ def segmented(
     out = np.zeros((n_bins, *samples.shape[1:]), np.complex64)
     segment = np.empty_like(tapered)
     for middle in apart * np.arange(-n_sides, n_sides + 1):
-        np.multiply(tapered, _segment_taper((chirps - middle) / apart)[:, None, None], out=segment)
+        np.multiply(
+            tapered, _kaiser_bessel_taper((chirps - middle) / apart)[:, None, None], out=segment
+        )
         spectrum = scipy.fft.fft(segment, n_bins, axis=0)
-        spectrum *= _phase_factors(bins, middle * rates)
+        spectrum *= _outer_phase_factors(bins, middle * rates)
         out += spectrum
-    out /= _taper_response(np.outer(bins, rates * apart))[:, None, :]
+    out /= _segment_sum_gain(np.outer(bins, rates * apart))[:, None, :]
     out = np.fft.fftshift(out, axes=0)
     return _transform_range(out, sampling, range_transform)
 
 
-def _segment_taper(distance: np.ndarray) -> np.ndarray:
+def _kaiser_bessel_taper(distance: np.ndarray) -> np.ndarray:
     """Return the Kaiser-Bessel taper at distances from the middle, in steps between segments."""
     argument = np.maximum(1 - (2 * distance / _TAPER_LENGTH) ** 2, 0.0)
     return np.where(argument > 0, np.i0(_TAPER_SHAPE * np.sqrt(argument)), 0.0).astype(np.float32)
 
 
-def _taper_response(turn: np.ndarray) -> np.ndarray:
+def _segment_sum_gain(phase_step: np.ndarray) -> np.ndarray:
     """Return the gain of the sum of segments for a phase step between them, in rad."""
-    root = np.sqrt(_TAPER_SHAPE**2 - (_TAPER_LENGTH / 2 * turn) ** 2)
+    root = np.sqrt(_TAPER_SHAPE**2 - (_TAPER_LENGTH / 2 * phase_step) ** 2)
     return np.asarray(_TAPER_LENGTH * np.sinh(root) / root, np.float32)
 
 
@@ -156,24 +164,26 @@ def _signed_bins(n_bins: int) -> np.ndarray:
     return np.arange(n_bins) - n_bins // 2
 
 
-def _frequency_scales(n_samples: int, growth: float) -> np.ndarray:
+def _relative_frequency_per_sample(n_samples: int, growth: float) -> np.ndarray:
     """Return the frequency sent at each sample over the mean of all, (sample,)."""
     return np.asarray(1 + growth * _centred_index(n_samples))
 
 
-def _phase_factors(factors: np.ndarray, rates: np.ndarray) -> np.ndarray:
+def _outer_phase_factors(factors: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Return exp(i factor rate), (factor, 1, sample); phases in double precision."""
     return np.exp(1j * np.outer(factors, rates)).astype(np.complex64)[:, None, :]
 
 
-def _window_samples(
+def _apply_windows(
     samples: np.ndarray,
     sampling: Sampling,
     range_transform: Transform,
     doppler_transform: Transform,
 ) -> np.ndarray:
     slow = (doppler_transform.weights / doppler_transform.weights.sum()).astype(np.float32)
-    return np.asarray(samples * slow[:, None, None] * amplitude_weights(range_transform, sampling))
+    return np.asarray(
+        samples * slow[:, None, None] * amplitude_range_weights(range_transform, sampling)
+    )
 
 
 def _transform_range(

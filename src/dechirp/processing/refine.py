@@ -81,7 +81,7 @@ def refine_tones(
     sums = np.empty((len(slow), samples.shape[1], len(rows) - 1, len(columns) - 1), np.complex128)
 
     def add(i: int) -> None:
-        sums[i] = _block_sums(numbers, n_samples, slow[i], fast[i], rows, columns)
+        sums[i] = _demodulated_block_sums(numbers, n_samples, slow[i], fast[i], rows, columns)
         # Over a walk of eight cells the phase error in a block is at most 0.8 rad, of the sum 3 %.
         sums[i] *= np.exp(
             -1j * slow[i] * growth * np.outer(_block_centres(rows), _block_centres(columns))
@@ -95,8 +95,8 @@ def refine_tones(
 
 
 @lru_cache(maxsize=64)
-def _block_edges(n: int) -> np.ndarray:
-    edges = np.linspace(0, n, min(n, N_BLOCKS) + 1).round().astype(np.int64)
+def _block_edges(n_points: int) -> np.ndarray:
+    edges = np.linspace(0, n_points, min(n_points, N_BLOCKS) + 1).round().astype(np.int64)
     edges.setflags(write=False)
     return edges
 
@@ -107,7 +107,7 @@ def _block_centres(edges: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _block_sums(
+def _demodulated_block_sums(
     numbers: np.ndarray,
     n_samples: int,
     slow: float,
@@ -166,7 +166,7 @@ def _estimate_tones(
     largest, was_alone = np.zeros(n_tones), np.zeros(n_tones, np.bool_)
     half = np.empty((n_tones, 4))
     for i in range(n_tones):
-        _half_angles(slow[i], fast[i], half[i])
+        _write_half_angle_sines_and_cosines(slow[i], fast[i], half[i])
     half_now = half.copy()
     for turn in range(N_PASSES if n_tones > 1 else 1):
         for i in range(n_tones):
@@ -180,12 +180,12 @@ def _estimate_tones(
                 # 2,000 tones have 4e6 pairs: their sines would take most of the time.
                 sine_slow = half_now[k, 0] * half[i, 1] - half_now[k, 1] * half[i, 0]
                 sine_fast = half_now[k, 2] * half[i, 3] - half_now[k, 3] * half[i, 2]
-                down = _mean_attenuation(sine_slow, rows[-1]) * _mean_attenuation(
+                down = _min_attenuation_by_mean(sine_slow, rows[-1]) * _min_attenuation_by_mean(
                     sine_fast, columns[-1]
                 )
                 if largest[k] > negligible[i] * down:
                     walk = apart_slow * growth
-                    _subtract_tone(
+                    _subtract_separable_tone(
                         residual, amplitude[k], apart_slow, apart_fast, walk, rows, columns
                     )
                     is_alone = False
@@ -195,9 +195,13 @@ def _estimate_tones(
             d_slow[i], d_fast[i] = _maximise_periodogram(
                 residual, rows, columns, d_slow[i], d_fast[i]
             )
-            _half_angles(slow[i] + d_slow[i], fast[i] + d_fast[i], half_now[i])
-            gain = _block_gain(d_slow[i], rows) * _block_gain(d_fast[i], columns)
-            moments = _moments(residual, rows, columns, d_slow[i], d_fast[i])
+            _write_half_angle_sines_and_cosines(
+                slow[i] + d_slow[i], fast[i] + d_fast[i], half_now[i]
+            )
+            gain = _blockwise_demodulation_gain(d_slow[i], rows) * _blockwise_demodulation_gain(
+                d_fast[i], columns
+            )
+            moments = _periodogram_moments(residual, rows, columns, d_slow[i], d_fast[i])
             largest[i] = 0.0
             for k in range(n_rx):
                 amplitude[i, k] = moments[0, k] / gain
@@ -210,23 +214,23 @@ def _estimate_tones(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _half_angles(slow: float, fast: float, out: np.ndarray) -> None:
+def _write_half_angle_sines_and_cosines(slow: float, fast: float, out: np.ndarray) -> None:
     """Write sine and cosine of half of each, from which those of half a difference follow."""
     out[0], out[1] = np.sin(slow / 2), np.cos(slow / 2)
     out[2], out[3] = np.sin(fast / 2), np.cos(fast / 2)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _mean_attenuation(sine: float, n: int) -> float:
+def _min_attenuation_by_mean(half_step_sine: float, n_points: int) -> float:
     """Return the least attenuation of a tone by the mean of n points.
 
-    `sine` is that of half its phase step from point to point.
+    `half_step_sine` is that of half its phase step from point to point.
     """
-    return max(1.0, n * abs(sine))
+    return max(1.0, n_points * abs(half_step_sine))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _subtract_tone(
+def _subtract_separable_tone(
     sums: np.ndarray,
     amplitude: np.ndarray,
     apart_slow: float,
@@ -245,7 +249,10 @@ def _subtract_tone(
     bins_fast = abs((apart_fast + np.pi) % (2 * np.pi) - np.pi) * columns[-1] / (2 * np.pi)
     if max(bins_slow, bins_fast) < 1.5:
         return
-    row_sums, over_columns = _block_tone(apart_slow, rows), _block_tone(apart_fast, columns)
+    row_sums, over_columns = (
+        _tone_block_sums(apart_slow, rows),
+        _tone_block_sums(apart_fast, columns),
+    )
     from_row = (rows[1:] + rows[:-1] - rows[-1]) / 2
     from_column = (columns[1:] + columns[:-1] - columns[-1]) / 2
     tone = np.empty((row_sums.size, over_columns.size), np.complex128)
@@ -260,7 +267,7 @@ def _subtract_tone(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _block_tone(frequency: float, edges: np.ndarray) -> np.ndarray:
+def _tone_block_sums(frequency: float, edges: np.ndarray) -> np.ndarray:
     """Sum exp(i frequency n) over each block, (blocks,)."""
     sums = np.empty(edges.size - 1, np.complex128)
     is_still = abs(np.sin(frequency / 2)) < 1e-9
@@ -273,10 +280,10 @@ def _block_tone(frequency: float, edges: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _block_gain(frequency: float, edges: np.ndarray) -> float:
+def _blockwise_demodulation_gain(frequency: float, edges: np.ndarray) -> float:
     """Return the sum of a unit tone demodulated block by block: a little less than N."""
     gain = 0.0
-    tones = _block_tone(frequency, edges)
+    tones = _tone_block_sums(frequency, edges)
     for k in range(tones.size):
         centre = (edges[k + 1] + edges[k] - 1) / 2
         gain += (tones[k] * np.exp(-1j * frequency * centre)).real
@@ -284,7 +291,7 @@ def _block_gain(frequency: float, edges: np.ndarray) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _moments(
+def _periodogram_moments(
     sums: np.ndarray, rows: np.ndarray, columns: np.ndarray, slow: float, fast: float
 ) -> np.ndarray:
     """Sum p^i q^j y exp(-i (slow p + fast q)): orders 00 10 01 20 11 02, (6, rx).
@@ -330,7 +337,7 @@ def _maximise_periodogram(
     """
     bin_slow, bin_fast = 2 * np.pi / rows[-1], 2 * np.pi / columns[-1]
     for _ in range(12):
-        m = _moments(sums, rows, columns, slow, fast)
+        m = _periodogram_moments(sums, rows, columns, slow, fast)
         power, up_slow, up_fast, ss, sf, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(m.shape[1]):
             conjugate = np.conj(m[0, k])

@@ -16,7 +16,7 @@ _N_PROBES = 4096
 _MAX_EXPONENT = 30
 
 
-def binary_exponent(samples: np.ndarray) -> int:
+def binary_scaling_exponent(samples: np.ndarray) -> int:
     """Return the binary exponent of the largest sample probed; 0 for samples of usual size.
 
     `samples` are contiguous, complex64 or float32.
@@ -28,7 +28,7 @@ def binary_exponent(samples: np.ndarray) -> int:
     return exponent if abs(exponent) > _MAX_EXPONENT else 0
 
 
-def scale_down(numbers: np.ndarray, exponent: int) -> np.ndarray:
+def divide_by_power_of_two(numbers: np.ndarray, exponent: int) -> np.ndarray:
     """Divide numbers, complex64 or float32, by 2^exponent; returns the same array for 0."""
     if exponent == 0:
         return numbers

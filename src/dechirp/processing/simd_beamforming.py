@@ -40,7 +40,7 @@ class MirroredBeams(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def mirrored_beams(aperture: Aperture) -> MirroredBeams:
+def mirrored_beam_weights(aperture: Aperture) -> MirroredBeams:
     """Compute the weights of beams with the power of one element."""
     middle = (aperture.positions.min(axis=0) + aperture.positions.max(axis=0)) / 2
     offsets = np.round(aperture.positions - middle, 9)  # so that rounding errors separate no pair
@@ -52,7 +52,7 @@ def mirrored_beams(aperture: Aperture) -> MirroredBeams:
     to_q = side[:, None] * to_p
 
     directions = unit_vectors(
-        aperture.grid.azimuth_rad, aperture.grid.elevation_rad[:, None]
+        aperture.direction_grid.azimuth_rad, aperture.direction_grid.elevation_rad[:, None]
     ).reshape(-1, 3)
     directions = directions[: len(directions) // 2 + 1]
     psi = 2 * np.pi * directions[:, 1:] @ pair_positions[:, 1:].T
@@ -68,7 +68,7 @@ def mirrored_beams(aperture: Aperture) -> MirroredBeams:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def raise_to_beam_power(
+def raise_to_largest_beam_power(
     power: np.ndarray,
     spectrum: np.ndarray,
     compensation: np.ndarray,
@@ -105,18 +105,18 @@ def raise_to_beam_power(
         paired = np.empty((2, n, 2 * size), np.float32)
         sums = np.empty((2, 2 * size), np.float32)
         for v in range(n_velocities):
-            _sum_pairs(
+            _sum_element_pairs(
                 paired.reshape(2 * n, 2, size), spectrum[v, :, :, block], compensation[v], pair_sums
             )
             for pair in range(n_pairs):
                 for part in range(2):
                     _sum_weighted_rows(sums[part], paired[part], weights[part, pair])
                 azimuth = pair % len(power)
-                _raise_powers(power[azimuth, block], power[last - azimuth, block], sums)
+                _raise_to_beam_powers(power[azimuth, block], power[last - azimuth, block], sums)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _sum_pairs(
+def _sum_element_pairs(
     out: np.ndarray, spectrum: np.ndarray, compensation: np.ndarray, pair_sums: np.ndarray
 ) -> None:
     """Compute the terms of P and Q, real and imaginary parts: (2 n, 2, range)."""
@@ -144,7 +144,7 @@ def _sum_weighted_rows(total: np.ndarray, rows: np.ndarray, weights: np.ndarray)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _raise_powers(direct: np.ndarray, mirrored: np.ndarray, sums: np.ndarray) -> None:
+def _raise_to_beam_powers(direct: np.ndarray, mirrored: np.ndarray, sums: np.ndarray) -> None:
     """Raise powers to those of P + iQ and P - iQ, in place."""
     n = len(direct)
     for i in range(n):

@@ -5,7 +5,7 @@ So a butterfly of any radix is a dozen vector additions without shuffles, which 
 one series would need. The code is written in vectors of fixed width, which every processor can
 execute: the compiler does not vectorise the loops, as it cannot exclude that points overlap.
 
-Transforms are in place and leave the frequencies in another order, `frequency_positions`.
+Transforms are in place and leave the frequencies in another order, `output_position_of_frequency`.
 """
 
 import math
@@ -41,7 +41,7 @@ class Stages(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def plan_stages(n: int) -> Stages | None:
+def plan_fft_stages(n: int) -> Stages | None:
     """Plan the stages for n points; None if n has a factor that is not in `RADICES`."""
     remaining, radices = n, []
     for radix in RADICES:
@@ -64,9 +64,9 @@ def plan_stages(n: int) -> Stages | None:
 
 
 @lru_cache(maxsize=32)
-def frequency_positions(n: int) -> np.ndarray:
+def output_position_of_frequency(n: int) -> np.ndarray:
     """Return the point of each frequency after a transform of n points, (n,)."""
-    stages = plan_stages(n)
+    stages = plan_fft_stages(n)
     assert stages is not None
     positions, length, step = np.zeros(n, np.int64), n, 1
     frequency = np.arange(n)
@@ -91,7 +91,7 @@ def _store_vector(builder: Any, vector: Any, pointer: Any) -> None:
     builder.store(vector, builder.bitcast(pointer, _VECTOR.as_pointer()), align=4)
 
 
-def _int64(number: int) -> Any:
+def _int64_constant(number: int) -> Any:
     return ir.Constant(ir.IntType(64), number)
 
 
@@ -99,7 +99,7 @@ def _constant_vector(number: float) -> Any:
     return ir.Constant(_VECTOR, [float(np.float32(number))] * WIDTH)
 
 
-def _broadcast(builder: Any, number: Any) -> Any:
+def _broadcast_to_vector(builder: Any, number: Any) -> Any:
     vector = builder.insert_element(
         ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0)
     )
@@ -107,8 +107,8 @@ def _broadcast(builder: Any, number: Any) -> Any:
     return builder.shuffle_vector(vector, ir.Constant(_VECTOR, ir.Undefined), zeros)
 
 
-def _shuffle(builder: Any, a: Any, b: Any, places: Sequence[int]) -> Any:
-    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), list(places))
+def _shuffle_vectors(builder: Any, a: Any, b: Any, lanes: Sequence[int]) -> Any:
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), list(lanes))
     return builder.shuffle_vector(a, b, mask)
 
 
@@ -118,76 +118,80 @@ class _ComplexBuilder:
     def __init__(self, builder: Any) -> None:
         self.builder, self.flags = builder, ["contract"]
 
-    def add(self, a: Any, b: Any) -> Any:
+    def add_real(self, a: Any, b: Any) -> Any:
         return self.builder.fadd(a, b, flags=self.flags)
 
-    def subtract(self, a: Any, b: Any) -> Any:
+    def subtract_real(self, a: Any, b: Any) -> Any:
         return self.builder.fsub(a, b, flags=self.flags)
 
-    def multiply(self, a: Any, b: Any) -> Any:
+    def multiply_real(self, a: Any, b: Any) -> Any:
         return self.builder.fmul(a, b, flags=self.flags)
 
     def sum_and_difference(self, a: _Complex, b: _Complex) -> tuple[_Complex, _Complex]:
         """Return sum and difference."""
         return (
-            (self.add(a[0], b[0]), self.add(a[1], b[1])),
-            (self.subtract(a[0], b[0]), self.subtract(a[1], b[1])),
+            (self.add_real(a[0], b[0]), self.add_real(a[1], b[1])),
+            (self.subtract_real(a[0], b[0]), self.subtract_real(a[1], b[1])),
         )
 
-    def rotate(self, a: _Complex, c: Any, s: Any) -> _Complex:
+    def rotate(self, a: _Complex, cosine: Any, sine: Any) -> _Complex:
         """Multiply by c + i s."""
         return (
-            self.subtract(self.multiply(a[0], c), self.multiply(a[1], s)),
-            self.add(self.multiply(a[0], s), self.multiply(a[1], c)),
+            self.subtract_real(self.multiply_real(a[0], cosine), self.multiply_real(a[1], sine)),
+            self.add_real(self.multiply_real(a[0], sine), self.multiply_real(a[1], cosine)),
         )
 
-    def rotate_back(self, a: _Complex, k: int, n: int) -> _Complex:
+    def rotate_back_by_fraction(self, a: _Complex, k: int, n: int) -> _Complex:
         """Rotate by minus k / n cycles."""
         if k == 0:
             return a
         if 4 * k == n:
-            return a[1], self.multiply(a[0], _constant_vector(-1))
+            return a[1], self.multiply_real(a[0], _constant_vector(-1))
         turn = -2 * math.pi * k / n
         return self.rotate(a, _constant_vector(math.cos(turn)), _constant_vector(math.sin(turn)))
 
     def weighted_sum(self, start: Any, factors: Sequence[float], vectors: Sequence[Any]) -> Any:
         total = start
         for factor, vector in zip(factors, vectors, strict=True):
-            product = self.multiply(vector, _constant_vector(factor))
-            total = product if total is None else self.add(total, product)
+            product = self.multiply_real(vector, _constant_vector(factor))
+            total = product if total is None else self.add_real(total, product)
         return total
 
-    def transform(self, x: list[_Complex]) -> list[_Complex]:
+    def transform_few_points(self, points: list[_Complex]) -> list[_Complex]:
         """Transform a few points directly."""
-        n = len(x)
+        n = len(points)
         if n == 1:
-            return x
+            return points
         if n % 2 == 0:
             low, high = [], []
-            pairs = zip(self.transform(x[0::2]), self.transform(x[1::2]), strict=True)
+            pairs = zip(
+                self.transform_few_points(points[0::2]),
+                self.transform_few_points(points[1::2]),
+                strict=True,
+            )
             for k, (even, odd) in enumerate(pairs):
-                plus, minus = self.sum_and_difference(even, self.rotate_back(odd, k, n))
+                plus, minus = self.sum_and_difference(even, self.rotate_back_by_fraction(odd, k, n))
                 low.append(plus)
                 high.append(minus)
             return low + high
         half = range(1, n // 2 + 1)
-        pairs_of = [self.sum_and_difference(x[k], x[n - k]) for k in half]
-        first = x[0]
+        pairs_of = [self.sum_and_difference(points[k], points[n - k]) for k in half]
+        first = points[0]
         for plus, _ in pairs_of:
-            first = self.add(first[0], plus[0]), self.add(first[1], plus[1])
+            first = self.add_real(first[0], plus[0]), self.add_real(first[1], plus[1])
         out = [first] * n
         for j in half:
             cosines = [math.cos(2 * math.pi * j * k / n) for k in half]
             sines = [math.sin(2 * math.pi * j * k / n) for k in half]
             a = [
-                self.weighted_sum(x[0][i], cosines, [plus[i] for plus, _ in pairs_of])
+                self.weighted_sum(points[0][i], cosines, [plus[i] for plus, _ in pairs_of])
                 for i in (0, 1)
             ]
             b = [
                 self.weighted_sum(None, sines, [minus[i] for _, minus in pairs_of]) for i in (0, 1)
             ]
-            out[j] = self.add(a[0], b[1]), self.subtract(a[1], b[0])
-            out[n - j] = self.subtract(a[0], b[1]), self.add(a[1], b[0])
+            out[j] = self.add_real(a[0], b[1]), self.subtract_real(a[1], b[0])
+            out[n - j] = self.subtract_real(a[0], b[1]), self.add_real(a[1], b[0])
         return out
 
 
@@ -200,16 +204,18 @@ def _build_butterfly(radix: int) -> Callable[..., None]:
             factors = _element_pointer(context, builder, signature.args[3], values[3], values[4])
             for _ in range(radix - 1):
                 pointers.append(builder.gep(pointers[-1], [values[2]]))
-            imaginary = [builder.gep(pointer, [_int64(WIDTH)]) for pointer in pointers]
+            imaginary = [builder.gep(pointer, [_int64_constant(WIDTH)]) for pointer in pointers]
             x = [
                 (_load_vector(builder, re), _load_vector(builder, im))
                 for re, im in zip(pointers, imaginary, strict=True)
             ]
-            first, *others = sums.transform(x)
+            first, *others = sums.transform_few_points(x)
             turned = [first]
             for k, y in enumerate(others):
                 c, s = (
-                    _broadcast(builder, builder.load(builder.gep(factors, [_int64(2 * k + part)])))
+                    _broadcast_to_vector(
+                        builder, builder.load(builder.gep(factors, [_int64_constant(2 * k + part)]))
+                    )
                     for part in (0, 1)
                 )
                 turned.append(sums.rotate(y, c, s))
@@ -229,7 +235,7 @@ _turn2, _turn3, _turn4, _turn5, _turn7, _turn8, _turn11, _turn13 = (
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _run_stage(
+def _run_radix_stage(
     work: np.ndarray,
     place: int,
     n_parts: int,
@@ -263,7 +269,7 @@ def _run_stage(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def transform_points(
+def fft_sixteen_series_in_place(
     work: np.ndarray, place: int, n: int, radices: np.ndarray, twiddles: np.ndarray
 ) -> None:
     """Transform n points of sixteen series in place, from an index of `work`, flat float32."""
@@ -271,12 +277,12 @@ def transform_points(
         return
     first = radices[0]
     part = n // first
-    _run_stage(work, place, 1, first, part, twiddles, 0)
+    _run_radix_stage(work, place, 1, first, part, twiddles, 0)
     # The groups of the first radix are transformed one by one: 200 of 2200 points stay in L1.
     for group in range(first):
         twiddle, length, n_parts = part * 2 * (first - 1), part, 1
         for radix in radices[1:]:
-            _run_stage(
+            _run_radix_stage(
                 work,
                 place + group * part * POINT,
                 n_parts,
@@ -290,7 +296,7 @@ def transform_points(
             twiddle += length * 2 * (radix - 1)
 
 
-def _transpose(builder: Any, rows: list[Any]) -> list[Any]:
+def _transpose_vectors(builder: Any, rows: list[Any]) -> list[Any]:
     """Transpose sixteen vectors by swapping squares of decreasing size."""
     size = WIDTH // 2
     while size:
@@ -300,14 +306,14 @@ def _transpose(builder: Any, rows: list[Any]) -> list[Any]:
             if not i & size:
                 a, b = rows[i], rows[i + size]
                 rows[i], rows[i + size] = (
-                    _shuffle(builder, a, b, low),
-                    _shuffle(builder, a, b, high),
+                    _shuffle_vectors(builder, a, b, low),
+                    _shuffle_vectors(builder, a, b, high),
                 )
         size //= 2
     return rows
 
 
-def _point_pointers(
+def _pointers_to_sixteen_points(
     context: Any, builder: Any, kinds: Sequence[Any], values: Sequence[Any]
 ) -> list[Any]:
     """Return pointers to sixteen points of an array, at consecutive entries of `places`."""
@@ -318,30 +324,32 @@ def _point_pointers(
             builder,
             kinds[0],
             values[0],
-            builder.load(builder.gep(places, [_int64(i)])),
+            builder.load(builder.gep(places, [_int64_constant(i)])),
         )
         for i in range(WIDTH)
     ]
 
 
-def _build_load_windowed() -> Callable[..., None]:
+def _build_windowed_point_loader() -> Callable[..., None]:
     @intrinsic
     def run(context, work, place, numbers, at, window, first, weight):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds, sums = signature.args, _ComplexBuilder(builder)
             source = _element_pointer(context, builder, kinds[2], values[2], values[3])
             lower, upper = (
-                _load_vector(builder, builder.gep(source, [_int64(i)])) for i in (0, WIDTH)
+                _load_vector(builder, builder.gep(source, [_int64_constant(i)])) for i in (0, WIDTH)
             )
             taper = _load_vector(
                 builder, _element_pointer(context, builder, kinds[4], values[4], values[5])
             )
-            taper = sums.multiply(taper, _broadcast(builder, values[6]))
+            taper = sums.multiply_real(taper, _broadcast_to_vector(builder, values[6]))
             target = _element_pointer(context, builder, kinds[0], values[0], values[1])
             for part in (0, 1):
-                own = _shuffle(builder, lower, upper, range(part, POINT, 2))
+                own = _shuffle_vectors(builder, lower, upper, range(part, POINT, 2))
                 _store_vector(
-                    builder, sums.multiply(own, taper), builder.gep(target, [_int64(part * WIDTH)])
+                    builder,
+                    sums.multiply_real(own, taper),
+                    builder.gep(target, [_int64_constant(part * WIDTH)]),
                 )
             return context.get_dummy_value()
 
@@ -352,25 +360,26 @@ def _build_load_windowed() -> Callable[..., None]:
     return run
 
 
-load_windowed = _build_load_windowed()
+load_windowed = _build_windowed_point_loader()
 """Set one point to sixteen complex numbers in a row, times a window and one weight.
 
 The numbers lie in `numbers` from `at` on, the window in `window` from `first` on."""
 
 
-def _build_store_transposed() -> Callable[..., None]:
+def _build_transposed_point_store() -> Callable[..., None]:
     @intrinsic
     def run(context, out, to, stride, apart, work, places, first):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds = signature.args
             target = _element_pointer(context, builder, kinds[0], values[0], values[1])
-            points = _point_pointers(context, builder, kinds[4:6], values[4:])
+            points = _pointers_to_sixteen_points(context, builder, kinds[4:6], values[4:])
             for part in (0, WIDTH):
                 rows = [
-                    _load_vector(builder, builder.gep(point, [_int64(part)])) for point in points
+                    _load_vector(builder, builder.gep(point, [_int64_constant(part)]))
+                    for point in points
                 ]
                 row_at = target if part == 0 else builder.gep(target, [values[3]])
-                for row in _transpose(builder, rows):
+                for row in _transpose_vectors(builder, rows):
                     _store_vector(builder, row, row_at)
                     row_at = builder.gep(row_at, [values[2]])
             return context.get_dummy_value()
@@ -380,7 +389,7 @@ def _build_store_transposed() -> Callable[..., None]:
     return run
 
 
-store_transposed = _build_store_transposed()
+store_transposed = _build_transposed_point_store()
 """Set sixteen rows of `out`, one for each series, to sixteen points of `work`.
 
 Those of `work` lie at sixteen of the places, from `first` on. Rows of real parts lie `stride`
@@ -388,21 +397,22 @@ floats from each other, those of imaginary parts `apart` behind them: rows at `P
 are points again, of series that were points."""
 
 
-def _build_store_powers(*, adds: bool) -> Callable[..., None]:
+def _build_transposed_power_store(*, adds: bool) -> Callable[..., None]:
     @intrinsic
     def run(context, out, to, stride, work, places, first, share):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds, sums = signature.args, _ComplexBuilder(builder)
             target = _element_pointer(context, builder, kinds[0], values[0], values[1])
-            share, rows = _broadcast(builder, values[6]), []
-            for point in _point_pointers(context, builder, kinds[3:5], values[3:6]):
+            share, rows = _broadcast_to_vector(builder, values[6]), []
+            for point in _pointers_to_sixteen_points(context, builder, kinds[3:5], values[3:6]):
                 re, im = (
-                    _load_vector(builder, builder.gep(point, [_int64(i)])) for i in (0, WIDTH)
+                    _load_vector(builder, builder.gep(point, [_int64_constant(i)]))
+                    for i in (0, WIDTH)
                 )
-                power = sums.add(sums.multiply(re, re), sums.multiply(im, im))
-                rows.append(sums.multiply(power, share))
-            for row in _transpose(builder, rows):
-                total = sums.add(_load_vector(builder, target), row) if adds else row
+                power = sums.add_real(sums.multiply_real(re, re), sums.multiply_real(im, im))
+                rows.append(sums.multiply_real(power, share))
+            for row in _transpose_vectors(builder, rows):
+                total = sums.add_real(_load_vector(builder, target), row) if adds else row
                 _store_vector(builder, total, target)
                 target = builder.gep(target, [values[2]])
             return context.get_dummy_value()
@@ -415,7 +425,10 @@ def _build_store_powers(*, adds: bool) -> Callable[..., None]:
     return run
 
 
-set_powers, add_powers = _build_store_powers(adds=False), _build_store_powers(adds=True)
+set_powers, add_powers = (
+    _build_transposed_power_store(adds=False),
+    _build_transposed_power_store(adds=True),
+)
 """Set sixteen rows of `out`, one for each series, to a share of the powers of sixteen points; or
 add it to them.
 

@@ -1,4 +1,4 @@
-"""Vectorised twin of `spectrum.range_doppler`, fused with windows, shift and power in two passes.
+"""Vectorised twin of `spectrum.range_doppler_spectrum`: windows, shift and power in two passes.
 
 The first pass transforms chirps, sixteen samples at a time, the second samples, sixteen velocities
 at a time: their data stay in L1, then in L2, and windows, shift and power need no pass of their
@@ -12,18 +12,18 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dechirp.core.buffers import scratch_array
+from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.processing.simd_fft import (
     POINT,
     WIDTH,
     add_powers,
-    frequency_positions,
+    fft_sixteen_series_in_place,
     load_windowed,
-    plan_stages,
+    output_position_of_frequency,
+    plan_fft_stages,
     set_powers,
     store_transposed,
-    transform_points,
 )
 
 # With fewer velocities most of a vector would be empty.
@@ -40,23 +40,23 @@ class AxisTransform(NamedTuple):
     n_bins: int
 
 
-def can_transform(n_velocity_bins: int, n_range_bins: int, n_samples: int) -> bool:
-    """Return whether `add_power` supports these bins: small prime factors, and enough of them."""
+def can_transform_sizes(n_velocity_bins: int, n_range_bins: int, n_samples: int) -> bool:
+    """Return True if `add_channel_power` supports these bins: small prime factors, and enough."""
     return (
         n_samples >= WIDTH
         and n_velocity_bins >= _FEWEST_VELOCITIES
-        and plan_stages(n_velocity_bins) is not None
-        and plan_stages(n_range_bins) is not None
+        and plan_fft_stages(n_velocity_bins) is not None
+        and plan_fft_stages(n_range_bins) is not None
     )
 
 
-def add_power(
+def add_channel_power(
     out: np.ndarray,
     samples: np.ndarray,
     channel: int,
     slow: AxisTransform,
     fast: AxisTransform,
-    share: float,
+    power_factor: float,
     *,
     is_first: bool,
     n_threads: int = 1,
@@ -72,8 +72,8 @@ def add_power(
     channel : int
         Index of the channel.
     slow, fast
-        The transforms over chirps and samples, see `can_transform`.
-    share : float
+        The transforms over chirps and samples, see `can_transform_sizes`.
+    power_factor : float
         Factor of the powers.
     is_first : bool
         Overwrite `out` instead of adding, which saves two passes over it.
@@ -81,11 +81,11 @@ def add_power(
         Number of threads; the result does not depend on it.
     """
     n_samples = samples.shape[2]
-    over_fast = plan_stages(fast.n_bins)
+    over_fast = plan_fft_stages(fast.n_bins)
     assert over_fast is not None
     n_blocks = -(-slow.n_bins // WIDTH)
-    half_transformed = _aligned_floats("between", n_blocks * fast.n_bins * POINT)
-    ranges = _bin_positions(fast.n_bins)
+    half_transformed = _reused_aligned_buffer("between", n_blocks * fast.n_bins * POINT)
+    ranges = _float_offset_of_bins(fast.n_bins)
     flat = out.reshape(-1, copy=False)
     n_parts = min(n_threads, max(out.size // _FEWEST_CELLS, 1))
 
@@ -95,31 +95,33 @@ def add_power(
     def over_samples(blocks: slice) -> None:
         _add_range_power(
             flat, half_transformed, slow.n_bins, fast.n_bins, n_samples, *over_fast, ranges,
-            np.float32(share), is_first, blocks.start, blocks.stop,
+            np.float32(power_factor), is_first, blocks.start, blocks.stop,
         )  # fmt: skip
 
     run_in_threads(n_parts, over_chirps, split_range(-(-n_samples // WIDTH), n_parts))
     run_in_threads(n_parts, over_samples, split_range(n_blocks, n_parts))
 
 
-def write_spectrum(
+def write_channel_spectrum(
     out: np.ndarray, samples: np.ndarray, channel: int, slow: AxisTransform, fast: AxisTransform
 ) -> None:
-    """Write the spectrum of one channel; arguments as in `add_power`.
+    """Write the spectrum of one channel; arguments as in `add_channel_power`.
 
     `out` is (velocity, channel, 2, range) float32, contiguous: real parts, then imaginary ones.
     """
     n_samples = samples.shape[2]
-    over_fast = plan_stages(fast.n_bins)
+    over_fast = plan_fft_stages(fast.n_bins)
     assert over_fast is not None
-    half_transformed = _aligned_floats("between", -(-slow.n_bins // WIDTH) * fast.n_bins * POINT)
+    half_transformed = _reused_aligned_buffer(
+        "between", -(-slow.n_bins // WIDTH) * fast.n_bins * POINT
+    )
     _transform_channel_chirps(
         half_transformed, samples, channel, slow, fast, slice(0, -(-n_samples // WIDTH))
     )
     first, row = 2 * channel * fast.n_bins, 2 * out.shape[1] * fast.n_bins
     _write_range_spectrum(
         out.reshape(-1, copy=False), first, row, half_transformed, slow.n_bins, fast.n_bins,
-        n_samples, *over_fast, _bin_positions(fast.n_bins),
+        n_samples, *over_fast, _float_offset_of_bins(fast.n_bins),
     )  # fmt: skip
 
 
@@ -133,36 +135,36 @@ def _transform_channel_chirps(
 ) -> None:
     """Run `_transform_chirps` for a range of blocks of sixteen samples of a channel."""
     _, n_channels, n_samples = samples.shape
-    over_slow = plan_stages(slow.n_bins)
+    over_slow = plan_fft_stages(slow.n_bins)
     assert over_slow is not None
     _transform_chirps(
         half_transformed, samples.reshape(-1).view(np.float32), 2 * channel * n_samples,
         2 * n_channels * n_samples, slow.weights, fast.weights, fast.n_bins, *over_slow,
-        _shifted_bin_positions(slow.n_bins), columns.start, columns.stop,
-        _aligned_floats("chirps", slow.n_bins * POINT),
+        _float_offset_of_shifted_bins(slow.n_bins), columns.start, columns.stop,
+        _reused_aligned_buffer("chirps", slow.n_bins * POINT),
     )  # fmt: skip
 
 
-def _aligned_floats(name: str, size: int) -> np.ndarray:
+def _reused_aligned_buffer(name: str, size: int) -> np.ndarray:
     """Return a reused buffer aligned to 64 bytes: access across two cache lines takes twice."""
-    buffer = scratch_array(f"map over {name}", (size // 2 + 8,)).view(np.float32)
+    buffer = scratch_complex64_array(f"map over {name}", (size // 2 + 8,)).view(np.float32)
     first = -(buffer.ctypes.data // 4) % 16
     return buffer[first : first + size]
 
 
 @lru_cache(maxsize=32)
-def _bin_positions(n_bins: int) -> np.ndarray:
+def _float_offset_of_bins(n_bins: int) -> np.ndarray:
     """Return the float offset of each bin after the transform, padded to sixteen bins."""
-    return _to_float_offsets(frequency_positions(n_bins))
+    return _points_to_float_offsets(output_position_of_frequency(n_bins))
 
 
 @lru_cache(maxsize=32)
-def _shifted_bin_positions(n_bins: int) -> np.ndarray:
-    """Return the offsets of `_bin_positions` with negative frequencies first."""
-    return _to_float_offsets(np.fft.fftshift(frequency_positions(n_bins)))
+def _float_offset_of_shifted_bins(n_bins: int) -> np.ndarray:
+    """Return the offsets of `_float_offset_of_bins` with negative frequencies first."""
+    return _points_to_float_offsets(np.fft.fftshift(output_position_of_frequency(n_bins)))
 
 
-def _to_float_offsets(points: np.ndarray) -> np.ndarray:
+def _points_to_float_offsets(points: np.ndarray) -> np.ndarray:
     offsets = np.pad(points * POINT, (0, -points.size % WIDTH))
     offsets.setflags(write=False)
     return offsets
@@ -195,7 +197,7 @@ def _transform_chirps(
                 work, m * POINT, numbers, first + m * row + 2 * sample, fast, sample, slow[m]
             )
         work[n_chirps * POINT :] = 0
-        transform_points(work, 0, n_velocity, radices, twiddles)
+        fft_sixteen_series_in_place(work, 0, n_velocity, radices, twiddles)
         for block in range(n_blocks):
             to = (block * n_range + sample) * POINT
             store_transposed(half_transformed, to, POINT, WIDTH, work, places, block * WIDTH)
@@ -211,7 +213,7 @@ def _add_range_power(
     radices: np.ndarray,
     twiddles: np.ndarray,
     places: np.ndarray,
-    share: np.float32,
+    power_factor: np.float32,
     is_first: bool,
     start: int,
     stop: int,
@@ -221,7 +223,7 @@ def _add_range_power(
     for block in range(start, stop):
         work = half_transformed[block * n_range * POINT : (block + 1) * n_range * POINT]
         work[n_samples * POINT :] = 0
-        transform_points(work, 0, n_range, radices, twiddles)
+        fft_sixteen_series_in_place(work, 0, n_range, radices, twiddles)
         velocity = block * WIDTH
         n_rows = min(WIDTH, n_velocity - velocity)
         for column in range(0, n_range, WIDTH):
@@ -229,11 +231,11 @@ def _add_range_power(
             start_cell = velocity * n_range + column
             if n_rows == WIDTH and n_columns == WIDTH:
                 if is_first:
-                    set_powers(out, start_cell, n_range, work, places, column, share)
+                    set_powers(out, start_cell, n_range, work, places, column, power_factor)
                 else:
-                    add_powers(out, start_cell, n_range, work, places, column, share)
+                    add_powers(out, start_cell, n_range, work, places, column, power_factor)
                 continue
-            set_powers(tile, 0, WIDTH, work, places, column, share)
+            set_powers(tile, 0, WIDTH, work, places, column, power_factor)
             for i in range(n_rows):
                 for j in range(n_columns):
                     sum_so_far = np.float32(0) if is_first else out[start_cell + i * n_range + j]
@@ -258,7 +260,7 @@ def _write_range_spectrum(
     for velocity in range(0, n_velocity, WIDTH):
         work = half_transformed[velocity * n_range * 2 : (velocity + WIDTH) * n_range * 2]
         work[n_samples * POINT :] = 0
-        transform_points(work, 0, n_range, radices, twiddles)
+        fft_sixteen_series_in_place(work, 0, n_range, radices, twiddles)
         n_rows = min(WIDTH, n_velocity - velocity)
         for column in range(0, n_range, WIDTH):
             n_columns = min(WIDTH, n_range - column)

@@ -24,14 +24,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_array
+from dechirp.core.checks import check_finite_array
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.units import SPEED_OF_LIGHT
-from dechirp.processing.peak_interpolation import bin_offsets
-from dechirp.processing.spectrogram import check_cube_layout, check_finite, frame_starts_s
-from dechirp.processing.spectrum import Transform, amplitude_weights, range_profiles
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.peak_interpolation import tone_bin_offsets
+from dechirp.processing.spectrogram import (
+    check_cube_fits_rising_ramp_radar,
+    check_finite,
+    frame_starts_s,
+)
+from dechirp.processing.spectrum import Transform, amplitude_range_weights, range_profiles
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
 from dechirp.theory.windows import Window
 
@@ -73,7 +77,7 @@ def slow_time(
     DataArray (time, channel), complex
         A steady echo has the magnitude of its amplitude. `time` (s): mid-window of the middle
         slot of each round; `frame`, on the same axis, its frame; `channel` is
-        slot * n_rx + rx, see `processing.virtual_array.split_slots`.
+        slot * n_rx + rx, see `processing.virtual_array.split_chirps_into_slots`.
 
     Raises
     ------
@@ -81,10 +85,10 @@ def slow_time(
         If a range is outside the range axis, the cube does not fit the radar, or some of its
         samples are not finite.
     """
-    check_cube_layout(cube, radar)
+    check_cube_fits_rising_ramp_radar(cube, radar)
     frame, chirp = radar.frame, radar.frame.chirp
     n_rounds = cube.sizes["frame"] * frame.n_chirps
-    ranges_m = check_array("range_m", range_m)
+    ranges_m = check_finite_array("range_m", range_m)
     farthest_m = float(chirp.range_bins_m(chirp.n_samples)[-1])
     if (
         ranges_m.shape not in {(), (n_rounds,)}
@@ -97,7 +101,7 @@ def slow_time(
             fix="give the range of a target, or what range_track returns",
         )
     transform = Transform(window=window, n_points=chirp.n_samples, n_bins=chirp.n_samples)
-    weights = amplitude_weights(transform, chirp.sampling)
+    weights = amplitude_range_weights(transform, chirp.sampling)
     cycles = (
         chirp.beat_frequency_hz(1.0) / chirp.sample_rate_hz * np.broadcast_to(ranges_m, n_rounds)
     )
@@ -107,14 +111,16 @@ def slow_time(
         samples = cube.isel(frame=index).transpose("chirp", "rx", "sample").values
         steering = np.exp(-2j * np.pi * round_cycles[:, None] * from_middle) * weights
         traces.append(
-            np.einsum("mkn,mn->mk", split_slots(samples, frame), steering.astype(np.complex64))
+            np.einsum(
+                "mkn,mn->mk", split_chirps_into_slots(samples, frame), steering.astype(np.complex64)
+            )
         )
         check_finite(traces[-1])
     units = cube.attrs.get("units", "full scale")
     return xr.DataArray(
         np.concatenate(traces).astype(np.complex64),
         dims=("time", "channel"),
-        coords=_round_coordinates(cube, radar),
+        coords=_round_times_and_frames(cube, radar),
         attrs={"units": units, "long_name": "amplitude"},
     )
 
@@ -143,13 +149,13 @@ def range_track(
         If the interval contains fewer than three points, the cube does not fit the radar, or some
         of its samples are not finite.
     """
-    check_cube_layout(cube, radar)
+    check_cube_fits_rising_ramp_radar(cube, radar)
     frame, chirp = radar.frame, radar.frame.chirp
     transform = Transform(
         window=window, n_points=chirp.n_samples, n_bins=_RANGE_OVERSAMPLING * chirp.n_samples
     )
     bins_m = chirp.range_bins_m(transform.n_bins)
-    ends_m = check_array("range_m", range_m)
+    ends_m = check_finite_array("range_m", range_m)
     rows = np.array([], dtype=int)
     if ends_m.shape == (2,):
         rows = np.flatnonzero((ends_m[0] <= bins_m) & (bins_m <= ends_m[1]))
@@ -163,17 +169,19 @@ def range_track(
     tracks = []
     for index in range(cube.sizes["frame"]):
         samples = cube.isel(frame=index).transpose("chirp", "rx", "sample")
-        profiles = split_slots(range_profiles(samples, chirp, transform).values[..., rows], frame)
+        profiles = split_chirps_into_slots(
+            range_profiles(samples, chirp, transform).values[..., rows], frame
+        )
         power = (abs(profiles) ** 2).mean(axis=1)
         check_finite(power)
         top = np.clip(np.argmax(power, axis=1), 1, rows.size - 2)
         round_ = np.arange(len(power))
         lower, centre, upper = (power[round_, top + step] for step in (-1, 0, 1))
-        tracks.append(bins_m[1] * (rows[top] + bin_offsets(lower, centre, upper, transform)))
+        tracks.append(bins_m[1] * (rows[top] + tone_bin_offsets(lower, centre, upper, transform)))
     return xr.DataArray(
         np.concatenate(tracks),
         dims=("time",),
-        coords=_round_coordinates(cube, radar),
+        coords=_round_times_and_frames(cube, radar),
         attrs={"units": "m", "long_name": "range"},
     )
 
@@ -228,7 +236,7 @@ def displacement(trace: xr.DataArray, radar: Radar) -> xr.DataArray:
         )
     time_axis = trace.get_axis_num("time")
     unwrapped = _unwrap_phase(trace.values, time_axis)
-    _warn_about_zeros(int((trace.values == 0).sum()), trace.size)
+    _warn_about_zero_values(int((trace.values == 0).sum()), trace.size)
     steps = abs(np.diff(unwrapped, axis=time_axis))
     wavelength_m = SPEED_OF_LIGHT / radar.frame.chirp.mean_sampled_frequency_hz
     share = np.mean(steps > _MAX_PHASE_STEP) if steps.size else 0.0
@@ -264,12 +272,12 @@ def _unwrap_phase(values: np.ndarray, axis: int) -> np.ndarray:
     return np.moveaxis(phase, -1, axis)
 
 
-def _warn_about_zeros(n_silent: int, n_values: int) -> None:
-    if n_silent:
+def _warn_about_zero_values(n_zeros: int, n_values: int) -> None:
+    if n_zeros:
         finding = Finding(
             level="warning",
             setting="trace",
-            value=f"0 in {n_silent} of {n_values} values, which have no phase",
+            value=f"0 in {n_zeros} of {n_values} values, which have no phase",
             expected="an echo in every chirp",
             fix="use a part of the recording without gaps for small movements; a straight line"
             " replaces lost chirps",
@@ -370,7 +378,7 @@ def strongest_oscillation(spectrum: xr.DataArray, frequency_hz: tuple[float, flo
         )
     bins_hz = spectrum.coords["frequency"].values
     step_hz = (bins_hz[-1] - bins_hz[0]) / max(len(bins_hz) - 1, 1)
-    ends_hz = check_array("frequency_hz", frequency_hz)
+    ends_hz = check_finite_array("frequency_hz", frequency_hz)
     rows = np.array([], dtype=int)
     if ends_hz.shape == (2,):
         rows = np.flatnonzero((ends_hz[0] <= bins_hz) & (bins_hz <= ends_hz[1]))
@@ -395,7 +403,7 @@ def strongest_oscillation(spectrum: xr.DataArray, frequency_hz: tuple[float, flo
     lower, centre, upper = (
         np.take_along_axis(values, (inner + neighbour)[None], axis=0)[0] for neighbour in (-1, 0, 1)
     )
-    off = bin_offsets(lower**2, centre**2, upper**2, transform)
+    off = tone_bin_offsets(lower**2, centre**2, upper**2, transform)
     straddle_amplitude = np.sqrt(
         np.vectorize(lambda bins: transform.straddling_loss(bins / n_points))(off)
     )
@@ -416,7 +424,9 @@ def _describe_array(array: xr.DataArray) -> str:
     return f"an array of {dict(array.sizes)} and type {array.dtype}"
 
 
-def _round_coordinates(cube: xr.DataArray, radar: Radar) -> dict[str, xr.Variable | xr.DataArray]:
+def _round_times_and_frames(
+    cube: xr.DataArray, radar: Radar
+) -> dict[str, xr.Variable | xr.DataArray]:
     """Return the coordinates time and frame of each round of each frame."""
     frame = radar.frame
     of_round_s = np.arange(frame.n_chirps) * frame.repetition_s

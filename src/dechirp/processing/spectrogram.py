@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from dechirp.core.checks import check_array, check_integer
+from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.conventions import CUBE_AXES, axis_coordinate
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.processing.spectrum import Transform, range_profiles
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
 from dechirp.theory.windows import Window
 
@@ -80,13 +80,13 @@ def spectrogram(
     ----------
     V. C. Chen, The Micro-Doppler Effect in Radar, 2011, chapter 1.
     """
-    check_cube_layout(cube, radar)
+    check_cube_fits_rising_ramp_radar(cube, radar)
     frame, chirp = radar.frame, radar.frame.chirp
     range_transform = Transform(
         window=range_window, n_points=chirp.n_samples, n_bins=chirp.n_samples
     )
     starts_s = frame_starts_s(cube, radar)
-    runs = _gapless_runs(starts_s, radar)
+    runs = _gapless_frame_runs(starts_s, radar)
     most = min(len(run) for run in runs) * frame.n_chirps
     n_window = frame.n_chirps if n_window is None else n_window
     check_integer("n_window", n_window, at_least=2, at_most=most)
@@ -95,9 +95,9 @@ def spectrogram(
     n_bins = n_window if n_velocity_bins is None else n_velocity_bins
     check_integer("n_velocity_bins", n_bins, at_least=n_window)
     doppler_transform = Transform(window=window, n_points=n_window, n_bins=n_bins)
-    rows = _range_rows(cube, radar, range_transform, range_m)
+    rows = _rows_within_range_interval(cube, radar, range_transform, range_m)
     n_channels = radar.array.n_rx * frame.n_slots
-    check_memory(
+    check_free_memory(
         "spectrogram",
         needed_bytes=8.0 * max(len(run) for run in runs) * frame.n_chirps * n_channels * len(rows),
         fix="take a smaller range interval, or fewer frames",
@@ -106,11 +106,12 @@ def spectrogram(
     times_s, powers = [], []
     for run in runs:
         profiles = np.concatenate(
-            [_frame_profiles(cube, radar, range_transform, index)[..., rows] for index in run]
+            [_frame_range_profiles(cube, radar, range_transform, index)[..., rows] for index in run]
         )
         firsts = np.arange(0, len(profiles) - n_window + 1, hop)
         powers += [
-            _window_power(profiles[first : first + n_window], doppler_transform) for first in firsts
+            _velocity_power_of_window(profiles[first : first + n_window], doppler_transform)
+            for first in firsts
         ]
         middles = firsts + (n_window - 1) / 2
         slots_s = float(frame.slot_starts_s.mean())  # from the first to the middle one
@@ -132,7 +133,7 @@ def spectrogram(
     )
 
 
-def _window_power(profiles: np.ndarray, doppler_transform: Transform) -> np.ndarray:
+def _velocity_power_of_window(profiles: np.ndarray, doppler_transform: Transform) -> np.ndarray:
     """Compute the power over velocity of one window: mean of channels, sum of rows."""
     weights = doppler_transform.weights / doppler_transform.weights.sum()
     spectrum = np.fft.fft(profiles * weights[:, None, None], doppler_transform.n_bins, axis=0)
@@ -140,16 +141,16 @@ def _window_power(profiles: np.ndarray, doppler_transform: Transform) -> np.ndar
     return np.asarray(np.fft.fftshift(power))
 
 
-def _frame_profiles(
+def _frame_range_profiles(
     cube: xr.DataArray, radar: Radar, range_transform: Transform, index: int
 ) -> np.ndarray:
     """Compute the range profiles of one frame, (round, channel, row)."""
     samples = cube.isel(frame=index).transpose("chirp", "rx", "sample")
     profiles = range_profiles(samples, radar.frame.chirp, range_transform).values
-    return split_slots(profiles, radar.frame)
+    return split_chirps_into_slots(profiles, radar.frame)
 
 
-def _range_rows(
+def _rows_within_range_interval(
     cube: xr.DataArray,
     radar: Radar,
     range_transform: Transform,
@@ -159,7 +160,7 @@ def _range_rows(
     bins_m = radar.frame.chirp.range_bins_m(range_transform.n_bins)
     if range_m is None:
         powers = [
-            (abs(_frame_profiles(cube, radar, range_transform, index)) ** 2).mean(axis=(0, 1))
+            (abs(_frame_range_profiles(cube, radar, range_transform, index)) ** 2).mean(axis=(0, 1))
             for index in range(cube.sizes["frame"])
         ]
         strongest_m = bins_m[np.argmax(powers, axis=1)]
@@ -168,7 +169,7 @@ def _range_rows(
             strongest_m.max() + _BODY_EXTENT_M,
         )
     else:
-        ends_m = check_array("range_m", range_m)
+        ends_m = check_finite_array("range_m", range_m)
         nearest_m, farthest_m = ends_m if ends_m.shape == (2,) else (np.inf, -np.inf)
     rows = np.flatnonzero((nearest_m <= bins_m) & (bins_m <= farthest_m))
     if not rows.size:
@@ -189,7 +190,7 @@ def frame_starts_s(cube: xr.DataArray, radar: Radar) -> np.ndarray:
     return np.array([radar.frame.frame_start_s(index) for index in range(cube.sizes["frame"])])
 
 
-def _gapless_runs(starts_s: np.ndarray, radar: Radar) -> list[range]:
+def _gapless_frame_runs(starts_s: np.ndarray, radar: Radar) -> list[range]:
     """Group the frames into runs without a gap between them."""
     frame = radar.frame
     gaps_s = np.diff(starts_s) - frame.duration_s
@@ -198,7 +199,7 @@ def _gapless_runs(starts_s: np.ndarray, radar: Radar) -> list[range]:
     return [range(first, last) for first, last in pairwise(ends)]
 
 
-def check_cube_layout(cube: xr.DataArray, radar: Radar) -> None:
+def check_cube_fits_rising_ramp_radar(cube: xr.DataArray, radar: Radar) -> None:
     """Raise `InvalidSetting` unless the cube fits the radar and all ramps rise."""
     frame = radar.frame
     if frame.has_falling_ramps:

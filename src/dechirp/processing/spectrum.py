@@ -67,7 +67,7 @@ class Transform:
         return self.window == "rectangular" and self.n_bins == self.n_points
 
     @property
-    def main_lobe_bins(self) -> float:
+    def main_lobe_half_width_bins(self) -> float:
         """Half the width of the main lobe of a tone, in bins of the transform."""
         return main_lobe_bins(self.window) * self.n_bins / self.n_points
 
@@ -78,16 +78,18 @@ class Transform:
         turns = np.exp(2j * np.pi * off / self.n_bins * np.arange(self.n_points))
         return float(abs(self.weights @ turns) ** 2 / self.weights.sum() ** 2)
 
-    def noise_correlation(self, n: int) -> np.ndarray:
+    def noise_correlation_of_bins(self, n_neighbours: int) -> np.ndarray:
         """Return the correlation of white noise among n neighbouring bins, (n, n), Hermitian."""
-        if self.keeps_noise_white and n <= self.n_bins:
-            return np.eye(n)
-        bins = np.arange(n)
-        by_lag = bin_correlation(self.weights, self.n_bins, np.arange(1 - n, n))
-        return by_lag[bins[:, None] - bins + n - 1]
+        if self.keeps_noise_white and n_neighbours <= self.n_bins:
+            return np.eye(n_neighbours)
+        bins = np.arange(n_neighbours)
+        by_lag = bin_correlation(
+            self.weights, self.n_bins, np.arange(1 - n_neighbours, n_neighbours)
+        )
+        return by_lag[bins[:, None] - bins + n_neighbours - 1]
 
 
-def independent_rows(chirp: Chirp, transform: Transform) -> slice:
+def rows_with_circular_noise(chirp: Chirp, transform: Transform) -> slice:
     """Return the range rows with circular noise, on which the false-alarm laws hold.
 
     Complex samples: all. Real samples: noise in the rows about DC and about half the sample
@@ -124,13 +126,13 @@ def range_profiles(cube: xr.DataArray, chirp: Chirp, transform: Transform) -> xr
 
 def range_spectrum(samples: np.ndarray, sampling: Sampling, transform: Transform) -> np.ndarray:
     """Transform an array without labels like `range_profiles`, (..., sample) to (..., range)."""
-    tapered = samples * amplitude_weights(transform, sampling)
+    tapered = samples * amplitude_range_weights(transform, sampling)
     if sampling == "complex":
         return np.asarray(scipy.fft.fft(tapered, transform.n_bins, axis=-1))
     return np.asarray(scipy.fft.rfft(tapered, transform.n_bins, axis=-1))
 
 
-def range_doppler(
+def range_doppler_spectrum(
     samples: np.ndarray,
     sampling: Sampling,
     range_transform: Transform,
@@ -141,8 +143,8 @@ def range_doppler(
     A tone on a bin keeps its power. Velocities ascend, receding positive. Needs one more cube
     of memory.
     """
-    slow = _shifting_weights(doppler_transform)
-    fast = amplitude_weights(range_transform, sampling)
+    slow = _centring_doppler_weights(doppler_transform)
+    fast = amplitude_range_weights(range_transform, sampling)
     if sampling == "real":
         spectrum = scipy.fft.rfft(samples * fast, range_transform.n_bins, axis=-1)
         spectrum *= slow[:, None, None]
@@ -166,15 +168,15 @@ def range_doppler(
 
 
 FrameTransform = Callable[[np.ndarray, Sampling, Transform, Transform], np.ndarray]
-"""Transform of a frame, with the signature of `range_doppler`."""
+"""Transform of a frame, with the signature of `range_doppler_spectrum`."""
 
 
-def mean_power(
+def mean_range_doppler_power(
     samples: np.ndarray,
     sampling: Sampling,
     range_transform: Transform,
     doppler_transform: Transform,
-    transform: FrameTransform = range_doppler,
+    transform: FrameTransform = range_doppler_spectrum,
 ) -> np.ndarray:
     """Compute the power of each cell of one frame, to (velocity, range) float32.
 
@@ -182,7 +184,7 @@ def mean_power(
     Channels are transformed one by one: one spectrum fits into the cache, whereas that of all
     takes a third longer (512 x 256 x 16). Several threads share the channels, in four parts at
     most, or the rows of one: the partition, and so the rounding, is the same for any number of
-    threads. Twin in vector registers: `simd_range_doppler.add_power`.
+    threads. Twin in vector registers: `simd_range_doppler.add_channel_power`.
     """
     n_channels = samples.shape[1]
     n_rows = range_transform.n_bins if sampling == "complex" else range_transform.n_bins // 2 + 1
@@ -191,7 +193,7 @@ def mean_power(
     threads_per_part = max(n_threads // len(parts), 1)
     shape = len(parts), doppler_transform.n_bins, n_rows
     share = 1 / n_channels
-    axes = _channel_axes(samples, sampling, range_transform, doppler_transform, transform)
+    axes = _simd_axis_transforms(samples, sampling, range_transform, doppler_transform, transform)
     if axes is not None:
         slow, fast = axes
         contiguous = np.ascontiguousarray(samples, np.complex64)
@@ -200,7 +202,10 @@ def mean_power(
         def add(part: int) -> None:
             first, *others = range(n_channels)[parts[part]]
             add_power = partial(
-                simd_range_doppler.add_power, sums[part], contiguous, n_threads=threads_per_part
+                simd_range_doppler.add_channel_power,
+                sums[part],
+                contiguous,
+                n_threads=threads_per_part,
             )
             add_power(first, slow, fast, share, is_first=True)
             for k in others:
@@ -222,19 +227,19 @@ def mean_power(
     return np.asarray(sums[0])
 
 
-def split_spectrum(
+def range_doppler_real_and_imaginary(
     samples: np.ndarray,
     sampling: Sampling,
     range_transform: Transform,
     doppler_transform: Transform,
-    transform: FrameTransform = range_doppler,
+    transform: FrameTransform = range_doppler_spectrum,
 ) -> np.ndarray:
     """Transform a frame to (velocity, channel, 2, range) float32, real and imaginary parts.
 
-    Like `range_doppler`; separate parts let compiled loops over ranges use vectors.
+    Like `range_doppler_spectrum`; separate parts let compiled loops over ranges use vectors.
     """
     n_threads = numba.get_num_threads()
-    axes = _channel_axes(samples, sampling, range_transform, doppler_transform, transform)
+    axes = _simd_axis_transforms(samples, sampling, range_transform, doppler_transform, transform)
     if axes is None:
         with scipy.fft.set_workers(n_threads):
             spectrum = transform(samples, sampling, range_transform, doppler_transform)
@@ -245,13 +250,13 @@ def split_spectrum(
     out = np.empty((slow.n_bins, n_channels, 2, fast.n_bins), np.float32)
 
     def write_channel(channel: int) -> None:
-        simd_range_doppler.write_spectrum(out, contiguous, channel, slow, fast)
+        simd_range_doppler.write_channel_spectrum(out, contiguous, channel, slow, fast)
 
     run_in_threads(n_threads, write_channel, range(n_channels))
     return out
 
 
-def _channel_axes(
+def _simd_axis_transforms(
     samples: np.ndarray,
     sampling: Sampling,
     range_transform: Transform,
@@ -259,16 +264,16 @@ def _channel_axes(
     transform: FrameTransform,
 ) -> tuple[simd_range_doppler.AxisTransform, simd_range_doppler.AxisTransform] | None:
     """Return the axes for `simd_range_doppler`; None if it cannot transform them."""
-    is_plain = transform is range_doppler and sampling == "complex"
+    is_plain = transform is range_doppler_spectrum and sampling == "complex"
     n_bins = doppler_transform.n_bins, range_transform.n_bins
-    if not is_plain or not simd_range_doppler.can_transform(*n_bins, samples.shape[2]):
+    if not is_plain or not simd_range_doppler.can_transform_sizes(*n_bins, samples.shape[2]):
         return None
     return (
         simd_range_doppler.AxisTransform(
-            _doppler_weights(doppler_transform), doppler_transform.n_bins
+            _amplitude_doppler_weights(doppler_transform), doppler_transform.n_bins
         ),
         simd_range_doppler.AxisTransform(
-            amplitude_weights(range_transform, sampling), range_transform.n_bins
+            amplitude_range_weights(range_transform, sampling), range_transform.n_bins
         ),
     )
 
@@ -281,13 +286,13 @@ def noise_gain(range_transform: Transform, doppler_transform: Transform, chirp: 
 
 
 @lru_cache(maxsize=32)
-def _doppler_weights(transform: Transform) -> np.ndarray:
+def _amplitude_doppler_weights(transform: Transform) -> np.ndarray:
     """Return the Doppler window, scaled so that a tone on a bin keeps its power."""
     return np.asarray(transform.weights / transform.weights.sum(), np.float32)
 
 
 @lru_cache(maxsize=32)
-def _shifting_weights(transform: Transform) -> np.ndarray:
+def _centring_doppler_weights(transform: Transform) -> np.ndarray:
     """Return the Doppler window with a phase ramp that shifts zero velocity to the middle bin.
 
     +1, -1, +1 ... for an even number of bins. This saves a pass over the spectrum (0.2 ms of 4
@@ -299,7 +304,7 @@ def _shifting_weights(transform: Transform) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def amplitude_weights(transform: Transform, sampling: Sampling) -> np.ndarray:
+def amplitude_range_weights(transform: Transform, sampling: Sampling) -> np.ndarray:
     """Return the range window, scaled so that a tone on a bin keeps its power."""
     # A real tone puts half its power at negative frequencies, which are not kept.
     gain = 1.0 if sampling == "complex" else np.sqrt(2.0)
@@ -320,9 +325,9 @@ def _apply_windows(numbers: np.ndarray, slow: np.ndarray, fast: np.ndarray) -> n
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _add_power(out: np.ndarray, spectrum: np.ndarray, share: np.float32) -> None:
+def _add_power(out: np.ndarray, spectrum: np.ndarray, power_factor: np.float32) -> None:
     """Add a share of the power of each cell, in place, both (velocity, range)."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             z = spectrum[i, j]
-            out[i, j] += share * (z.real * z.real + z.imag * z.imag)
+            out[i, j] += power_factor * (z.real * z.real + z.imag * z.imag)

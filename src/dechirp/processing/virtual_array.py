@@ -7,7 +7,7 @@ import numpy as np
 from dechirp.radar.frame import Frame
 
 
-def split_slots(samples: np.ndarray, frame: Frame) -> np.ndarray:
+def split_chirps_into_slots(samples: np.ndarray, frame: Frame) -> np.ndarray:
     """Split the chirps of one frame into the slots of its rounds; a single slot is returned as is.
 
     Parameters
@@ -54,7 +54,7 @@ def split_slots(samples: np.ndarray, frame: Frame) -> np.ndarray:
     return samples.reshape(frame.n_chirps, frame.n_slots * n_rx, n_samples)
 
 
-def slot_phases(frame: Frame, doppler_hz: np.ndarray) -> np.ndarray:
+def slot_phase_factors(frame: Frame, doppler_hz: np.ndarray) -> np.ndarray:
     """Return the phase factors of each slot of a round due to motion, (..., n_slots) complex."""
     return np.asarray(
         np.exp(2j * np.pi * np.asarray(doppler_hz)[..., None] * frame.doppler_phase_times_s)
@@ -74,7 +74,7 @@ def element_amplitudes(amplitudes: np.ndarray, frame: Frame, doppler_hz: np.ndar
     Parameters
     ----------
     amplitudes : array (n, n_slots * n_rx), complex
-        Of each detection in each channel, see `split_slots`.
+        Of each detection in each channel, see `split_chirps_into_slots`.
     frame : Frame
         Its code and times.
     doppler_hz : array (n,)
@@ -92,14 +92,14 @@ def element_amplitudes(amplitudes: np.ndarray, frame: Frame, doppler_hz: np.ndar
     MIMO radars, IEEE Microwave and Wireless Components Letters 27(12), 2017.
     """
     n_slots, n_tx = np.shape(frame.weights)
-    still = slot_phases(frame, doppler_hz).conj()
+    still = slot_phase_factors(frame, doppler_hz).conj()
     n, n_channels = amplitudes.shape
     by_slot = amplitudes.reshape(n, n_slots, n_channels // n_slots) * still[:, :, None]
     parted = np.einsum("tl,nlr->ntr", _decoding_matrix(frame.weights), by_slot)
     return np.asarray(parted.reshape(len(amplitudes), n_tx * parted.shape[2]))
 
 
-def element_noise(frame: Frame) -> float:
+def element_to_channel_noise_ratio(frame: Frame) -> float:
     """Return the noise power in an element over that in a channel.
 
     1 / n_slots where all transmitters send in every slot. The mean over the transmitters, which
@@ -109,7 +109,7 @@ def element_noise(frame: Frame) -> float:
 
 
 @lru_cache
-def is_decodable(frame: Frame) -> bool:
+def can_separate_transmitters(frame: Frame) -> bool:
     """Return whether the code of a round separates all transmitters."""
     code = np.array(frame.weights)
     return bool(np.linalg.matrix_rank(code, tol=1e-3 * len(code)) == code.shape[1])

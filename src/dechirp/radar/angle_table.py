@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import as_tuple, check_number
+from dechirp.core.checks import as_tuple_or_none, check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
 
@@ -42,8 +42,8 @@ def check_angle_table(owner: object, name: str, *, at_least: float, at_most: flo
     PhysicsWarning
         For a gap: a step over three times as wide as the median step.
     """
-    azimuths = _check_angles(owner, "azimuth_rad", at_most_rad=2 * math.pi)
-    elevations = _check_angles(owner, "elevation_rad", at_most_rad=math.pi / 2)
+    azimuths = _check_ascending_angles(owner, "azimuth_rad", at_most_rad=2 * math.pi)
+    elevations = _check_ascending_angles(owner, "elevation_rad", at_most_rad=math.pi / 2)
     owner_name = type(owner).__name__
     for index, azimuth in enumerate(azimuths):
         if azimuth - azimuths[0] > 2 * math.pi + _ANGLE_TOLERANCE_RAD:
@@ -54,13 +54,15 @@ def check_angle_table(owner: object, name: str, *, at_least: float, at_most: flo
                 fix="keep one turn",
             )
     setting = f"{owner_name}.{name}"
-    rows = _check_list(setting, getattr(owner, name), "row", f"{len(elevations)}, one an elevation")
-    _check_length(setting, len(rows), len(elevations), "rows, one for each elevation")
+    rows = _check_nonempty_list(
+        setting, getattr(owner, name), "row", f"{len(elevations)}, one an elevation"
+    )
+    _check_entry_count(setting, len(rows), len(elevations), "rows, one for each elevation")
     checked_rows = []
     for i, row in enumerate(rows):
         row_setting = f"{setting}.{i}"
-        cells = _check_list(row_setting, row, "value", f"{len(azimuths)}, one an azimuth")
-        _check_length(row_setting, len(cells), len(azimuths), "values, one for each azimuth")
+        cells = _check_nonempty_list(row_setting, row, "value", f"{len(azimuths)}, one an azimuth")
+        _check_entry_count(row_setting, len(cells), len(azimuths), "values, one for each azimuth")
         checked_rows.append(
             tuple(
                 check_number(f"{row_setting}.{j}", cell, at_least=at_least, at_most=at_most)
@@ -140,16 +142,16 @@ def interpolate_angle_table(
             levels = np.concatenate([levels, levels[:, :1]], axis=1)
     else:
         start = (azimuths[0] + azimuths[-1]) / 2 - math.pi  # the nearest edge holds
-    left_index, right_index, u = _bracketing_nodes(
+    left_index, right_index, u = _bracketing_indices_and_fractions(
         azimuths, start + np.mod(azimuth - start, 2 * math.pi)
     )
-    below, above, v = _bracketing_nodes(elevations, elevation)
+    below, above, v = _bracketing_indices_and_fractions(elevations, elevation)
     low = (1 - u) * levels[below, left_index] + u * levels[below, right_index]
     high = (1 - u) * levels[above, left_index] + u * levels[above, right_index]
     return np.asarray(np.exp((1 - v) * low + v * high))
 
 
-def _bracketing_nodes(
+def _bracketing_indices_and_fractions(
     nodes: np.ndarray, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the nodes below and above each x, and the fraction between them, 0 to 1."""
@@ -161,13 +163,13 @@ def _bracketing_nodes(
     return lower, lower + 1, (x - nodes[lower]) / (nodes[lower + 1] - nodes[lower])
 
 
-def _check_angles(owner: object, field: str, *, at_most_rad: float) -> tuple[float, ...]:
+def _check_ascending_angles(owner: object, field: str, *, at_most_rad: float) -> tuple[float, ...]:
     setting = f"{type(owner).__name__}.{field}"
     limit_rad = at_most_rad + _ANGLE_TOLERANCE_RAD
     angles = [
         check_number(f"{setting}.{index}", angle, at_least=-limit_rad, at_most=limit_rad)
         for index, angle in enumerate(
-            _check_list(setting, getattr(owner, field), "angle", "at least one")
+            _check_nonempty_list(setting, getattr(owner, field), "angle", "at least one")
         )
     ]
     for index in range(1, len(angles)):
@@ -182,8 +184,8 @@ def _check_angles(owner: object, field: str, *, at_most_rad: float) -> tuple[flo
     return tuple(angles)
 
 
-def _check_list(setting: str, entries: Any, noun: str, expected: str) -> tuple[Any, ...]:
-    members = as_tuple(entries)
+def _check_nonempty_list(setting: str, entries: Any, noun: str, expected: str) -> tuple[Any, ...]:
+    members = as_tuple_or_none(entries)
     if not members:
         raise InvalidSetting(
             setting,
@@ -194,7 +196,7 @@ def _check_list(setting: str, entries: Any, noun: str, expected: str) -> tuple[A
     return members
 
 
-def _check_length(setting: str, n: int, expected: int, contents: str) -> None:
+def _check_entry_count(setting: str, n: int, expected: int, contents: str) -> None:
     if n != expected:
         raise InvalidSetting(
             setting,

@@ -6,8 +6,14 @@ from typing import Literal
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_vectors
-from dechirp.core.display import Displayable, Table, format_value, pluralise, truncated_table
+from dechirp.core.checks import Vector, normalise_vectors_field
+from dechirp.core.display import (
+    Displayable,
+    Table,
+    format_setting_value,
+    pluralise,
+    truncated_display_table,
+)
 from dechirp.core.values import frozen_dataclass
 
 _COINCIDENCE_M = 1e-6  # 0.1 degree of phase at 77 GHz
@@ -24,8 +30,8 @@ class Array(Displayable):
 
     def __post_init__(self) -> None:
         # No array on one oscillator is as wide: a value beyond has a wrong unit.
-        check_vectors(self, "tx_m", at_most=1e6)
-        check_vectors(self, "rx_m", at_most=1e6)
+        normalise_vectors_field(self, "tx_m", max_magnitude=1e6)
+        normalise_vectors_field(self, "rx_m", max_magnitude=1e6)
 
     @property
     def n_rx(self) -> int:
@@ -58,14 +64,17 @@ class Array(Displayable):
             if dist(positions_m[first], positions_m[second]) < _COINCIDENCE_M
         )
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         n_tx = len(self.tx_m)
         return f"{pluralise(n_tx, 'transmitter')}, {pluralise(self.n_rx, 'receiver')}"
 
-    def _tables(self) -> Iterable[Table]:
+    def _display_tables(self) -> Iterable[Table]:
         rows = [
-            (f"{kind} {number}", *(format_value(coordinate, "m") for coordinate in position_m))
+            (
+                f"{kind} {number}",
+                *(format_setting_value(coordinate, "m") for coordinate in position_m),
+            )
             for kind, positions_m in (("tx", self.tx_m), ("rx", self.rx_m))
             for number, position_m in enumerate(positions_m)
         ]
-        return (truncated_table("Positions", rows, len(rows), ("", "x", "y", "z")),)
+        return (truncated_display_table("Positions", rows, len(rows), ("", "x", "y", "z")),)

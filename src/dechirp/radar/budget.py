@@ -62,10 +62,10 @@ def received_power_w(
     hardware = radar.require_hardware()
     gains = hardware.tx_gain(azimuth_rad, elevation_rad)
     gains = gains * hardware.rx_gain(azimuth_rad, elevation_rad)
-    return np.asarray(echo_amplitude(radar) ** 2 * gains * np.asarray(rcs_m2) / range_m**4)
+    return np.asarray(unit_echo_amplitude(radar) ** 2 * gains * np.asarray(rcs_m2) / range_m**4)
 
 
-def echo_amplitude(radar: Radar) -> float:
+def unit_echo_amplitude(radar: Radar) -> float:
     """Return the amplitude of an echo between antennas of gain 1, in sqrt(W) m.
 
     Divide by the product of both path lengths (range squared) and multiply by the square roots of

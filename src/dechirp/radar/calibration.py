@@ -4,7 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.core.checks import Vector, as_tuple, check_integer, check_number, check_vectors
+from dechirp.core.checks import (
+    Vector,
+    as_tuple_or_none,
+    check_integer,
+    check_number,
+    normalise_vectors_field,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.array import Array
@@ -34,8 +40,10 @@ class Calibration:
 
     def __post_init__(self) -> None:
         elements = tuple(
-            _check_pair(f"Calibration.elements.{index}", pair)
-            for index, pair in enumerate(_check_pairs("Calibration.elements", self.elements))
+            _check_two_members(f"Calibration.elements.{index}", pair)
+            for index, pair in enumerate(
+                _check_nonempty_pair_list("Calibration.elements", self.elements)
+            )
         )
         for index, (tx, rx) in enumerate(elements):
             check_integer(f"Calibration.elements.{index}", tx, at_least=0)
@@ -50,13 +58,13 @@ class Calibration:
                 fix="remove one of them, with its gain",
             )
         gain = tuple(
-            _check_gain(f"Calibration.gain.{index}", pair)
-            for index, pair in enumerate(_check_pairs("Calibration.gain", self.gain))
+            _check_complex_gain(f"Calibration.gain.{index}", pair)
+            for index, pair in enumerate(_check_nonempty_pair_list("Calibration.gain", self.gain))
         )
         object.__setattr__(self, "gain", gain)
         if self.position_error_m is not None:
             # Boards are far more accurate: a value outside has a wrong unit.
-            check_vectors(self, "position_error_m", at_most=0.1)
+            normalise_vectors_field(self, "position_error_m", max_magnitude=0.1)
         for name in ("gain", "position_error_m"):
             values = getattr(self, name)
             if values is not None and len(values) != len(self.elements):
@@ -84,8 +92,10 @@ class Calibration:
         if not missing and not unknown:
             return
         problems = [f"{len(self.elements)} elements"]
-        problems += [f"none for {_format_pairs(missing)}"] if missing else []
-        problems += [f"of them {_format_pairs(unknown)} not in the array"] if unknown else []
+        problems += [f"none for {_format_antenna_pairs(missing)}"] if missing else []
+        problems += (
+            [f"of them {_format_antenna_pairs(unknown)} not in the array"] if unknown else []
+        )
         raise InvalidSetting(
             "Radar.calibration",
             value=", ".join(problems),
@@ -96,25 +106,25 @@ class Calibration:
 
     def element_corrections(self) -> np.ndarray:
         """Return the gains in the order of `Array.virtual_positions_m`, (n_elements,) complex."""
-        return np.array(self.gain)[self._virtual_array_order()] @ np.array([1, 1j])
+        return np.array(self.gain)[self._indices_in_virtual_array_order()] @ np.array([1, 1j])
 
     def element_position_errors_m(self) -> np.ndarray:
         """Return position errors in the order of `Array.virtual_positions_m`, (n_elements, 3)."""
         if self.position_error_m is None:
             return np.zeros((len(self.elements), 3))
-        return np.array(self.position_error_m)[self._virtual_array_order()]
+        return np.array(self.position_error_m)[self._indices_in_virtual_array_order()]
 
-    def _virtual_array_order(self) -> list[int]:
+    def _indices_in_virtual_array_order(self) -> list[int]:
         return sorted(range(len(self.elements)), key=self.elements.__getitem__)
 
 
-def _format_pairs(pairs: set[tuple[int, int]]) -> str:
+def _format_antenna_pairs(pairs: set[tuple[int, int]]) -> str:
     examples = [str(list(pair)) for pair in sorted(pairs)[:3]]
     return ", ".join(examples) + (f" and {len(pairs) - 3} more" if len(pairs) > 3 else "")
 
 
-def _check_pairs(setting: str, pairs: object) -> tuple[Any, ...]:
-    members = as_tuple(pairs)
+def _check_nonempty_pair_list(setting: str, pairs: object) -> tuple[Any, ...]:
+    members = as_tuple_or_none(pairs)
     if not members:
         raise InvalidSetting(
             setting,
@@ -125,8 +135,8 @@ def _check_pairs(setting: str, pairs: object) -> tuple[Any, ...]:
     return members
 
 
-def _check_pair(setting: str, pair: object) -> tuple[Any, Any]:
-    members = as_tuple(pair) or ()
+def _check_two_members(setting: str, pair: object) -> tuple[Any, Any]:
+    members = as_tuple_or_none(pair) or ()
     if len(members) != 2:
         raise InvalidSetting(
             setting, value=pair, expected="two numbers", fix="write both in brackets"
@@ -134,8 +144,8 @@ def _check_pair(setting: str, pair: object) -> tuple[Any, Any]:
     return members[0], members[1]
 
 
-def _check_gain(setting: str, pair: object) -> tuple[float, float]:
-    real, imaginary = (check_number(setting, part) for part in _check_pair(setting, pair))
+def _check_complex_gain(setting: str, pair: object) -> tuple[float, float]:
+    real, imaginary = (check_number(setting, part) for part in _check_two_members(setting, pair))
     # A factor of 1e-6 is 120 dB: a channel that needs it receives nothing.
     if not 1e-6 < np.hypot(real, imaginary) < 1e6:
         raise InvalidSetting(

@@ -5,8 +5,12 @@ from typing import Literal
 
 import numpy as np
 
-from dechirp.core.checks import check_count, check_non_negative, check_positive
-from dechirp.core.display import Displayable, Table, derived_rows, settings_table
+from dechirp.core.checks import (
+    check_integer_fields,
+    check_non_negative_fields,
+    check_positive_fields,
+)
+from dechirp.core.display import Displayable, Table, property_display_rows, settings_display_table
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_quantity
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -41,12 +45,12 @@ class Chirp(Displayable):
 
     def __post_init__(self) -> None:
         # The bounds span over-the-horizon to terahertz radar: a value outside has a wrong unit.
-        check_positive(self, "start_frequency_hz", at_least=1e6, at_most=1e13)
-        check_positive(self, "slope_hz_per_s", at_least=1.0, at_most=1e18)
-        check_positive(self, "ramp_duration_s", at_least=1e-12, at_most=1e6)
-        check_positive(self, "sample_rate_hz", at_least=1.0, at_most=1e13)
-        check_non_negative(self, "adc_start_s", at_most=1e6)
-        check_count(self, "n_samples", at_least=2)
+        check_positive_fields(self, "start_frequency_hz", at_least=1e6, at_most=1e13)
+        check_positive_fields(self, "slope_hz_per_s", at_least=1.0, at_most=1e18)
+        check_positive_fields(self, "ramp_duration_s", at_least=1e-12, at_most=1e6)
+        check_positive_fields(self, "sample_rate_hz", at_least=1.0, at_most=1e13)
+        check_non_negative_fields(self, "adc_start_s", at_most=1e6)
+        check_integer_fields(self, "n_samples", at_least=2)
         if self.sampling not in ("complex", "real"):
             raise InvalidSetting(
                 "Chirp.sampling", value=self.sampling, expected="complex or real", fix="choose one"
@@ -155,7 +159,7 @@ class Chirp(Displayable):
         """
         return velocity_m_per_s * self.mid_window_frequency_hz / self.slope_hz_per_s
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         return (
             f"{format_quantity(self.start_frequency_hz, 'hz')},"
             f" {format_quantity(self.sampled_bandwidth_hz, 'hz')} in"
@@ -165,11 +169,11 @@ class Chirp(Displayable):
             f" {format_quantity(self.max_range_m, 'm', 3)}"
         )
 
-    def _tables(self) -> Iterable[Table]:
-        return (settings_table(self), Table("What follows", self._derived_rows()))
+    def _display_tables(self) -> Iterable[Table]:
+        return (settings_display_table(self), Table("What follows", self._derived_value_rows()))
 
-    def _derived_rows(self) -> list[tuple[str, str, str]]:
-        return derived_rows(
+    def _derived_value_rows(self) -> list[tuple[str, str, str]]:
+        return property_display_rows(
             self,
             "sampled_bandwidth_hz",
             "ramp_bandwidth_hz",

@@ -64,11 +64,13 @@ def label_cube(
     )
 
 
-def check_sampling(chirp: Chirp, samples: np.ndarray | xr.DataArray, *, where: str) -> None:
+def check_samples_complex_or_real(
+    chirp: Chirp, samples: np.ndarray | xr.DataArray, *, setting: str
+) -> None:
     """Check that samples are complex or real as the chirp specifies."""
     if np.iscomplexobj(samples) != (chirp.sampling == "complex"):
         raise InvalidSetting(
-            where,
+            setting,
             value=f"samples of type {samples.dtype}",
             expected=f"{chirp.sampling} samples, as the chirp specifies",
             fix="set the chirp's sampling to that of the converter",

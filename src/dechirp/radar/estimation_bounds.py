@@ -7,7 +7,7 @@ from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import decoupled_range_std_m, range_std_m, velocity_std_m_per_s
 
 
-def crlb_standard_errors(
+def range_and_velocity_crlb_std(
     frame: Frame, *, snr: ArrayLike, wavelength_m: ArrayLike | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the smallest standard deviations of range (m) and velocity (m/s), both unknown.

@@ -7,8 +7,20 @@ from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import as_tuple, check_count, check_number, check_numbers, check_positive
-from dechirp.core.display import Displayable, Table, derived_rows, pluralise, settings_table
+from dechirp.core.checks import (
+    as_tuple_or_none,
+    check_integer_fields,
+    check_number,
+    check_numbers,
+    check_positive_fields,
+)
+from dechirp.core.display import (
+    Displayable,
+    Table,
+    pluralise,
+    property_display_rows,
+    settings_display_table,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_quantity
 from dechirp.core.values import frozen_dataclass
@@ -43,7 +55,7 @@ class Frame(Displayable):
     """Differences between the ramps of a round, all sent by one transmitter; none: equal ramps."""
 
     def __post_init__(self) -> None:
-        check_count(self, "n_chirps")
+        check_integer_fields(self, "n_chirps")
         self._check_intervals()
         if not isinstance(self.multiplexing, Multiplexing | None):
             raise InvalidSetting(
@@ -55,7 +67,7 @@ class Frame(Displayable):
         self._check_modulation()
         if self.period_s is None:
             return
-        check_positive(self, "period_s", at_least=1e-12, at_most=1e6)
+        check_positive_fields(self, "period_s", at_least=1e-12, at_most=1e6)
         longest_s = max(self.for_frame(index).duration_s for index in range(self.n_intervals))
         if self.period_s < longest_s * (1 - 1e-9):
             raise InvalidSetting(
@@ -66,9 +78,11 @@ class Frame(Displayable):
             )
 
     def _check_intervals(self) -> None:
-        intervals_s = as_tuple(self.interval_s)
+        intervals_s = as_tuple_or_none(self.interval_s)
         if intervals_s is None:
-            check_positive(self, "interval_s", at_least=1e-12, at_most=1e6)  # the bounds of a ramp
+            check_positive_fields(
+                self, "interval_s", at_least=1e-12, at_most=1e6
+            )  # the bounds of a ramp
             named_intervals = [
                 ("Frame.interval_s", check_number("Frame.interval_s", self.interval_s))
             ]
@@ -302,13 +316,14 @@ class Frame(Displayable):
         durations_s = [self.for_frame(place).duration_s for place in range(self.n_intervals)]
         return n_cycles * sum(durations_s) + sum(durations_s[:n_remaining])
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         text = pluralise(self.n_chirps_total, "chirp")
         if self.n_slots > 1:
             text += f" in {pluralise(self.n_chirps, 'round')}"
-        return f"{text} of {pluralise(self.chirp.n_samples, 'sample')}{self._format_velocities()}"
+        velocities = self._format_velocity_resolution_and_limit()
+        return f"{text} of {pluralise(self.chirp.n_samples, 'sample')}{velocities}"
 
-    def _format_velocities(self) -> str:
+    def _format_velocity_resolution_and_limit(self) -> str:
         """Format velocity resolution and limit, of the first of several intervals."""
         if self.n_chirps == 1:
             return ""
@@ -316,12 +331,12 @@ class Frame(Displayable):
         resolution = format_quantity(first.velocity_resolution_m_per_s, "m_per_s", 3)
         return f", {resolution} to ±{format_quantity(first.max_velocity_m_per_s, 'm_per_s', 3)}"
 
-    def _tables(self) -> Iterable[Table]:
-        return (settings_table(self), Table("What follows", self._derived_rows()))
+    def _display_tables(self) -> Iterable[Table]:
+        return (settings_display_table(self), Table("What follows", self._derived_value_rows()))
 
-    def _derived_rows(self) -> list[tuple[str, str, str]]:
+    def _derived_value_rows(self) -> list[tuple[str, str, str]]:
         """Return table rows of derived values, of the first frame where intervals differ."""
         names = ["n_chirps_total", "duration_s"]
         if self.n_chirps > 1:
             names += ["repetition_s", "velocity_resolution_m_per_s", "max_velocity_m_per_s"]
-        return derived_rows(self.for_frame(0), *names)
+        return property_display_rows(self.for_frame(0), *names)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.patterns.base import Pattern
@@ -29,12 +29,12 @@ class Hardware:
 
     def __post_init__(self) -> None:
         # The bounds span a leaking mixer to the largest dish: a value outside has a wrong unit.
-        check_positive(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
+        check_positive_fields(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
         if self.antenna_gain is not None:
-            check_positive(self, "antenna_gain", at_least=1e-6, at_most=1e12)
+            check_positive_fields(self, "antenna_gain", at_least=1e-6, at_most=1e12)
         for name in ("tx_pattern", "rx_pattern"):
-            self._check_pattern(name)
-        check_positive(self, "noise_factor", "loss")
+            self._check_pattern_or_antenna_gain(name)
+        check_positive_fields(self, "noise_factor", "loss")
         for name in ("noise_factor", "loss"):
             if getattr(self, name) < 1:
                 raise InvalidSetting(
@@ -43,20 +43,20 @@ class Hardware:
                     expected="a ratio of at least 1 (0 dB)",
                     fix="write a loss of 3 dB as 3 dB, not -3 dB",
                 )
-        check_positive(self, "noise_factor", "loss", at_least=1.0, at_most=1e12)
+        check_positive_fields(self, "noise_factor", "loss", at_least=1.0, at_most=1e12)
 
-    def _check_pattern(self, name: str) -> None:
-        pattern = getattr(self, name)
+    def _check_pattern_or_antenna_gain(self, pattern_field: str) -> None:
+        pattern = getattr(self, pattern_field)
         if pattern is None and self.antenna_gain is None:
             raise InvalidSetting(
                 "Hardware.antenna_gain",
-                value=f"none, and no {name}",
+                value=f"none, and no {pattern_field}",
                 expected="given for antennas without a pattern",
-                fix=f"give antenna_gain, or {name}",
+                fix=f"give antenna_gain, or {pattern_field}",
             )
         if not (pattern is None or isinstance(pattern, Pattern)):
             raise InvalidSetting(
-                f"Hardware.{name}",
+                f"Hardware.{pattern_field}",
                 value=pattern,
                 expected=f"a pattern, one of {', '.join(Pattern.members())}",
                 fix="give one gain in all directions as antenna_gain",
@@ -75,15 +75,15 @@ class Hardware:
         Directions are in the axes of the radar and of any shapes that broadcast. Without
         directions: the peak gain; without an elevation: the gain in the horizontal plane.
         """
-        return self._gain(self.tx_pattern, azimuth_rad, elevation_rad)
+        return self._pattern_or_constant_gain(self.tx_pattern, azimuth_rad, elevation_rad)
 
     def rx_gain(
         self, azimuth_rad: ArrayLike | None = None, elevation_rad: ArrayLike | None = None
     ) -> np.ndarray:
         """Return the power gain of a receive antenna towards directions, as `tx_gain`."""
-        return self._gain(self.rx_pattern, azimuth_rad, elevation_rad)
+        return self._pattern_or_constant_gain(self.rx_pattern, azimuth_rad, elevation_rad)
 
-    def _gain(
+    def _pattern_or_constant_gain(
         self,
         pattern: Pattern | None,
         azimuth_rad: ArrayLike | None,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dechirp.core.display import Displayable, Table, derived_rows, settings_table
+from dechirp.core.display import Displayable, Table, property_display_rows, settings_display_table
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.text import format_quantity
 from dechirp.core.values import frozen_dataclass
@@ -119,7 +119,7 @@ class Radar(Displayable):
             )
         return self.hardware
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         chirp, frame = self.frame.chirp, self.frame
         return (
             f"{format_quantity(chirp.start_frequency_hz, 'hz')},"
@@ -127,19 +127,21 @@ class Radar(Displayable):
             f" {frame.n_chirps:,} chirps of {chirp.n_samples:,} samples,"
             f" {len(self.array.tx_m)} x {self.array.n_rx} elements:"
             f" {format_quantity(chirp.range_resolution_m, 'm', 3)} to"
-            f" {format_quantity(chirp.max_range_m, 'm', 3)}{frame._format_velocities()}"
+            f" {format_quantity(chirp.max_range_m, 'm', 3)}"
+            f"{frame._format_velocity_resolution_and_limit()}"
         )
 
-    def _tables(self) -> Iterable[Table]:
-        yield settings_table(self.frame.chirp, "Chirp")
-        frame = settings_table(self.frame, "Frame")
+    def _display_tables(self) -> Iterable[Table]:
+        yield settings_display_table(self.frame.chirp, "Chirp")
+        frame = settings_display_table(self.frame, "Frame")
         yield frame._replace(rows=[row for row in frame.rows if row[0] != "chirp"])
-        yield from self.array._tables()
+        yield from self.array._display_tables()
         if self.hardware is not None:
-            yield settings_table(self.hardware, "Hardware")
-        rows = derived_rows(self, "n_channels", "integration_gain")
+            yield settings_display_table(self.hardware, "Hardware")
+        rows = property_display_rows(self, "n_channels", "integration_gain")
         if self.hardware is not None:
-            rows += derived_rows(self.hardware, "eirp_w")
+            rows += property_display_rows(self.hardware, "eirp_w")
         yield Table(
-            "What follows", [*self.frame.chirp._derived_rows(), *self.frame._derived_rows(), *rows]
+            "What follows",
+            [*self.frame.chirp._derived_value_rows(), *self.frame._derived_value_rows(), *rows],
         )

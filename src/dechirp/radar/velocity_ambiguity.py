@@ -9,7 +9,7 @@ UNAMBIGUOUS = 2.0**40
 """Number of spans beyond every velocity, for velocities that do not alias."""
 
 
-def unambiguous_span_m_per_s(range_m: np.ndarray, frame: Frame) -> np.ndarray:
+def unambiguous_velocity_span_m_per_s(range_m: np.ndarray, frame: Frame) -> np.ndarray:
     """Return the unambiguous velocity span of echoes from given ranges, (n,).
 
     lambda / 2T of the frequency that they have at mid-window, T from a chirp of a transmitter to
@@ -20,7 +20,7 @@ def unambiguous_span_m_per_s(range_m: np.ndarray, frame: Frame) -> np.ndarray:
     return np.asarray(SPEED_OF_LIGHT / (2 * echo_hz * frame.repetition_s))
 
 
-def range_shift_m(frame: Frame) -> float:
+def range_shift_per_ambiguity_m(frame: Frame) -> float:
     """Return the decrease in range for each ambiguity number, by range-Doppler coupling.
 
     0 for a triangle, whose two beat frequencies determine the range without coupling.
@@ -28,7 +28,9 @@ def range_shift_m(frame: Frame) -> float:
     return 0.0 if frame.has_falling_ramps else float(frame.chirp.range_m(1.0)) / frame.repetition_s
 
 
-def n_unambiguous_spans(ambiguity_number: np.ndarray, frame: Frame, frame_index: int) -> np.ndarray:
+def n_spans_until_aliasing(
+    ambiguity_number: np.ndarray, frame: Frame, frame_index: int
+) -> np.ndarray:
     """Return the number of spans after which velocities of a frame alias; 2^40 if never, (n,).
 
     Parameters

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dechirp.config.suggestions import did_you_mean, nearest_name
 from dechirp.core.errors import DechirpError, Mistake
-from dechirp.recordings.frame_subset import renumber_from_zero
+from dechirp.recordings.frame_subset import renumber_frames_from_zero
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer
 
@@ -44,7 +44,7 @@ def write(
     """
     out = Path(out)
     writer = find_writer(out, format)
-    renumbered = renumber_from_zero(recording)
+    renumbered = renumber_frames_from_zero(recording)
     writer.check_recording(renumbered)
     try:
         return writer.write(renumbered, out, progress)
@@ -68,7 +68,7 @@ def find_writer(out: Path, format: str | None = None) -> Writer:
         if format in members:
             return members[format]()
         fix = did_you_mean(format, members)
-        raise _writer_error("--to", format, f"one of {', '.join(members)}", fix)
+        raise _unknown_format_error("--to", format, f"one of {', '.join(members)}", fix)
     name = out.name.lower()
     by_suffix = {suffix: writer for writer in members.values() for suffix in writer.suffixes}
     matches = [suffix for suffix in by_suffix if name.endswith(suffix)]
@@ -77,8 +77,8 @@ def find_writer(out: Path, format: str | None = None) -> Writer:
     choices = ", ".join(f"{writer.suffixes[0]} ({kind})" for kind, writer in members.items())
     suggestion = nearest_name(out.suffix, by_suffix)
     fix = f"did you mean {suggestion}?" if suggestion else "change its suffix, or give --to FORMAT"
-    raise _writer_error("path", str(out), f"a name that ends in one of {choices}", fix)
+    raise _unknown_format_error("path", str(out), f"a name that ends in one of {choices}", fix)
 
 
-def _writer_error(setting: str, value: str, expected: str, fix: str) -> DechirpError:
+def _unknown_format_error(setting: str, value: str, expected: str, fix: str) -> DechirpError:
     return DechirpError(Mistake(setting=setting, value=value, expected=expected, fix=fix))

@@ -25,7 +25,7 @@ NON_AXIS_COORDINATES = ("transmitter", "chirp_time", "gap")
 """Coordinates over frames and chirps that are not axes."""
 
 
-def write_cube(
+def write_cube_store(
     path: Path,
     frames: Iterable[xr.DataArray],
     *,
@@ -96,13 +96,13 @@ def write_cube(
         _add_array(
             store, "gap", xr.DataArray(np.array(frame_coordinates["gap"]), dims=("frame", "chirp"))
         )
-    calibration = None if radar.calibration is None else _calibration_dataset(radar.calibration)
+    calibration = None if radar.calibration is None else _calibration_to_dataset(radar.calibration)
     for name, dataset in {**groups, "calibration": calibration}.items():
         if dataset is not None:
-            _add_group(path, name, dataset)
+            _add_dataset_group(path, name, dataset)
 
 
-def _calibration_dataset(calibration: Calibration) -> xr.Dataset:
+def _calibration_to_dataset(calibration: Calibration) -> xr.Dataset:
     tx, rx = np.array(calibration.elements).T
     dataset = xr.Dataset(
         {
@@ -134,7 +134,10 @@ def _create_cube_array(store: zarr.Group, frame: xr.DataArray, n_frames: int) ->
         compressors=None,
         chunk_key_encoding={"name": "default", "separator": "."},
         dimension_names=tuple(map(str, frame.dims)),
-        attributes={**_cube_attributes(frame), **_coordinates_attribute(frame)},
+        attributes={
+            **_attributes_without_float_scale(frame),
+            **_non_axis_coordinates_attribute(frame),
+        },
     )
 
 
@@ -153,13 +156,13 @@ def _append_frame_to_chunks(
                 file.truncate(math.prod(array.chunks) * array.dtype.itemsize)
 
 
-def _cube_attributes(frame: xr.DataArray) -> dict[str, Any]:
+def _attributes_without_float_scale(frame: xr.DataArray) -> dict[str, Any]:
     """Return the attributes of the samples; only codes have `scale`, which readers multiply."""
     excluded = () if frame.dtype == np.int16 else ("scale",)
     return {str(name): attribute for name, attribute in frame.attrs.items() if name not in excluded}
 
 
-def _coordinates_attribute(frame: xr.DataArray) -> dict[str, str]:
+def _non_axis_coordinates_attribute(frame: xr.DataArray) -> dict[str, str]:
     """List the non-axis coordinates, so that xarray reads them as coordinates."""
     names = [name for name in NON_AXIS_COORDINATES if name in frame.coords]
     return {"coordinates": " ".join(names)} if names else {}
@@ -174,7 +177,7 @@ def _add_array(store: zarr.Group, name: str, array: xr.DataArray) -> None:
     )
 
 
-def _add_group(store: Path, name: str, dataset: xr.Dataset) -> None:
+def _add_dataset_group(store: Path, name: str, dataset: xr.Dataset) -> None:
     # Variable-length texts: Zarr has no stable specification of fixed-length ones.
     texts = {key: v.astype(object) for key, v in dataset.variables.items() if v.dtype.kind == "U"}
     coordinate_texts = {key: texts.pop(key) for key in list(texts) if key in dataset.coords}

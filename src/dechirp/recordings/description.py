@@ -16,7 +16,7 @@ import xarray as xr
 
 from dechirp.config import loading
 from dechirp.config.dumping import to_yaml_data
-from dechirp.core.dataset_arrays import dataset_from_arrays, dataset_to_arrays
+from dechirp.core.dataset_arrays import dataset_from_arrays, dataset_to_arrays_and_description
 from dechirp.core.errors import DechirpError, RecordingError
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -43,7 +43,7 @@ class Description:
     """Order of the I and Q parts in the original recording, if known."""
 
     @property
-    def text(self) -> str:
+    def json_text(self) -> str:
         """JSON text, as `parse_description` reads it."""
         fields = {
             "dechirp_exchange": VERSION,
@@ -56,22 +56,24 @@ class Description:
         }
         return json.dumps(fields, ensure_ascii=True)
 
-    def build_table(self, name: str, arrays: Mapping[str, np.ndarray]) -> xr.Dataset:
+    def build_table(self, name: str, columns: Mapping[str, np.ndarray]) -> xr.Dataset:
         """Build a table from its columns.
 
         Raises `KeyError`, `TypeError` or `ValueError` if it is damaged.
         """
-        return dataset_from_arrays(arrays, self.tables[name])
+        return dataset_from_arrays(columns, self.tables[name])
 
 
-def describe_contents(
+def describe_contents_and_columns(
     radar: Radar, contents: Contents, scale: float | None, tables: Mapping[str, xr.Dataset]
 ) -> tuple[Description, dict[str, dict[str, np.ndarray]]]:
     """Return the description of a recording with these tables, and the columns of each table.
 
     Columns have the native byte order of this machine.
     """
-    table_arrays = {name: dataset_to_arrays(table) for name, table in tables.items()}
+    table_arrays = {
+        name: dataset_to_arrays_and_description(table) for name, table in tables.items()
+    }
     structures = {name: structure for name, (_, structure) in table_arrays.items()}
     description = Description(
         radar=radar,
@@ -92,7 +94,7 @@ def _to_native_byte_order(values: np.ndarray) -> np.ndarray:
     return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
-def is_description(text: str) -> bool:
+def is_native_description(text: str) -> bool:
     """Return True if a text is a native description, of any version."""
     try:
         parsed = json.loads(text)
@@ -126,14 +128,14 @@ def parse_description(path: Path, text: str, radar: Radar | None = None) -> Desc
     return Description(
         radar=radar or parse_radar(path, parsed.get("radar")),
         units=cast(Units, units),
-        scale=_to_float(scale),
+        scale=_to_float_or_infinity(scale),
         tables=tables,
         device=device,
         iq=iq,
     )
 
 
-def _to_float(number: float | None) -> float | None:
+def _to_float_or_infinity(number: float | None) -> float | None:
     """Convert a number to float64; an integer beyond its range becomes infinite."""
     try:
         return None if number is None else float(number)
@@ -154,10 +156,10 @@ def parse_radar(path: Path, radar_settings: Any) -> Radar:
         ) from None
 
 
-def read_tables(
-    path: Path, description: Description, columns: Callable[[str, str], np.ndarray]
+def read_described_tables(
+    path: Path, description: Description, read_column: Callable[[str, str], np.ndarray]
 ) -> dict[str, xr.Dataset]:
-    """Read all tables; `columns` returns the array of a table and a column.
+    """Read all tables; `read_column` returns the array of a table and a column.
 
     Raises
     ------
@@ -167,7 +169,7 @@ def read_tables(
     tables = {}
     for name, structure in description.tables.items():
         try:
-            arrays = {column: columns(name, column) for column in structure["variables"]}
+            arrays = {column: read_column(name, column) for column in structure["variables"]}
             tables[name] = description.build_table(name, arrays)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise RecordingError(

@@ -9,7 +9,7 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording
 
 
-def renumber_from_zero(recording: Recording) -> Recording:
+def renumber_frames_from_zero(recording: Recording) -> Recording:
     """Return the same frames, numbered and timed from the first selected one.
 
     Files do not store the number of their first frame, so frame and table times are relative to it,
@@ -31,33 +31,38 @@ def renumber_from_zero(recording: Recording) -> Recording:
 
     subset = replace(
         contents,
-        radar=None if radar is None else _radar_from_frame(radar, first),
+        radar=None if radar is None else _rotate_frame_intervals(radar, first),
         n_frames=n_frames,
         decode=None if decode is None else decode_later,
         gaps=None if contents.gaps is None else contents.gaps[first : first + n_frames],
-        points=None if recording.points is None else _shift_table(recording.points, first, start_s),
+        points=None
+        if recording.points is None
+        else _shift_frame_and_time_columns(recording.points, first, start_s),
         tables={
-            name: _shift_table(table, first, start_s) for name, table in recording.tables.items()
+            name: _shift_frame_and_time_columns(table, first, start_s)
+            for name, table in recording.tables.items()
         },
     )
     return replace(recording, contents=subset, frame_numbers=range(n_frames))
 
 
-def _radar_from_frame(radar: Radar, first: int) -> Radar:
+def _rotate_frame_intervals(radar: Radar, first_frame: int) -> Radar:
     """Return the radar with frame intervals that start at this frame."""
     intervals_s = radar.frame.interval_s
     if not isinstance(intervals_s, tuple):
         return radar
-    start = first % len(intervals_s)
+    start = first_frame % len(intervals_s)
     rotated = intervals_s[start:] + intervals_s[:start]
     return replace(radar, frame=replace(radar.frame, interval_s=rotated))
 
 
-def _shift_table(table: xr.Dataset, first: int, start_s: float) -> xr.Dataset:
+def _shift_frame_and_time_columns(
+    table: xr.Dataset, first_frame: int, start_s: float
+) -> xr.Dataset:
     """Subtract this number and time from the frame columns of a table."""
     if "frame" not in table.variables:
         return table
-    shifts = {"frame": first, "time": start_s}
+    shifts = {"frame": first_frame, "time": start_s}
     return table.assign(
         {
             name: table.variables[name].copy(data=table.variables[name].values - shift)

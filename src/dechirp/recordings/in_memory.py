@@ -9,7 +9,7 @@ import xarray as xr
 
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import InvalidSetting
-from dechirp.radar.cube import check_sampling
+from dechirp.radar.cube import check_samples_complex_or_real
 from dechirp.radar.radar import Radar
 from dechirp.recordings.description import UNITS
 from dechirp.recordings.readers.base import Contents
@@ -41,9 +41,9 @@ def recording_from_cube(
     InvalidSetting
         If it is not a cube, or does not match the radar.
     """
-    _check_cube(cube)
+    _check_cube_axes(cube)
     samples = cube.transpose(*CUBE_AXES).values
-    check_sampling(radar.frame.chirp, samples, where="cube")
+    check_samples_complex_or_real(radar.frame.chirp, samples, setting="cube")
     frame = radar.frame
     expected_shape = (frame.n_chirps_total, radar.array.n_rx, frame.chirp.n_samples)
     units = cube.attrs.get("units")
@@ -75,7 +75,7 @@ def recording_from_cube(
     )
 
 
-def _check_cube(cube: object) -> None:
+def _check_cube_axes(cube: object) -> None:
     """Raise `InvalidSetting` unless it has the axes of a cube, and gaps over its chirps."""
     axes = {str(axis) for axis in cube.dims} if isinstance(cube, xr.DataArray) else set()
     actual = f"a {type(cube).__name__} over {', '.join(sorted(axes)) or 'no named axes'}"

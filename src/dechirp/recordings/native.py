@@ -9,12 +9,12 @@ import numpy as np
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.errors import RecordingError
 from dechirp.recordings.arrays.lazy_array import LazyArray, convert_parser_errors, format_shape
-from dechirp.recordings.arrays.named_axes import interpret_array
+from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
 from dechirp.recordings.description import (
     Description,
-    is_description,
+    is_native_description,
     parse_description,
-    read_tables,
+    read_described_tables,
 )
 from dechirp.recordings.readers.base import Contents, RecordingHints
 from dechirp.recordings.settings.base import Iq, RecordingSettings
@@ -24,13 +24,17 @@ MAX_DESCRIPTION_CHARACTERS = 2**24
 MAX_SCALE = 1e30  # times the largest code it is still a single-precision number
 
 
-def is_native_file(text: str | None, hints: RecordingHints) -> bool:
+def is_native_without_array_hints(description_text: str | None, hints: RecordingHints) -> bool:
     """Return True if a text is a native description and no hint says how to read the array."""
     has_array_hints = hints.inner_name or hints.axes or hints.encoding
-    return text is not None and is_description(text) and not has_array_hints
+    return (
+        description_text is not None
+        and is_native_description(description_text)
+        and not has_array_hints
+    )
 
 
-def check_hints_agree(
+def check_device_and_iq_hints(
     path: Path, hints: RecordingHints, *, device: str | None, iq: Iq | None
 ) -> None:
     """Raise `RecordingError` if a native file has another device or I/Q order than the user gave.
@@ -49,13 +53,13 @@ def check_hints_agree(
             )
 
 
-def native_contents(
+def read_native_contents(
     path: Path,
-    text: str,
-    stored: LazyArray,
+    description_text: str,
+    stored_samples: LazyArray,
     hints: RecordingHints,
     *,
-    columns: Callable[[str, str], np.ndarray],
+    read_column: Callable[[str, str], np.ndarray],
     gaps: np.ndarray | None,
     file_bytes: int,
     axes: tuple[str, ...] = CUBE_AXES,
@@ -66,13 +70,13 @@ def native_contents(
     ----------
     path : Path
         The file.
-    text : str
+    description_text : str
         Its description.
-    stored : LazyArray
+    stored_samples : LazyArray
         Its samples, or their codes if the description has a scale.
     hints : RecordingHints
         A radar in it replaces that of the file.
-    columns : function (table, column)
+    read_column : function (table, column)
         Returns the arrays of the tables.
     gaps : array (frame, chirp), optional
         Non-zero where samples were lost.
@@ -88,15 +92,17 @@ def native_contents(
     """
     radar = None if hints.settings is None else hints.settings.radar
     with convert_parser_errors(path, "a file with a complete description"):
-        description = parse_description(path, text, radar)
-        check_hints_agree(path, hints, device=description.device, iq=description.iq)
-        _check_scale(path, description, stored.dtype)
-        if len(stored.shape) == len(axes) + 1:
+        description = parse_description(path, description_text, radar)
+        check_device_and_iq_hints(path, hints, device=description.device, iq=description.iq)
+        _check_codes_have_scale(path, description, stored_samples.dtype)
+        if len(stored_samples.shape) == len(axes) + 1:
             axes = (*axes, "iq")
         settings = hints.settings or RecordingSettings(radar=description.radar)
         array_hints = RecordingHints(settings=settings, axes=axes, encoding="full-scale")
-        contents = interpret_array(path, stored, array_hints, file_bytes=file_bytes)
-        tables = read_tables(path, description, columns)
+        contents = interpret_array_as_recording(
+            path, stored_samples, array_hints, file_bytes=file_bytes
+        )
+        tables = read_described_tables(path, description, read_column)
     decode, scale = contents.decode, description.scale
     assert decode is not None
 
@@ -117,9 +123,9 @@ def native_contents(
     )
 
 
-def _check_scale(path: Path, description: Description, dtype: np.dtype) -> None:
+def _check_codes_have_scale(path: Path, description: Description, sample_dtype: np.dtype) -> None:
     """Raise `RecordingError` unless codes have a scale and floats have none."""
-    numbers = dtype if dtype.names is None else dtype[0]
+    numbers = sample_dtype if sample_dtype.names is None else sample_dtype[0]
     is_coded = numbers.kind == "i" and numbers.itemsize == 2
     scale = description.scale
     if (scale is None and numbers.kind in "fc") or (
@@ -128,7 +134,7 @@ def _check_scale(path: Path, description: Description, dtype: np.dtype) -> None:
         return
     raise RecordingError(
         path,
-        value=f"a file with samples of type {dtype} and a scale of {scale}",
+        value=f"a file with samples of type {sample_dtype} and a scale of {scale}",
         expected="codes of 16 bits with a positive scale, or floats without any",
         fix="copy the file again from its source",
     )

@@ -10,8 +10,8 @@ from dechirp.recordings.readers.base import (
     Format,
     MatchQuality,
     RecordingHints,
-    describe_foreign_content,
-    experimental_warning,
+    experimental_reader_warning,
+    identify_non_raw_content,
 )
 from dechirp.recordings.readers.ros2_bag import Ros2Bag
 from dechirp.recordings.samples.sample_order import choose_sample_order
@@ -38,19 +38,21 @@ def recognise_formats(
     path = Path(path)
     members = _load_formats(path, format)
     try:
-        file, inner_name = split_inner_path(path)
+        file, inner_name = split_file_and_inner_path(path)
         options = [*given, "inner_name"] if inner_name is not None else given
-        return tuple(_best_fitting_kinds(file, format, members, options))
+        return tuple(_best_fitting_format_names(file, format, members, options))
     except OSError as error:
         raise unreadable_path_error(path, error) from None
 
 
-def read_contents(path: Path, wanted: str | None, hints: RecordingHints) -> tuple[str, Contents]:
+def read_as_best_format(
+    path: Path, wanted_format: str | None, hints: RecordingHints
+) -> tuple[str, Contents]:
     """Return format kind and contents of a path, read as the wanted or best-fitting format."""
-    formats = _load_formats(path, wanted)
+    formats = _load_formats(path, wanted_format)
     options = {name: getattr(hints, name) for name in ("axes", "encoding", "iq", "inner_name")}
     given_options = [name for name, value in options.items() if value is not None]
-    kinds = _best_fitting_kinds(path, wanted, formats, given_options)
+    kinds = _best_fitting_format_names(path, wanted_format, formats, given_options)
     if len(kinds) == 1:
         (kind,) = kinds
         return kind, _read_as_format(path, formats[kind], hints)
@@ -80,25 +82,28 @@ def read_contents(path: Path, wanted: str | None, hints: RecordingHints) -> tupl
     )
 
 
-def _load_formats(path: Path, wanted: str | None) -> dict[str, Format]:
+def _load_formats(path: Path, wanted_format: str | None) -> dict[str, Format]:
     """Return all formats by kind; raise an error if the wanted one is unknown or not loadable."""
-    reason = Format.failed_plugins().get(wanted) if wanted else None
+    reason = Format.failed_plugins().get(wanted_format) if wanted_format else None
     if reason:
         raise RecordingError(
             path,
-            value=f"given with format {wanted!r}, which cannot be loaded ({reason})",
+            value=f"given with format {wanted_format!r}, which cannot be loaded ({reason})",
             expected="given with a format that can be loaded",
             fix="repair or remove the package that provides it",
         )
     formats: dict[str, Format] = {
         kind: format_class() for kind, format_class in Format.members().items()
     }
-    check_choice(path, "format", wanted, tuple(formats))
+    check_choice(path, "format", wanted_format, tuple(formats))
     return formats
 
 
-def _best_fitting_kinds(
-    path: Path, wanted: str | None, formats: dict[str, Format], given: Collection[str]
+def _best_fitting_format_names(
+    path: Path,
+    wanted_format: str | None,
+    formats: dict[str, Format],
+    given_options: Collection[str],
 ) -> list[str]:
     """Return the best fitting kinds that accept the given options; several for raw samples."""
     if not path.exists():
@@ -108,43 +113,47 @@ def _best_fitting_kinds(
     if path.is_file() and path.stat().st_size == 0:
         content, qualities = "an empty file (0 bytes)", {}
     else:
-        content = _describe_path(path)
+        content = _describe_path_content(path)
         candidates = [
-            kind for kind, member in formats.items() if wanted == kind or not member.must_be_named
+            kind
+            for kind, member in formats.items()
+            if wanted_format == kind or not member.must_be_named
         ]
         qualities = {kind: formats[kind].recognise(path) for kind in candidates}
     best = (
-        qualities.get(wanted, MatchQuality.NO)
-        if wanted
+        qualities.get(wanted_format, MatchQuality.NO)
+        if wanted_format
         else max(qualities.values(), default=MatchQuality.NO)
     )
     if best > MatchQuality.NO:
         kinds = (
-            [wanted] if wanted else [kind for kind, quality in qualities.items() if quality == best]
+            [wanted_format]
+            if wanted_format
+            else [kind for kind, quality in qualities.items() if quality == best]
         )
-        return _kinds_with_options(path, kinds, formats, given)
+        return _format_names_accepting_options(path, kinds, formats, given_options)
     fix = "copy it again from its source, or give its format: --format (format=...)"
     if path.is_file() and holds_settings(path):
         fix = "give the recording, and this file with --radar (radar=...)"
     raise RecordingError(
         path,
         value=content,
-        expected=f"a recording of the format {wanted}, as specified"
-        if wanted
+        expected=f"a recording of the format {wanted_format}, as specified"
+        if wanted_format
         else f"a recording of one of the formats {', '.join(formats)}",
         fix=fix,
     )
 
 
-def _kinds_with_options(
-    path: Path, kinds: list[str], formats: dict[str, Format], given: Collection[str]
+def _format_names_accepting_options(
+    path: Path, format_names: list[str], formats: dict[str, Format], given_options: Collection[str]
 ) -> list[str]:
     """Return the kinds that accept all given options; raise an error if there is none."""
-    accepting = [kind for kind in kinds if set(given) <= set(formats[kind].options)]
+    accepting = [kind for kind in format_names if set(given_options) <= set(formats[kind].options)]
     if accepting:
         return accepting
-    kind = kinds[0]
-    name = next(name for name in given if name not in formats[kind].options)
+    kind = format_names[0]
+    name = next(name for name in given_options if name not in formats[kind].options)
     if name == "inner_name":
         raise RecordingError(
             path,
@@ -166,11 +175,11 @@ def _read_as_format(path: Path, reader: Format, hints: RecordingHints) -> Conten
     contents = reader.read(path, hints)
     if not reader.experimental:
         return contents
-    warning = experimental_warning(reader.kind())
+    warning = experimental_reader_warning(reader.kind())
     return replace(contents, findings=(*contents.findings, warning))
 
 
-def split_inner_path(path: Path) -> tuple[Path, str | None]:
+def split_file_and_inner_path(path: Path) -> tuple[Path, str | None]:
     """Split a path into that of a file and the name of an array in it, if one is named."""
     if not path.exists():
         for parent in path.parents:
@@ -179,11 +188,11 @@ def split_inner_path(path: Path) -> tuple[Path, str | None]:
     return path, None
 
 
-def _describe_path(path: Path) -> str:
+def _describe_path_content(path: Path) -> str:
     if path.is_file():
         if holds_settings(path):
             return "the settings of a recording, not its samples"
-        return describe_foreign_content(path) or "bytes without a known signature"
+        return identify_non_raw_content(path) or "bytes without a known signature"
     names = sorted(file.name for file in path.iterdir())
     more = f" and {len(names) - 8} more" if len(names) > 8 else ""
     return f"a folder with {', '.join(names[:8]) or 'nothing'}{more}"

@@ -13,8 +13,8 @@ import xarray as xr
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.display import Displayable, Table, pluralise
 from dechirp.core.errors import RecordingError
-from dechirp.core.findings import Finding, findings_table
-from dechirp.core.memory import check_memory
+from dechirp.core.findings import Finding, findings_display_table
+from dechirp.core.memory import check_free_memory
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.cube import label_cube
@@ -24,8 +24,8 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import IQ_ORDERS, Contents, RecordingHints
 from dechirp.recordings.recognise import (
     check_choice,
-    read_contents,
-    split_inner_path,
+    read_as_best_format,
+    split_file_and_inner_path,
     unreadable_path_error,
 )
 from dechirp.recordings.settings.base import Iq, RecordingSettings
@@ -98,14 +98,17 @@ class Recording(Displayable):
     def points(self) -> xr.Dataset | None:
         """Detections of the radar itself, as `detect` returns them; None for samples only."""
         points = self.contents.points
-        return None if points is None else self._select_rows(points)
+        return None if points is None else self._rows_of_selected_frames(points)
 
     @property
     def tables(self) -> dict[str, xr.Dataset]:
         """Tables stored with the samples, as `detections` and `truth`, for these frames."""
-        return {name: self._select_rows(table) for name, table in self.contents.tables.items()}
+        return {
+            name: self._rows_of_selected_frames(table)
+            for name, table in self.contents.tables.items()
+        }
 
-    def _select_rows(self, table: xr.Dataset) -> xr.Dataset:
+    def _rows_of_selected_frames(self, table: xr.Dataset) -> xr.Dataset:
         """Return the rows of the selected frames; all rows of a table without frames."""
         if self.n_frames == self.contents.n_frames or "frame" not in table.variables:
             return table
@@ -119,19 +122,19 @@ class Recording(Displayable):
             {row_axis: np.flatnonzero((numbers >= selected.start) & (numbers < selected.stop))}
         )
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         parts = [f"{Path(self.path).name}: {self.format}", pluralise(self.n_frames, "frame")]
         if self.contents.decode is None:
             parts.append("detections without samples")
         if self.contents.radar is not None:
-            parts.append(self.contents.radar._summary())
+            parts.append(self.contents.radar._display_line())
         return ", ".join(parts)
 
-    def _tables(self) -> Iterable[Table]:
+    def _display_tables(self) -> Iterable[Table]:
         if self.findings:
-            yield findings_table(self.findings)
+            yield findings_display_table(self.findings)
         if self.contents.radar is not None:
-            yield from self.contents.radar._tables()
+            yield from self.contents.radar._display_tables()
 
     def check_has_samples(self) -> None:
         """Raise `RecordingError` if the recording contains only detections."""
@@ -166,7 +169,7 @@ class Recording(Displayable):
             If there are no samples, or invalid ones; the message gives their position.
         """
         shape, dtype = self._cube_shape(), self._sample_dtype()
-        check_memory(
+        check_free_memory(
             f"the cube of {self.path.name}",
             needed_bytes=math.prod(shape) * dtype.itemsize,
             fix="read it frame by frame (frames() in Python), or fewer frames",
@@ -174,7 +177,7 @@ class Recording(Displayable):
         samples = np.empty(shape, dtype)
         for index, number in enumerate(self.frame_numbers):
             self._decode_frame(number, samples[index])
-        return self._label_samples(samples, self.frame_numbers)
+        return self._label_samples_as_cube(samples, self.frame_numbers)
 
     def frames(self) -> Iterator[xr.DataArray]:
         """Yield cubes of one frame each, decoded one by one; raises as `cube` does."""
@@ -182,7 +185,7 @@ class Recording(Displayable):
         for number in self.frame_numbers:
             samples = np.empty((1, *shape[1:]), dtype)
             self._decode_frame(number, samples[0])
-            yield self._label_samples(samples, range(number, number + 1))
+            yield self._label_samples_as_cube(samples, range(number, number + 1))
 
     def _cube_shape(self) -> tuple[int, ...]:
         self.check_has_samples()
@@ -193,32 +196,32 @@ class Recording(Displayable):
             np.complex64 if self.radar.frame.chirp.sampling == "complex" else np.float32
         )
 
-    def _decode_frame(self, number: int, out: np.ndarray) -> None:
+    def _decode_frame(self, frame_number: int, out: np.ndarray) -> None:
         assert self.contents.decode is not None  # `_cube_shape` was asked before
         try:
-            self.contents.decode(number, out)
+            self.contents.decode(frame_number, out)
         except OSError as error:
             raise unreadable_path_error(self.path, error) from None
 
-    def _label_samples(self, samples: np.ndarray, numbers: range) -> xr.DataArray:
+    def _label_samples_as_cube(self, samples: np.ndarray, frame_numbers: range) -> xr.DataArray:
         gaps = self.contents.gaps
-        return label_frames(
+        return label_frames_as_cube(
             samples,
             self.contents,
-            first=numbers.start,
-            gaps=None if gaps is None else gaps[numbers.start : numbers.stop],
+            first_frame=frame_numbers.start,
+            gaps=None if gaps is None else gaps[frame_numbers.start : frame_numbers.stop],
         )
 
 
-def label_frames(
-    samples: np.ndarray, contents: Contents, *, first: int, gaps: np.ndarray | None
+def label_frames_as_cube(
+    samples: np.ndarray, contents: Contents, *, first_frame: int, gaps: np.ndarray | None
 ) -> xr.DataArray:
-    """Label samples (frame, chirp, rx, sample) of contents, from the frame number `first` on.
+    """Label samples (frame, chirp, rx, sample) of contents, from the frame number `first_frame` on.
 
     `gaps`, (frame, chirp), if not None, becomes the coordinate `gap`.
     """
     assert contents.radar is not None  # samples always have a radar
-    cube = label_cube(samples, contents.radar, units=contents.units, first_frame=first)
+    cube = label_cube(samples, contents.radar, units=contents.units, first_frame=first_frame)
     if contents.scale is not None:
         cube.attrs["scale"] = contents.scale
     if gaps is None:
@@ -289,9 +292,9 @@ def open(
         axes = axes.replace(",", " ").split()
     check_choice(path, "iq", iq, IQ_ORDERS)
     known_device_type = None if device is None else known_device(device)
-    given_settings = combine_settings(radar, settings, known_device_type)
+    given_settings = combine_radar_and_layout_settings(radar, settings, known_device_type)
     try:
-        file, inner_name = split_inner_path(path)
+        file, inner_name = split_file_and_inner_path(path)
         hints = RecordingHints(
             settings=given_settings,
             device=known_device_type,
@@ -300,7 +303,7 @@ def open(
             encoding=encoding,
             iq=cast(Iq | None, iq),
         )
-        kind, contents = read_contents(file, format, hints)
+        kind, contents = read_as_best_format(file, format, hints)
     except OSError as error:
         raise unreadable_path_error(path, error) from None
     recording = Recording(
@@ -312,15 +315,15 @@ def open(
     return recording if frames is None else recording.select_frames(*frames)
 
 
-def combine_settings(
-    radar: Radar | str | Path | None, layout: str | Path | None, device: Device | None
+def combine_radar_and_layout_settings(
+    radar: Radar | str | Path | None, layout_file: str | Path | None, device: Device | None
 ) -> RecordingSettings | None:
     """Combine the given radar with a given layout file; return None without either."""
-    layout_settings = None if layout is None else read_settings(Path(layout), device)
+    layout_settings = None if layout_file is None else read_settings(Path(layout_file), device)
     if radar is None:
         return layout_settings
     radar_settings = (
-        RecordingSettings(radar=radar).with_device(device)
+        RecordingSettings(radar=radar).completed_from_device(device)
         if isinstance(radar, Radar)
         else read_settings(Path(radar), device)
     )

@@ -6,7 +6,7 @@ from dechirp.core.findings import Finding
 from dechirp.radar.array import Array
 from dechirp.recordings.readers.base import RecordingHints
 from dechirp.recordings.settings.base import RecordingSettings
-from dechirp.recordings.settings.read import find_settings, read_settings
+from dechirp.recordings.settings.read import find_settings_file, read_settings
 
 
 def find_recording_settings(path: Path, hints: RecordingHints) -> RecordingSettings:
@@ -17,10 +17,10 @@ def find_recording_settings(path: Path, hints: RecordingHints) -> RecordingSetti
     RecordingError
         If none were given, and none or several are next to it.
     """
-    return hints.settings or read_settings(find_settings(path), hints.device)
+    return hints.settings or read_settings(find_settings_file(path), hints.device)
 
 
-def assumed_receiver_findings(settings: RecordingSettings) -> tuple[Finding, ...]:
+def assumed_single_receiver_findings(settings: RecordingSettings) -> tuple[Finding, ...]:
     """Warn if raw samples are read as those of one receiver because no array was given.
 
     Samples of four receivers would be read as four times the frames, without any error.

@@ -18,9 +18,9 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
-from dechirp.recordings.arrays.json_columns import from_json_column, to_json_column
+from dechirp.recordings.arrays.json_columns import column_from_json, column_to_json
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
-from dechirp.recordings.description import Description, parse_description, read_tables
+from dechirp.recordings.description import Description, parse_description, read_described_tables
 from dechirp.recordings.native import lost_chirp_mask
 from dechirp.recordings.readers.base import IQ_ORDERS, Contents
 from dechirp.recordings.samples.layouts import N_LANES
@@ -77,7 +77,7 @@ class Sidecar:
             device=self.layout.device,
         )
 
-    def apply_to(self, raw_contents: Contents) -> Contents:
+    def apply_to_raw_contents(self, raw_contents: Contents) -> Contents:
         """Add the metadata to the contents of the words at full scale 1.
 
         Raises
@@ -88,7 +88,7 @@ class Sidecar:
         assert raw_contents.decode is not None
         return replace(
             raw_contents,
-            decode=_scaled_decoder(raw_contents.decode, self.scale * 2**15),
+            decode=_make_scaled_decoder(raw_contents.decode, self.scale * 2**15),
             units=self.description.units,
             # A truncated file has fewer frames.
             gaps=lost_chirp_mask(
@@ -119,20 +119,20 @@ def has_sidecar(path: Path) -> bool:
         return _MARK in stream.read(64)
 
 
-def sidecar_text(
+def format_sidecar_json(
     description: Description,
     columns: Mapping[str, Mapping[str, np.ndarray]],
     layout: WordLayout,
     gaps: np.ndarray | None,
     findings: Sequence[Finding],
 ) -> str:
-    """Return the text of the sidecar; `columns` of each table as from `describe_contents`."""
-    fields = json.loads(description.text)  # its signature comes first
+    """Return the text of the sidecar; `columns` as from `describe_contents_and_columns`."""
+    fields = json.loads(description.json_text)  # its signature comes first
     fields["layout"] = asdict(layout)
     fields["findings"] = [asdict(finding) for finding in findings]
-    fields["gap"] = None if gaps is None else to_json_column(gaps)
+    fields["gap"] = None if gaps is None else column_to_json(gaps)
     fields["columns"] = {
-        name: {column: to_json_column(values) for column, values in table.items()}
+        name: {column: column_to_json(values) for column, values in table.items()}
         for name, table in columns.items()
     }
     return json.dumps(fields) + "\n"
@@ -147,26 +147,26 @@ def read_sidecar(path: Path, radar: Radar | None = None) -> Sidecar:
         If it is damaged, too large, or of another version.
     """
     file = sidecar_path(path)
-    text = _read_text(file)
+    text = _read_sidecar_text(file)
     with convert_parser_errors(file, _EXPECTED):
         parsed = json.loads(text)
-        layout = _parse_layout(parsed["layout"])
+        layout = _parse_word_layout(parsed["layout"])
         findings = tuple(_parse_finding(finding) for finding in parsed["findings"])
-        gaps = None if parsed["gap"] is None else from_json_column(parsed["gap"]).astype(bool)
+        gaps = None if parsed["gap"] is None else column_from_json(parsed["gap"]).astype(bool)
         if gaps is not None and (gaps.ndim != 2 or len(gaps) != layout.n_frames):
             raise ValueError(f"gap of {gaps.shape} chirps")
         description = parse_description(file, text, radar)
-        tables = read_tables(
+        tables = read_described_tables(
             file,
             description,
-            lambda name, column: from_json_column(parsed["columns"][name][column]),
+            lambda name, column: column_from_json(parsed["columns"][name][column]),
         )
     scale, n_rx = description.scale, description.radar.array.n_rx
     # Steps of float32 samples; beyond, their products would be nothing, or infinite.
     if scale is None or not 1e-30 < scale < 1e30:
-        raise _damaged_file_error(file, f"with steps of {scale}")
+        raise _damaged_sidecar_error(file, f"with steps of {scale}")
     if radar is None and len(layout.receivers) != n_rx:
-        raise _damaged_file_error(
+        raise _damaged_sidecar_error(
             file, f"with {len(layout.receivers)} receivers, and {n_rx} in its array"
         )
     return Sidecar(
@@ -180,7 +180,7 @@ def read_sidecar(path: Path, radar: Radar | None = None) -> Sidecar:
     )
 
 
-def _scaled_decoder(
+def _make_scaled_decoder(
     decode: Callable[[int, np.ndarray], None], factor: float
 ) -> Callable[[int, np.ndarray], None]:
     def scaled(number: int, out: np.ndarray) -> None:
@@ -191,18 +191,18 @@ def _scaled_decoder(
     return scaled
 
 
-def _read_text(file: Path) -> str:
+def _read_sidecar_text(file: Path) -> str:
     with file.open("rb") as stream:
         content = stream.read(MAX_SIDECAR_BYTES + 1)
     if len(content) > MAX_SIDECAR_BYTES:
-        raise _damaged_file_error(file, f"longer than {MAX_SIDECAR_BYTES} bytes")
+        raise _damaged_sidecar_error(file, f"longer than {MAX_SIDECAR_BYTES} bytes")
     n_brackets = content.count(b"[") + content.count(b"{")
     if n_brackets > _MAX_BRACKETS:
-        raise _damaged_file_error(file, f"with {n_brackets} objects and lists")
+        raise _damaged_sidecar_error(file, f"with {n_brackets} objects and lists")
     return content.decode("utf-8", errors="replace")
 
 
-def _parse_layout(fields: Mapping[str, Any]) -> WordLayout:
+def _parse_word_layout(fields: Mapping[str, Any]) -> WordLayout:
     layout = WordLayout(**{**fields, "receivers": tuple(fields["receivers"])})
     integers = [layout.lanes, layout.n_frames, *layout.receivers]
     if any(type(number) is not int for number in integers) or layout.iq not in (None, *IQ_ORDERS):
@@ -226,7 +226,7 @@ def _parse_finding(fields: Mapping[str, Any]) -> Finding:
     return finding
 
 
-def _damaged_file_error(file: Path, value: str) -> RecordingError:
+def _damaged_sidecar_error(file: Path, value: str) -> RecordingError:
     return RecordingError(
         file,
         value=value,

@@ -11,7 +11,7 @@ from dechirp.core.text import (
     TIMES_SIGN,
     format_number,
     format_power_of_ten,
-    format_si,
+    format_with_si_prefix,
 )
 from dechirp.core.values import frozen_dataclass
 
@@ -80,7 +80,7 @@ def format_pair(published: float | None, computed: float | None, unit: str) -> t
 def format_amount(amount: float | None, unit: str, digits: int = 4) -> str:
     """Format a number with its unit: 6.823 MHz, 37.7 mm; None is a dash."""
     if unit in ("m", "m/s") and 0 < abs(_float_or_nan(amount)) < 0.1:
-        return format_si(_float_or_nan(amount), unit, digits)
+        return format_with_si_prefix(_float_or_nan(amount), unit, digits)
     factor, tail = _unit_scale(unit, _float_or_nan(amount))
     return _append_unit(EN_DASH if amount is None else format_number(amount / factor, digits), tail)
 
@@ -148,7 +148,7 @@ def _unit_scale(unit: str, amount: float) -> tuple[float, str]:
         return 10.0**exponent, f" {TIMES_SIGN} {format_power_of_ten(exponent)} {unit}"
     power = 3 * (exponent // 3)
     power = max(power, 0) if unit == "Hz" else power
-    return 10.0**power, " " + format_si(10.0**power, unit).partition(" ")[2]
+    return 10.0**power, " " + format_with_si_prefix(10.0**power, unit).partition(" ")[2]
 
 
 def _displayed_decimals(check: Mapping[str, Any], measured: float, factor: float) -> int:

@@ -14,7 +14,7 @@ from dechirp.report.figures import data_set as figures
 from dechirp.report.figures import range_doppler
 from dechirp.report.figures.style import TALL_IN, FigureWithCaption, render_svg
 from dechirp.report.labels import axis_label, setting_label, value_label
-from dechirp.scene.aliasing import RangeVelocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 
 _MAX_ITEMS = 20_000  # shown in figures, evenly selected
 _MAX_MARKS = 3000
@@ -131,7 +131,7 @@ class DataSetFigures:
             estimates = RangeVelocity(
                 *(rows[name].values[item_rows][first] for name in ("range", "velocity"))
             )
-            detections = map_position(estimates, radar.for_frame(0))
+            detections = range_doppler_map_position(estimates, radar.for_frame(0))
         return range_doppler.MarkedMap(
             power=power,
             units="sqrt(W)",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from dechirp.core.detection_columns import SHOWN_COLUMNS, DetectionColumn, std_column
+from dechirp.core.detection_columns import SHOWN_COLUMNS, DetectionColumn, standard_error_column
 from dechirp.core.text import EN_DASH, decimals_for_std, format_fixed, format_probability, ratio_db
 from dechirp.core.values import frozen_dataclass
 from dechirp.report.labels import axis_label
@@ -101,7 +101,7 @@ def detection_rows(context: PageContext, n_rows: int) -> list[dict[str, str]]:
 def estimate_columns(context: PageContext) -> list[tuple[str, str, str]]:
     """Return heading, key and class of the columns of estimates; angles only if estimated."""
     return [
-        (axis_label(column.heading, column.unit_symbol), column.name, "num")
+        (axis_label(column.heading, column.shown_unit_symbol), column.name, "num")
         for column in SHOWN_COLUMNS
         if column.shown_unit != "deg" or np.isfinite(context.strongest[column.name].values).any()
     ]
@@ -222,7 +222,7 @@ def _format_with_std(estimate: xr.DataArray | np.ndarray, std: xr.DataArray | np
 def _format_estimate(detection: xr.Dataset, column: DetectionColumn) -> str:
     """Write a cell of the table of detections, with its standard error where there is one."""
     estimate = column.to_shown_unit(detection[column.name].values)
-    std = std_column(column)
+    std = standard_error_column(column)
     if std is None:
         return format_fixed(float(estimate), column.decimals)
     if column.shown_unit == "deg" and not np.isfinite(estimate):

@@ -136,7 +136,10 @@ def targets_of_tracks(result: "Result", tracks: xr.Dataset) -> list[list[str]]:
     for frame in range(0, tracks.sizes["frame"], -(-tracks.sizes["frame"] // _MAX_SAMPLED_FRAMES)):
         time_s = float(truth.time.values[frame])
         is_visible = visible_scatterers(scene, time_s, result.radar)
-        points_m, owners = scene.positions_m([time_s])[0, is_visible, :2], scene.owners[is_visible]
+        points_m, owners = (
+            scene.scatterer_positions_m([time_s])[0, is_visible, :2],
+            scene.target_of_scatterer[is_visible],
+        )
         for track in np.flatnonzero(confirmed[:, frame] & is_visible.any()).tolist():
             distance_m = np.hypot(*(points_m - positions_m[track, frame]).T)
             name = scene.names[owners[distance_m.argmin()]]

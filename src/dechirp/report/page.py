@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from dechirp.core.text import format_si
+from dechirp.core.text import format_with_si_prefix
 from dechirp.evaluation.association import scatterer_motion
 from dechirp.processing.spectrogram import spectrogram
 from dechirp.report import detections_section, directions_section, objects_section
@@ -16,7 +16,7 @@ from dechirp.report.figures.style import TALL_IN, render_svg
 from dechirp.report.page_context import PageContext, build_page_context
 from dechirp.report.settings_summary import summarise_settings
 from dechirp.report.template import load_template
-from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
 from dechirp.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def render_report(result: "Result", *, yaml: str) -> str:
         settings=summarise_settings(result),
         findings=result.findings,
         timing=bars.timing_bars(result.timing_s),
-        total=format_si(sum(result.timing_s.values()), "s", 3),
+        total=format_with_si_prefix(sum(result.timing_s.values()), "s", 3),
         yaml=yaml,
     )
 
@@ -162,12 +162,12 @@ def _moving_body_range_interval_m(context: PageContext) -> tuple[float, float] |
     if radar.frame.n_intervals > 1 or radar.frame.has_falling_ramps:
         return None  # a spectrogram needs one chirp interval and one kind of ramp
     moves = [target.body is not None and not target.body.is_rigid for target in scene_.targets]
-    is_moving = np.array(moves, dtype=bool)[scene_.owners]
+    is_moving = np.array(moves, dtype=bool)[scene_.target_of_scatterer]
     if not is_moving.any():
         return None
     times_s = truth.time.values[:: -(-truth.sizes["frame"] // _MAX_SAMPLED_FRAMES)]
     motion = RangeVelocity(*(values[:, is_moving] for values in scatterer_motion(scene_, times_s)))
-    ranges_m = map_position(alias_range_velocity(motion, radar), radar).range_m
+    ranges_m = range_doppler_map_position(alias_range_velocity(motion, radar), radar).range_m
     margin_m = 2 * radar.frame.chirp.range_resolution_m  # for peaks widened by windows
     return float(ranges_m.min()) - margin_m, float(ranges_m.max()) + margin_m
 

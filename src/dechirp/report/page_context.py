@@ -15,7 +15,7 @@ from dechirp.evaluation.association import (
 from dechirp.radar.radar import Radar
 from dechirp.report.figures.common import choose_body_scatterers
 from dechirp.scene import aliasing
-from dechirp.scene.aliasing import RangeVelocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 
 if TYPE_CHECKING:
     from dechirp.experiments.run import Result
@@ -70,7 +70,9 @@ class PageContext:
         if self.apparent_truth is None:
             return None
         first = RangeVelocity(*(values[self.is_point, 0] for values in self.apparent_truth))
-        return map_position(first, self.result.radar.for_frame(self.result.first_frame))
+        return range_doppler_map_position(
+            first, self.result.radar.for_frame(self.result.first_frame)
+        )
 
     @property
     def scatterer_peaks(self) -> RangeVelocity | None:
@@ -88,7 +90,7 @@ class PageContext:
         apparent = aliasing.alias_range_velocity(
             RangeVelocity(*(values[0, indices] for values in motion)), radar
         )
-        return map_position(apparent, radar)
+        return range_doppler_map_position(apparent, radar)
 
 
 def build_page_context(result: "Result") -> PageContext:
@@ -101,7 +103,7 @@ def build_page_context(result: "Result") -> PageContext:
     estimates = RangeVelocity(
         first_frame_detections.range.values, first_frame_detections.velocity.values
     )
-    peaks = map_position(estimates, result.radar.for_frame(result.first_frame))
+    peaks = range_doppler_map_position(estimates, result.radar.for_frame(result.first_frame))
     matched = apparent_truth = None
     if result.truth is not None:
         matched = associate_detections(strongest, result.truth, result.radar, result.scenario.scene)
@@ -131,8 +133,8 @@ def _apparent_truth(
     )
     is_resolved = (2 * n_resolved > n_detections)[:, None]
     folded, unfolded = (
-        aliasing.apparent_truth(truth, radar),
-        aliasing.apparent_truth(truth, radar, n_spans=folds),
+        aliasing.apparent_range_and_velocity(truth, radar),
+        aliasing.apparent_range_and_velocity(truth, radar, n_spans=folds),
     )
     return RangeVelocity(
         *(np.where(is_resolved, *both) for both in zip(unfolded, folded, strict=True))

@@ -7,7 +7,7 @@ from dechirp.core.text import (
     format_fixed,
     format_number,
     format_probability,
-    format_si,
+    format_with_si_prefix,
     ratio_db,
 )
 from dechirp.radar.frame import Frame
@@ -41,12 +41,12 @@ def summarise_waveform(radar: Radar) -> list[tuple[str, str]]:
 def _waveform_rows(radar: Radar) -> list[tuple[str, str]]:
     frame, chirp = radar.frame, radar.frame.chirp
     return [
-        ("start frequency", format_si(chirp.start_frequency_hz, "Hz", 6)),
+        ("start frequency", format_with_si_prefix(chirp.start_frequency_hz, "Hz", 6)),
         ("slope", f"{format_number(chirp.slope_hz_per_s / 1e12, 5)} MHz/µs"),
-        ("ADC start", format_si(chirp.adc_start_s, "s")),
-        ("ramp duration", format_si(chirp.ramp_duration_s, "s", 5)),
+        ("ADC start", format_with_si_prefix(chirp.adc_start_s, "s")),
+        ("ramp duration", format_with_si_prefix(chirp.ramp_duration_s, "s", 5)),
         ("samples per chirp", f"{chirp.n_samples}, {chirp.sampling}"),
-        ("sample rate", format_si(chirp.sample_rate_hz, "Hz", 5)),
+        ("sample rate", format_with_si_prefix(chirp.sample_rate_hz, "Hz", 5)),
         ("chirps per frame", _format_chirp_count(frame)),
         ("chirp interval", _format_intervals(frame)),
         *([("transmitters", _format_transmitters(radar))] if len(radar.array.tx_m) > 1 else []),
@@ -56,7 +56,7 @@ def _waveform_rows(radar: Radar) -> list[tuple[str, str]]:
 
 def _format_intervals(frame: Frame) -> str:
     intervals_s = [frame.for_frame(index).single_interval_s for index in range(frame.n_intervals)]
-    intervals = ", ".join(format_si(interval_s, "s", 5) for interval_s in intervals_s)
+    intervals = ", ".join(format_with_si_prefix(interval_s, "s", 5) for interval_s in intervals_s)
     return intervals if len(intervals_s) == 1 else f"{intervals}, frame by frame"
 
 
@@ -86,12 +86,12 @@ def _limit_rows(radar: Radar) -> list[tuple[str, str]]:
         ("largest velocity", f"± {format_number(frame.max_velocity_m_per_s, 5)} m/s"),
     ]
     return [
-        ("sampled bandwidth", format_si(chirp.sampled_bandwidth_hz, "Hz", 5)),
-        ("wavelength at mid-window", format_si(chirp.wavelength_m, "m", 5)),
+        ("sampled bandwidth", format_with_si_prefix(chirp.sampled_bandwidth_hz, "Hz", 5)),
+        ("wavelength at mid-window", format_with_si_prefix(chirp.wavelength_m, "m", 5)),
         ("range resolution", f"{format_number(chirp.range_resolution_m)} m"),
         ("largest range", f"{format_number(chirp.max_range_m, 5)} m"),
         *(velocities if frame.n_chirps > 1 else []),
-        ("frame duration", format_si(frame.duration_s, "s")),
+        ("frame duration", format_with_si_prefix(frame.duration_s, "s")),
         ("integration gain", _format_db(radar.integration_gain)),
     ]
 
@@ -190,7 +190,9 @@ def _mitigation_and_tracking_rows(result: "Result") -> list[tuple[str, str]]:
         kinds = ", ".join(method.kind().replace("-", " ") for method in chain.mitigation)
         rows.append(("mitigation", kinds))
     if chain.cluster is not None:
-        reach = ", ".join(format_number(cells) for cells in chain.cluster.reach.by_axis[:3])
+        reach = ", ".join(
+            format_number(cells) for cells in chain.cluster.reach.as_array_by_axis[:3]
+        )
         rows.append(("clusters, reach in range, velocity, direction", f"{reach} cells"))
     if tracker is not None:
         rows.append(("tracks", f"{tracker.filter} filter, {tracker.association} association"))

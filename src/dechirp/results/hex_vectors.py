@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dechirp.core.atomic_files import atomic_folder, check_replaceable
+from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
 from dechirp.core.checks import check_integer
-from dechirp.core.errors import RecordingError
-from dechirp.core.text import quote_text
+from dechirp.core.errors import RecordingError, quote_for_message
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.chain import StageOutput, stage_outputs
 from dechirp.processing.fixed_point.lookup_tables import LookupTables, make_lookup_tables
-from dechirp.processing.fixed_point.samples import to_integer_samples
+from dechirp.processing.fixed_point.samples import to_integer_samples_and_step
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 from dechirp.radar.radar import Radar
 
@@ -71,7 +70,7 @@ _WORDS_PER_CHUNK = 2**16  # words that are written or read at a time
 
 def check_output_folder(out: Path) -> None:
     """Raise `DechirpError` if a folder cannot take vectors since it holds other files."""
-    check_replaceable(out, marker=DESCRIPTION, own_names=FILES)
+    check_output_folder_replaceable(out, marker_file=DESCRIPTION, own_names=FILES)
 
 
 def write_vectors(
@@ -105,7 +104,7 @@ def write_vectors(
     out = Path(out)
     check_output_folder(out)
     plan = make_lookup_tables(radar, (chain or Chain()).fit_to_radar(radar), words or WordLengths())
-    samples, step = to_integer_samples(cube, radar, plan.words)
+    samples, step = to_integer_samples_and_step(cube, radar, plan.words)
     with atomic_folder(out) as temporary:
         entries = [
             _write_block(temporary, block)
@@ -211,9 +210,9 @@ def _describe_vectors(plan: LookupTables, step: float) -> dict[str, Any]:
             "doppler_fft": plan.doppler_transform.n_bins,
         },
         "shifts": {
-            "range": plan.range_shift,
-            "doppler": plan.doppler_shift,
-            "power": plan.power_shift,
+            "range": plan.range_product_right_shift,
+            "doppler": plan.doppler_product_right_shift,
+            "power": plan.power_left_shift,
             "factor": plan.factor_shift,
         },
         "cfar": {
@@ -283,11 +282,11 @@ def _read_vector(folder: Path, entry: dict[str, Any]) -> np.ndarray:
     parts = []
     for name, checksum in zip(entry["files"], entry["sha256"], strict=True):
         path = folder / name
-        is_plain = path.parent == folder and name == quote_text(name)
+        is_plain = path.parent == folder and name == quote_for_message(name)
         if not is_plain:  # reject paths that leave the folder
             raise RecordingError(
                 folder / DESCRIPTION,
-                value=f"naming {quote_text(name)} for a file",
+                value=f"naming {quote_for_message(name)} for a file",
                 expected="plain names of files beside it",
                 fix="write the vectors again",
             )

@@ -12,7 +12,12 @@ from typing import Any, Literal
 import numpy as np
 
 from dechirp.core.atomic_files import atomic_file
-from dechirp.core.duckdb_memory import connect_in_memory, escape_glob, quote_sql, utf8_path
+from dechirp.core.duckdb_memory import (
+    connect_duckdb_in_memory,
+    escape_glob_wildcards,
+    quote_sql_string,
+    utf8_path_alias,
+)
 from dechirp.core.errors import RecordingError
 
 ColumnType = Literal["BIGINT", "DOUBLE", "BOOLEAN", "VARCHAR"]
@@ -49,10 +54,14 @@ def write_parquet(
     import duckdb
 
     metadata_sql = ", ".join(
-        f"{_quote_name(name)}: {quote_sql(text)}" for name, text in metadata.items()
+        f"{_quote_name(name)}: {quote_sql_string(text)}" for name, text in metadata.items()
     )
     options = f", KV_METADATA {{{metadata_sql}}}" if metadata_sql else ""
-    with atomic_file(path) as temporary, utf8_path(temporary) as name, connect_in_memory() as duck:
+    with (
+        atomic_file(path) as temporary,
+        utf8_path_alias(temporary) as name,
+        connect_duckdb_in_memory() as duck,
+    ):
         named_types = zip(_distinct_names(columns), columns.values(), strict=True)
         typed = ", ".join(f"{_quote_name(name)} {kind}" for name, kind in named_types)
         try:
@@ -60,7 +69,7 @@ def write_parquet(
             for piece in pieces:
                 _append_rows(duck, columns, piece)
             duck.execute(
-                f"COPY rows TO {quote_sql(name)} (FORMAT parquet, COMPRESSION zstd{options})"
+                f"COPY rows TO {quote_sql_string(name)} (FORMAT parquet, COMPRESSION zstd{options})"
             )
         except duckdb.IOException as error:
             raise OSError(None, " ".join(str(error).split())[:200]) from None
@@ -76,10 +85,10 @@ def read_parquet(path: Path) -> dict[str, np.ndarray]:
     """
     import duckdb
 
-    with utf8_path(path) as name, connect_in_memory() as duck:
+    with utf8_path_alias(path) as name, connect_duckdb_in_memory() as duck:
         try:
             columns = duck.execute(
-                f"SELECT * FROM read_parquet({quote_sql(escape_glob(name))})"
+                f"SELECT * FROM read_parquet({quote_sql_string(escape_glob_wildcards(name))})"
             ).fetchnumpy()
         except duckdb.Error as error:
             raise RecordingError(

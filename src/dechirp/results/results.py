@@ -6,10 +6,14 @@ from types import MappingProxyType
 
 import xarray as xr
 
-from dechirp.core.atomic_files import atomic_folder, check_replaceable, encode_utf8
+from dechirp.core.atomic_files import (
+    atomic_folder,
+    check_output_folder_replaceable,
+    encode_utf8_with_escapes,
+)
 from dechirp.core.table_columns import dataset_to_records
 from dechirp.radar.radar import Radar
-from dechirp.recordings.cube_store import write_cube
+from dechirp.recordings.cube_store import write_cube_store
 from dechirp.results.text_files import csv_text, json_text
 
 _TEXTS = ("report.html", "scenario.yaml", "run.json")
@@ -23,7 +27,7 @@ def check_output_folder(out: Path) -> None:
 
     The folder must be absent, empty or hold only earlier results, and be writable.
     """
-    check_replaceable(out, marker=_MARK, own_names=(*FILES, *_OPTIONAL_FILES))
+    check_output_folder_replaceable(out, marker_file=_MARK, own_names=(*FILES, *_OPTIONAL_FILES))
 
 
 def write_results(
@@ -57,7 +61,7 @@ def write_results(
     pdf : bytes, optional
         Content of `report.pdf`.
     device, iq : str, optional
-        Metadata of a recording, see `write_cube`.
+        Metadata of a recording, see `write_cube_store`.
 
     Returns
     -------
@@ -72,14 +76,14 @@ def write_results(
     check_output_folder(out)
     with atomic_folder(out) as made:
         for name in _TEXTS:
-            (made / name).write_bytes(encode_utf8(texts[name]))
+            (made / name).write_bytes(encode_utf8_with_escapes(texts[name]))
         if pdf is not None:
             (made / "report.pdf").write_bytes(pdf)
-        (made / "detections.csv").write_bytes(encode_utf8(csv_text(detections)))
+        (made / "detections.csv").write_bytes(encode_utf8_with_escapes(csv_text(detections)))
         (made / "detections.json").write_bytes(
-            encode_utf8(json_text(dataset_to_records(detections)))
+            encode_utf8_with_escapes(json_text(dataset_to_records(detections)))
         )
-        write_cube(
+        write_cube_store(
             made / "cube.zarr",
             frames,
             n_frames=n_frames,
@@ -89,7 +93,7 @@ def write_results(
             iq=iq,
         )
         for name, table in other_tables.items():
-            (made / f"{name}.csv").write_bytes(encode_utf8(csv_text(table)))
+            (made / f"{name}.csv").write_bytes(encode_utf8_with_escapes(csv_text(table)))
     return result_paths(out, other_tables, has_pdf=pdf is not None)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from dechirp.core.atomic_files import atomic_folder, check_replaceable
+from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
 from dechirp.core.table_columns import dataset_to_columns
 
 
@@ -46,7 +46,7 @@ def check_output_folder(out: Path, names: Collection[str]) -> None:
     The folder must be absent, empty or hold only earlier files of these names, the first name among
     them. Call this before a long run.
     """
-    check_replaceable(out, marker=next(iter(names)), own_names=names)
+    check_output_folder_replaceable(out, marker_file=next(iter(names)), own_names=names)
 
 
 def write_files(out: Path, contents: Mapping[str, bytes]) -> None:

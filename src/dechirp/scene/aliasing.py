@@ -23,7 +23,9 @@ class EchoFrequencies(NamedTuple):
     doppler_hz: np.ndarray
 
 
-def apparent_truth(truth: xr.Dataset, radar: Radar, *, n_spans: int | None = 1) -> RangeVelocity:
+def apparent_range_and_velocity(
+    truth: xr.Dataset, radar: Radar, *, n_spans: int | None = 1
+) -> RangeVelocity:
     """Return range and velocity of the truth, (target, frame), as an ideal radar measures them.
 
     They differ from the truth only where range or velocity is ambiguous. Aliasing in one changes
@@ -52,8 +54,9 @@ def apparent_truth(truth: xr.Dataset, radar: Radar, *, n_spans: int | None = 1) 
 def alias_range_velocity(
     true: RangeVelocity, radar: Radar, *, n_spans: int | None = 1
 ) -> RangeVelocity:
-    """Return ranges and velocities as measured in one frame, any shape; see `apparent_truth`.
+    """Return ranges and velocities as measured in one frame, any shape.
 
+    See `apparent_range_and_velocity`.
     Triangular modulations resolve aliases by the difference of their beats: values are unchanged.
     """
     chirp = radar.frame.chirp
@@ -69,7 +72,7 @@ def alias_range_velocity(
     if radar.frame.n_chirps == 1:
         return RangeVelocity(chirp.range_m(1.0) * beat_hz, np.full_like(doppler_hz, np.nan))
     if n_spans is not None:
-        doppler_hz = wrap_to_period(doppler_hz, n_spans / radar.frame.repetition_s)
+        doppler_hz = wrap_about_zero(doppler_hz, n_spans / radar.frame.repetition_s)
     delay_hz = beat_hz - doppler_hz
     return RangeVelocity(
         chirp.range_m(1.0) * delay_hz,
@@ -82,14 +85,14 @@ def echo_frequencies(range_velocity: RangeVelocity, radar: Radar) -> EchoFrequen
     return EchoFrequencies(*radar.frame.chirp.echo_frequencies_hz(*range_velocity))
 
 
-def map_position(range_velocity: RangeVelocity, radar: Radar) -> RangeVelocity:
+def range_doppler_map_position(range_velocity: RangeVelocity, radar: Radar) -> RangeVelocity:
     """Return the position of peaks on the range-Doppler map: with coupling, velocities aliased."""
     chirp = radar.frame.chirp
     beat_hz, doppler_hz = echo_frequencies(range_velocity, radar)
-    doppler_hz = wrap_to_period(doppler_hz, 1 / radar.frame.repetition_s)
+    doppler_hz = wrap_about_zero(doppler_hz, 1 / radar.frame.repetition_s)
     return RangeVelocity(chirp.range_m(1.0) * beat_hz, doppler_hz * chirp.wavelength_m / 2)
 
 
-def wrap_to_period(amount: np.ndarray, period: float | np.ndarray) -> np.ndarray:
+def wrap_about_zero(amount: np.ndarray, period: float | np.ndarray) -> np.ndarray:
     """Return values within half a period of zero, minus whole periods."""
     return (amount + period / 2) % period - period / 2

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_number, check_vector
+from dechirp.core.checks import Vector, check_number, normalise_vector_field
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.rotations import rotation_about_z
-from dechirp.scene.speed_limit import check_velocity_vector
+from dechirp.scene.speed_limit import normalise_velocity_field
 
 
 @frozen_dataclass
@@ -32,7 +32,7 @@ class Ego:
 
     def __post_init__(self) -> None:
         # Limits beyond the Moon, a full turn, and any spindle: other values indicate a wrong unit.
-        check_vector(self, "position_m", at_most=1e9)
+        normalise_vector_field(self, "position_m", max_magnitude=1e9)
         for name, at_most in (
             ("yaw_rad", 2 * math.pi),
             ("pitch_rad", 2 * math.pi),
@@ -43,7 +43,7 @@ class Ego:
                 f"Ego.{name}", getattr(self, name), at_least=-at_most, at_most=at_most
             )
             object.__setattr__(self, name, angle)
-        check_velocity_vector(self, "velocity_m_per_s")
+        normalise_velocity_field(self, "velocity_m_per_s")
 
     @property
     def is_turning(self) -> bool:
@@ -74,10 +74,10 @@ class Ego:
     def axes(self, times_s: np.ndarray) -> np.ndarray:
         """Return the axes of the radar at each time, (n_times, 3, 3), columns in the scene."""
         turns = rotation_about_z(self.yaw_rad + self.turn_rate_rad_per_s * times_s)
-        return turns @ self._tilt_matrix
+        return turns @ self._pitch_and_roll_matrix
 
     @property
-    def _tilt_matrix(self) -> np.ndarray:
+    def _pitch_and_roll_matrix(self) -> np.ndarray:
         cos_pitch, sin_pitch = math.cos(self.pitch_rad), math.sin(self.pitch_rad)
         cos_roll, sin_roll = math.cos(self.roll_rad), math.sin(self.roll_rad)
         pitch = np.array([[cos_pitch, 0, -sin_pitch], [0, 1, 0], [sin_pitch, 0, cos_pitch]])

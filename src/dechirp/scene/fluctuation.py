@@ -14,7 +14,7 @@ _GAMMA_SHAPES = {
 }
 
 
-def draw_power_factors(
+def draw_fluctuation_factors(
     scene: Scene, n_chirps: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Draw the ratios of cross sections to their means for one frame.
@@ -42,7 +42,7 @@ def draw_power_factors(
     P. Swerling, Probability of detection for fluctuating targets, 1954 (IRE Trans. IT-6, 1960).
     """
     per_frame, per_chirp = np.ones(scene.n_scatterers), None
-    for kind, scatterers in scene.fluctuating_scatterers.items():
+    for kind, scatterers in scene.fluctuating_scatterers_by_model.items():
         shape, per_chirp_draw = _GAMMA_SHAPES[kind]
         if not per_chirp_draw:
             per_frame[scatterers] = rng.standard_gamma(shape, scatterers.size) / shape

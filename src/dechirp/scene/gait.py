@@ -76,14 +76,14 @@ class Gait:
     speed_m_per_s: float
 
     @property
-    def relative_speed_per_s(self) -> float:
+    def speed_over_hip_height_per_s(self) -> float:
         """Return the speed over the height of the hips, V_R."""
         return self.speed_m_per_s / (HIP_HEIGHT * self.height_m)
 
     @property
     def frequency_hz(self) -> float:
         """Return the cycles per second, 1 / T_C, of two steps each."""
-        return float(np.sqrt(self.relative_speed_per_s)) / 1.346
+        return float(np.sqrt(self.speed_over_hip_height_per_s)) / 1.346
 
     def joint_positions_m(self, cycles: np.ndarray) -> np.ndarray:
         """Return the positions of the joints, (n_times, n_joints, 3), in the order of `Joint`.
@@ -99,16 +99,19 @@ class Gait:
         joints_m = np.zeros((len(cycles), len(Joint), 3))
         forward_m, left_m = self._pelvis_sway_m(cycles)
         pelvis_m = np.stack(
-            [forward_m, left_m, _evaluate_harmonics(self._height_harmonics_m, cycles)], axis=-1
+            [forward_m, left_m, _evaluate_harmonics(self._pelvis_height_harmonics_m, cycles)],
+            axis=-1,
         )
         joints_m[:, Joint.PELVIS] = pelvis_m
 
-        lean = np.radians(2 * self._speed_factor) * (1 - np.sin(_TWO_PI * (2 * cycles - 0.1)))
+        lean = np.radians(2 * self._slow_walk_motion_factor) * (
+            1 - np.sin(_TWO_PI * (2 * cycles - 0.1))
+        )
         spine = np.stack([np.sin(lean), np.zeros_like(lean), np.cos(lean)], axis=-1)
         joints_m[:, Joint.NECK] = pelvis_m + TRUNK * height_m * spine
         joints_m[:, Joint.CROWN] = pelvis_m + (TRUNK + NECK_AND_HEAD) * height_m * spine
 
-        twist = -_evaluate_harmonics(self._angle_harmonics["thorax"], cycles)
+        twist = -_evaluate_harmonics(self._joint_angle_harmonics["thorax"], cycles)
         half_m = HALF_SHOULDERS * height_m
         legs_m, arms_m = self._leg_joints_m(cycles), self._arm_joints_m(cycles)
         for side, side_sign in enumerate(_SIDE_SIGNS):
@@ -126,20 +129,20 @@ class Gait:
         return joints_m
 
     @property
-    def _speed_factor(self) -> float:
+    def _slow_walk_motion_factor(self) -> float:
         """Return the factor, 0 to 1, of motions that grow up to a relative speed of 0.5."""
-        slow = min(self.relative_speed_per_s, 0.5)
+        slow = min(self.speed_over_hip_height_per_s, 0.5)
         return 4 * slow * (1 - slow)
 
     @property
-    def _support_share(self) -> float:
+    def _stance_fraction(self) -> float:
         """Return the share of a cycle during which a foot is on the ground."""
         return 0.752 - 0.143 * self.frequency_hz
 
     @cached_property
-    def _angle_harmonics(self) -> dict[str, np.ndarray]:
+    def _joint_angle_harmonics(self) -> dict[str, np.ndarray]:
         """Return the harmonics of the angles, rad: right limbs; tilt and thorax to the left."""
-        speed = self.relative_speed_per_s
+        speed = self.speed_over_hip_height_per_s
 
         def by_speed(*values: float) -> float:
             return float(np.interp(speed, (0.0, 0.5, 1.3, 3.0), values))
@@ -160,7 +163,7 @@ class Gait:
                 (0.0, by_speed(-3, -3, -3, 2)),
                 (0.08, by_speed(-3, -18, -18, -14)),
                 (by_speed(0.5, 0.5, 0.5, 0.4), by_speed(-3, 8, 8, 5)),
-                (self._support_share, by_speed(-3, -20, -20, -28)),
+                (self._stance_fraction, by_speed(-3, -20, -20, -28)),
                 (0.85, by_speed(-3, -3, -3, 2)),
             ),
             "elbow": (
@@ -177,11 +180,12 @@ class Gait:
             ),
         }
         return {
-            name: np.pi / 180 * _curve_harmonics(points) for name, points in turning_points.items()
+            name: np.pi / 180 * _smooth_curve_harmonics(points)
+            for name, points in turning_points.items()
         }
 
     @cached_property
-    def _height_harmonics_m(self) -> np.ndarray:
+    def _pelvis_height_harmonics_m(self) -> np.ndarray:
         """Return the harmonics of the pelvis height over the lowest point of both feet."""
         legs_m = self._leg_joints_m(np.arange(_N_PHASES) / _N_PHASES)
         lowest_m = legs_m[..., -2:].imag.min(axis=(1, 2))
@@ -192,21 +196,21 @@ class Gait:
         hips_m = HIP_HEIGHT * self.height_m
         ahead = (
             -0.021
-            * self._speed_factor
-            * np.sin(2 * _TWO_PI * (cycles + 0.625 - self._support_share))
+            * self._slow_walk_motion_factor
+            * np.sin(2 * _TWO_PI * (cycles + 0.625 - self._stance_fraction))
         )
-        leftward = -0.032 * self._speed_factor * np.sin(_TWO_PI * (cycles - 0.1))
+        leftward = -0.032 * self._slow_walk_motion_factor * np.sin(_TWO_PI * (cycles - 0.1))
         return hips_m * ahead, hips_m * leftward
 
     def _leg_joints_m(self, cycles: np.ndarray) -> np.ndarray:
         """Return hip to toe from the pelvis, (n_times, 2 sides, 5), forward + i upward."""
         side_cycles = cycles[:, None] + _SIDE_PHASES
         hip, knee, ankle = (
-            _evaluate_harmonics(self._angle_harmonics[name], side_cycles)
+            _evaluate_harmonics(self._joint_angle_harmonics[name], side_cycles)
             for name in ("hip", "knee", "ankle")
         )
-        turn = np.radians(4 * self.relative_speed_per_s) * np.cos(_TWO_PI * cycles)
-        tilt = _evaluate_harmonics(self._angle_harmonics["tilt"], cycles)
+        turn = np.radians(4 * self.speed_over_hip_height_per_s) * np.cos(_TWO_PI * cycles)
+        tilt = _evaluate_harmonics(self._joint_angle_harmonics["tilt"], cycles)
         # The pelvis turns the hips; legs swing in planes along the direction of walking.
         hips = _SIDE_SIGNS * HALF_HIPS * (-np.sin(turn) + 1j * np.sin(tilt))[:, None]
         knees = hips - 1j * THIGH * np.exp(1j * hip)
@@ -219,9 +223,9 @@ class Gait:
     def _arm_joints_m(self, cycles: np.ndarray) -> np.ndarray:
         """Return shoulder to fingers from the shoulder, (n_times, 2 sides, 4), as plane points."""
         side_cycles = cycles[:, None] + _SIDE_PHASES
-        swing = 9.88 * self.relative_speed_per_s
+        swing = 9.88 * self.speed_over_hip_height_per_s
         shoulder = np.radians(3 - swing / 2 - swing * np.cos(_TWO_PI * side_cycles))
-        elbow = _evaluate_harmonics(self._angle_harmonics["elbow"], side_cycles)
+        elbow = _evaluate_harmonics(self._joint_angle_harmonics["elbow"], side_cycles)
         upper, lower = -1j * np.exp(1j * shoulder), -1j * np.exp(1j * (shoulder + elbow))
         elbows = UPPER_ARM * upper
         wrists = elbows + FOREARM * lower
@@ -229,9 +233,9 @@ class Gait:
         return self.height_m * np.stack([0 * elbows, elbows, wrists, fingers], axis=-1)
 
 
-def _curve_harmonics(points: tuple[tuple[float, float], ...]) -> np.ndarray:
+def _smooth_curve_harmonics(turning_points: tuple[tuple[float, float], ...]) -> np.ndarray:
     """Return the harmonics of a periodic curve, cubic between its level turning points."""
-    times, values = np.array(sorted((time % 1.0, value) for time, value in points)).T
+    times, values = np.array(sorted((time % 1.0, value) for time, value in turning_points)).T
     times = np.concatenate([times - 1, times, times + 1])
     values = np.tile(values, 3)
     cycles = np.arange(_N_PHASES) / _N_PHASES
@@ -244,9 +248,9 @@ def _curve_harmonics(points: tuple[tuple[float, float], ...]) -> np.ndarray:
     return _fourier_coefficients(curve, _N_HARMONICS)
 
 
-def _fourier_coefficients(curve: np.ndarray, highest: int) -> np.ndarray:
-    """Return the harmonics 0 to `highest` of a cycle, whose real parts add up to it."""
-    coefficients = np.fft.rfft(curve)[: highest + 1] / len(curve)
+def _fourier_coefficients(curve: np.ndarray, max_harmonic: int) -> np.ndarray:
+    """Return the harmonics 0 to `max_harmonic` of a cycle, whose real parts add up to it."""
+    coefficients = np.fft.rfft(curve)[: max_harmonic + 1] / len(curve)
     coefficients[1:] *= 2
     return coefficients
 

@@ -60,10 +60,10 @@ def read_mesh(path: str, unit: str = "m") -> MeshFile:
             expected="a mesh in STL, OBJ or PLY format",
             fix="convert it to one of these formats",
         )
-    vertices_m, faces = _load_triangles(path, _read_content(Path(path)), file_format)
+    vertices_m, faces = _parse_triangles(path, _read_mesh_bytes(Path(path)), file_format)
     vertices_m = vertices_m * UNITS_M[unit]
-    _check_triangles(path, vertices_m, faces)
-    _check_extent(path, float(np.ptp(vertices_m[faces].reshape(-1, 3), axis=0).max()), unit)
+    _check_triangle_count_and_corners(path, vertices_m, faces)
+    _check_mesh_extent(path, float(np.ptp(vertices_m[faces].reshape(-1, 3), axis=0).max()), unit)
     # Files of triangles repeat the vertices that neighbours share.
     trimesh, _ = import_ray_tracer()
     mesh = trimesh.Trimesh(vertices_m, faces, process=False)
@@ -87,7 +87,7 @@ def read_mesh(path: str, unit: str = "m") -> MeshFile:
     return MeshFile(surface, int((~has_area).sum()), is_closed)
 
 
-def _read_content(path: Path) -> bytes:
+def _read_mesh_bytes(path: Path) -> bytes:
     try:
         if not path.exists():
             problem = "which does not exist"
@@ -107,7 +107,7 @@ def _read_content(path: Path) -> bytes:
     )
 
 
-def _load_triangles(path: str, content: bytes, file_format: str) -> tuple[np.ndarray, np.ndarray]:
+def _parse_triangles(path: str, content: bytes, file_format: str) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (n, 3), in units of the file, and faces (m, 3)."""
     trimesh, _ = import_ray_tracer()
     source: Any = io.BytesIO(content)
@@ -130,7 +130,7 @@ def _load_triangles(path: str, content: bytes, file_format: str) -> tuple[np.nda
         ) from error
 
 
-def _check_triangles(path: str, vertices_m: np.ndarray, faces: np.ndarray) -> None:
+def _check_triangle_count_and_corners(path: str, vertices_m: np.ndarray, faces: np.ndarray) -> None:
     problem = ""
     if not len(faces):
         problem = "which is empty: it has no triangles"
@@ -151,7 +151,7 @@ def _check_triangles(path: str, vertices_m: np.ndarray, faces: np.ndarray) -> No
         )
 
 
-def _check_extent(path: str, extent_m: float, unit: str) -> None:
+def _check_mesh_extent(path: str, extent_m: float, unit: str) -> None:
     if extent_m > MAX_EXTENT_M:
         raise InvalidSetting(
             "Mesh.unit",

@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_array, check_count, check_positive
+from dechirp.core.checks import check_finite_array, check_integer_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
@@ -48,8 +48,8 @@ class Rays:
 
     def __post_init__(self) -> None:
         if self.spacing_m is not None:
-            check_positive(self, "spacing_m", at_most=1e3)
-        check_count(self, "n_bounces", at_most=20)
+            check_positive_fields(self, "spacing_m", at_most=1e3)
+        check_integer_fields(self, "n_bounces", at_most=20)
         if self.polarisation not in ("vertical", "horizontal"):
             raise InvalidSetting(
                 "Rays.polarisation",
@@ -133,7 +133,7 @@ class _RayTubes(NamedTuple):
     last_face: np.ndarray
     """Face of the last bounce, (n,); -1 for none."""
 
-    def select(self, selected: np.ndarray) -> "_RayTubes":
+    def select_tubes(self, selected: np.ndarray) -> "_RayTubes":
         a_m, b_m = self.sides_m
         return _RayTubes(
             self.position_m[selected],
@@ -185,19 +185,19 @@ def compute_rcs_m2(
     InvalidSetting
         If a direction has no length, or more than 1e8 rays would be needed.
     """
-    directions = check_array("towards", towards)
+    directions = check_finite_array("towards", towards)
     flat = directions.reshape(-1, 3)
     sums = [
         sum(
             complex(part.field_m.sum())
-            for part in trace_echoes(surface, direction, wavelength_m, rays)
+            for part in trace_bounce_echoes(surface, direction, wavelength_m, rays)
         )
         for direction in flat
     ]
     return abs(np.array(sums)).reshape(directions.shape[:-1]) ** 2
 
 
-def trace_echoes(
+def trace_bounce_echoes(
     surface: Surface, towards: np.ndarray, wavelength_m: float, rays: Rays | None = None
 ) -> Iterator[BounceEchoes]:
     """Trace the tubes from one direction, and yield their echoes at each bounce."""
@@ -213,9 +213,9 @@ def trace_echoes(
     towards = np.asarray(towards, dtype=float) / length
     spacing_m = wavelength_m / 2 if rays.spacing_m is None else rays.spacing_m
     field = _polarisation_vector(towards, rays.polarisation)
-    for tubes in _launch_tubes(surface, towards, field, spacing_m):
+    for tubes in _launch_ray_tubes(surface, towards, field, spacing_m):
         for bounce in range(rays.n_bounces):
-            echo, tubes = _bounce_tubes(surface, tubes, towards, field, wavelength_m, bounce)  # noqa: PLW2901
+            echo, tubes = _bounce_ray_tubes(surface, tubes, towards, field, wavelength_m, bounce)  # noqa: PLW2901
             yield echo._replace(field_m=echo.field_m * spacing_m**2)
             if not len(tubes.last_face):
                 break
@@ -229,7 +229,7 @@ def _polarisation_vector(towards: np.ndarray, polarisation: str) -> np.ndarray:
     return level if polarisation == "horizontal" else np.cross(towards, level)
 
 
-def _launch_tubes(
+def _launch_ray_tubes(
     surface: Surface, towards: np.ndarray, field: np.ndarray, spacing_m: float
 ) -> Iterator[_RayTubes]:
     """Yield the tubes of a plane wave that covers the surface, in blocks."""
@@ -273,7 +273,7 @@ def _check_ray_count(surface: Surface, n_u: int, n_v: int, spacing_m: float) -> 
         )
 
 
-def _bounce_tubes(
+def _bounce_ray_tubes(
     surface: Surface,
     tubes: _RayTubes,
     towards: np.ndarray,
@@ -284,14 +284,14 @@ def _bounce_tubes(
     """Return the echoes of tubes at their next hit of the surface, and the reflected tubes."""
     hit = surface.find_first_hits(tubes.position_m, tubes.direction)
     is_hit = (hit >= 0) & (hit != tubes.last_face)  # a flat face is not hit twice in succession
-    tubes, face = tubes.select(is_hit), hit[is_hit]
+    tubes, face = tubes.select_tubes(is_hit), hit[is_hit]
     normal = surface.normals[face]
-    cosines = _row_dot(normal, tubes.direction)
+    cosines = _dot_by_row(normal, tubes.direction)
     normal, cosines = np.where(cosines[:, None] > 0, -normal, normal), -abs(cosines)
     cosines = np.minimum(cosines, -1e-12)
     # The engine's floats have 24 bits: it yields the face, the position follows in double
     # precision.
-    distance_m = _row_dot(surface.corners_m[face, 0] - tubes.position_m, normal) / cosines
+    distance_m = _dot_by_row(surface.corners_m[face, 0] - tubes.position_m, normal) / cosines
     at_m = tubes.position_m + distance_m[:, None] * tubes.direction
     path_m = tubes.path_m + distance_m
     first_m = at_m if bounce == 0 else tubes.first_m
@@ -303,14 +303,14 @@ def _bounce_tubes(
         return_directions = np.broadcast_to(towards, (len(candidates), 3))
         is_visible[candidates] = surface.find_first_hits(start_m[candidates], return_directions) < 0
     # 2 n x H, with H of the tube's wave, over its footprint: the cosine of incidence cancels.
-    current = tubes.field @ field - _row_dot(normal, tubes.field) * (
+    current = tubes.field @ field - _dot_by_row(normal, tubes.field) * (
         tubes.direction @ field
     ) / np.minimum(cosines, -_MIN_INCIDENCE_COSINE)
     wavenumber = 2 * np.pi / wavelength_m
     gradient = wavenumber * (tubes.direction - towards)
     for side_m in tubes.sides_m:
-        footprint_m = side_m - (_row_dot(normal, side_m) / cosines)[:, None] * tubes.direction
-        current *= np.sinc(_row_dot(gradient, footprint_m) / (2 * np.pi))
+        footprint_m = side_m - (_dot_by_row(normal, side_m) / cosines)[:, None] * tubes.direction
+        current *= np.sinc(_dot_by_row(gradient, footprint_m) / (2 * np.pi))
     round_trip_m = path_m - at_m @ towards
     size = math.sqrt(4 * math.pi) / wavelength_m
     middle_m = (first_m + at_m) / 2
@@ -321,7 +321,7 @@ def _bounce_tubes(
     )
 
     def mirror(vectors: np.ndarray) -> np.ndarray:
-        return vectors - 2 * _row_dot(normal, vectors)[:, None] * normal
+        return vectors - 2 * _dot_by_row(normal, vectors)[:, None] * normal
 
     a_m, b_m = tubes.sides_m
     return echo, _RayTubes(
@@ -335,5 +335,5 @@ def _bounce_tubes(
     )
 
 
-def _row_dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _dot_by_row(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum("ij,ij->i", a, b)

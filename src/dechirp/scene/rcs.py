@@ -17,36 +17,42 @@ def scatterer_cross_sections_m2(scene: Scene, time_s: float, wavelength_m: float
     The aspect is that of the radar's origin: from the target, all antennas have about the same
     direction, as in the radar equation.
     """
-    cross_sections = scene.fixed_rcs_m2.copy()
-    for target, aspect_m2 in _aspect_cross_sections(scene, np.array([time_s]), wavelength_m):
-        cross_sections[scene.owners == target] = aspect_m2[0]
+    cross_sections = scene.fixed_scatterer_rcs_m2.copy()
+    for target, aspect_m2 in _aspect_dependent_cross_sections_m2(
+        scene, np.array([time_s]), wavelength_m
+    ):
+        cross_sections[scene.target_of_scatterer == target] = aspect_m2[0]
     return cross_sections
 
 
 def target_cross_sections_m2(scene: Scene, times_s: ArrayLike, wavelength_m: float) -> np.ndarray:
     """Return the mean cross section of each target, all scatterers, (n_times, n_targets), m^2."""
     times_s = np.asarray(times_s, dtype=float)
-    sums_m2 = np.bincount(scene.owners, scene.fixed_rcs_m2, minlength=len(scene.targets))
+    sums_m2 = np.bincount(
+        scene.target_of_scatterer, scene.fixed_scatterer_rcs_m2, minlength=len(scene.targets)
+    )
     cross_sections = np.tile(sums_m2, (len(times_s), 1))
-    for target, aspect_m2 in _aspect_cross_sections(scene, times_s, wavelength_m):
+    for target, aspect_m2 in _aspect_dependent_cross_sections_m2(scene, times_s, wavelength_m):
         cross_sections[:, target] = aspect_m2.sum(axis=1)
     return cross_sections
 
 
-def _aspect_cross_sections(
+def _aspect_dependent_cross_sections_m2(
     scene: Scene, times_s: np.ndarray, wavelength_m: float
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield targets with aspect-dependent cross section, and the values, (n_times, n)."""
     for target_index in scene.aspect_dependent_targets:
         target = scene.targets[target_index]
-        to_radar_m = -scene.offsets_from_radar_m(times_s, np.array([target_index]))
+        to_radar_m = -scene.target_offsets_from_radar_m(times_s, np.array([target_index]))
         axes = rotation_about_z(target.headings_at_rad(times_s))
         radar_m = to_local_axes(axes, to_radar_m)[:, 0]
         if target.rcs_table is None:
             assert isinstance(target.body, AspectBody)
             yield (
                 target_index,
-                _body_cross_sections_m2(scene, target_index, target.body, radar_m, wavelength_m),
+                _checked_body_cross_sections_m2(
+                    scene, target_index, target.body, radar_m, wavelength_m
+                ),
             )
         else:
             x, y, z = radar_m.T
@@ -56,7 +62,7 @@ def _aspect_cross_sections(
             yield target_index, table_m2[:, None]
 
 
-def _body_cross_sections_m2(
+def _checked_body_cross_sections_m2(
     scene: Scene, target_index: int, body: AspectBody, radar_m: np.ndarray, wavelength_m: float
 ) -> np.ndarray:
     name = scene.names[target_index]

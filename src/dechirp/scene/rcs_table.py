@@ -34,8 +34,10 @@ class RcsTable:
         self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike
     ) -> np.ndarray:
         """Return cross sections towards directions, any shapes that broadcast."""
-        return interpolate_angle_table(*self._arrays, azimuth_rad, elevation_rad)
+        return interpolate_angle_table(
+            *self._azimuth_elevation_rcs_arrays, azimuth_rad, elevation_rad
+        )
 
     @cached_property
-    def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _azimuth_elevation_rcs_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return np.array(self.azimuth_rad), np.array(self.elevation_rad), np.array(self.rcs_m2)

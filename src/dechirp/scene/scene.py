@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dechirp.core.checks import check_instances
-from dechirp.core.display import Displayable, Table, pluralise, settings_table, truncated_table
+from dechirp.core.display import (
+    Displayable,
+    Table,
+    pluralise,
+    settings_display_table,
+    truncated_display_table,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import AspectBody, Body
@@ -91,20 +97,20 @@ class Scene(Displayable):
     @property
     def n_scatterers(self) -> int:
         """Return the number of scatterers of all targets."""
-        return len(self.owners)
+        return len(self.target_of_scatterer)
 
     @cached_property
-    def owners(self) -> np.ndarray:
+    def target_of_scatterer(self) -> np.ndarray:
         """Return the target of each scatterer, its index, (n_scatterers,)."""
         return _make_read_only(np.repeat(np.arange(len(self.targets)), self._scatterer_counts))
 
     @cached_property
-    def fixed_rcs_m2(self) -> np.ndarray:
+    def fixed_scatterer_rcs_m2(self) -> np.ndarray:
         """Return the mean cross section of each scatterer, (n,); 0 if aspect-dependent."""
         target_m2 = [target.rcs_m2 if target.rcs_table is None else 0.0 for target in self.targets]
         cross_sections_m2 = np.repeat(np.array(target_m2), self._scatterer_counts)
         stops = np.cumsum(self._scatterer_counts)
-        for target_index in np.flatnonzero(self._has_body).tolist():
+        for target_index in np.flatnonzero(self._body_target_mask).tolist():
             body_scatterers = slice(
                 stops[target_index] - self._scatterer_counts[target_index], stops[target_index]
             )
@@ -112,7 +118,7 @@ class Scene(Displayable):
         invalid = np.flatnonzero(~(np.isfinite(cross_sections_m2) & (cross_sections_m2 >= 0)))
         if invalid.size:
             raise InvalidSetting(
-                f"scene.targets.{self.names[self.owners[invalid[0]]]}.body",
+                f"scene.targets.{self.names[self.target_of_scatterer[invalid[0]]]}.body",
                 value=f"a body with a cross section of {cross_sections_m2[invalid[0]]:g} m^2",
                 expected="finite cross sections of 0 or more",
                 fix="correct cross_sections_m2 of the body",
@@ -128,36 +134,36 @@ class Scene(Displayable):
         return _make_read_only(np.flatnonzero(is_aspect_dependent))
 
     @cached_property
-    def fluctuating_scatterers(self) -> dict[Fluctuation, np.ndarray]:
+    def fluctuating_scatterers_by_model(self) -> dict[Fluctuation, np.ndarray]:
         """Return the scatterers of each kind of fluctuation, without steady ones."""
         kinds = np.array([target.fluctuation for target in self.targets], dtype=str)
-        kinds = kinds[self.owners]
+        kinds = kinds[self.target_of_scatterer]
         scatterers = {kind: np.flatnonzero(kinds == kind) for kind in get_args(Fluctuation)[1:]}
         return {
             kind: _make_read_only(indices) for kind, indices in scatterers.items() if indices.size
         }
 
     @cached_property
-    def is_accelerating(self) -> np.ndarray:
+    def accelerating_target_mask(self) -> np.ndarray:
         """Return whether each target has a constant acceleration, (n_targets,)."""
-        return _make_read_only((self._motions.acceleration_m_per_s2 != 0).any(axis=1))
+        return _make_read_only((self._target_motions.acceleration_m_per_s2 != 0).any(axis=1))
 
     @property
-    def is_uniform(self) -> bool:
+    def has_uniform_motion(self) -> bool:
         """Return whether all targets and the radar move on straight lines at constant speed."""
-        return not (self.non_polynomial_scatterers.size or self.is_accelerating.any())
+        return not (self.non_polynomial_scatterers.size or self.accelerating_target_mask.any())
 
     @cached_property
     def parabolic_paths(self) -> ParabolicPaths:
         """Return the scatterers whose paths are parabolas, which excludes a car's wheels."""
-        targets = np.flatnonzero(self._has_parabolic_path)
-        scatterers = np.flatnonzero(self._has_parabolic_path[self.owners])
-        motions, time_zero_s = self._motions, np.zeros(1)
+        targets = np.flatnonzero(self._parabolic_target_mask)
+        scatterers = np.flatnonzero(self._parabolic_target_mask[self.target_of_scatterer])
+        motions, time_zero_s = self._target_motions, np.zeros(1)
         axes = self.ego.axes(time_zero_s)
         slopes = [motions.velocity_m_per_s[targets] - np.array(self.ego.velocity_m_per_s)]
-        if self.is_accelerating[targets].any():
+        if self.accelerating_target_mask[targets].any():
             slopes.append(motions.acceleration_m_per_s2[targets] / 2)
-        terms_m = [self.positions_m(time_zero_s, targets)[0]]
+        terms_m = [self.scatterer_positions_m(time_zero_s, targets)[0]]
         for slope in slopes:
             rotated = to_local_axes(axes, slope[None])[0]
             terms_m.append(np.repeat(rotated, self._scatterer_counts[targets], axis=0))
@@ -166,9 +172,13 @@ class Scene(Displayable):
     @cached_property
     def non_polynomial_scatterers(self) -> np.ndarray:
         """Return the indices of scatterers whose paths are not parabolas."""
-        return _make_read_only(np.flatnonzero(~self._has_parabolic_path[self.owners]))
+        return _make_read_only(
+            np.flatnonzero(~self._parabolic_target_mask[self.target_of_scatterer])
+        )
 
-    def positions_m(self, times_s: ArrayLike, targets: np.ndarray | None = None) -> np.ndarray:
+    def scatterer_positions_m(
+        self, times_s: ArrayLike, targets: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return the positions of scatterers, in the coordinates of the radar at each time.
 
         Parameters
@@ -186,11 +196,13 @@ class Scene(Displayable):
         times_s = np.asarray(times_s, dtype=float)
         indices = np.arange(len(self.targets)) if targets is None else targets
         counts = self._scatterer_counts[indices]
-        positions_m = np.repeat(self.offsets_from_radar_m(times_s, indices), counts, axis=1)
+        positions_m = np.repeat(self.target_offsets_from_radar_m(times_s, indices), counts, axis=1)
         stops = np.cumsum(counts)
-        for column in np.flatnonzero(self._has_body[indices]):
+        for column in np.flatnonzero(self._body_target_mask[indices]):
             body_scatterers = slice(stops[column] - counts[column], stops[column])
-            positions_m[:, body_scatterers] += self._body_offsets_m(int(indices[column]), times_s)
+            positions_m[:, body_scatterers] += self._body_scatterer_offsets_m(
+                int(indices[column]), times_s
+            )
         return to_local_axes(self.ego.axes(times_s), positions_m)
 
     def target_positions_m(self, times_s: ArrayLike) -> np.ndarray:
@@ -199,7 +211,8 @@ class Scene(Displayable):
         In the coordinates of the radar at each time.
         """
         return to_local_axes(
-            self.ego.axes(np.asarray(times_s, dtype=float)), self.offsets_from_radar_m(times_s)
+            self.ego.axes(np.asarray(times_s, dtype=float)),
+            self.target_offsets_from_radar_m(times_s),
         )
 
     def target_velocities_m_per_s(self, times_s: ArrayLike) -> np.ndarray:
@@ -210,7 +223,7 @@ class Scene(Displayable):
         is the rate of change of range.
         """
         times_s = np.asarray(times_s, dtype=float)
-        motions = self._motions
+        motions = self._target_motions
         velocity_changes = times_s[:, None, None] * motions.acceleration_m_per_s2
         velocities = motions.velocity_m_per_s + velocity_changes
         for target_index in self._waypoint_targets:
@@ -218,7 +231,7 @@ class Scene(Displayable):
         velocities -= self.ego.velocities_m_per_s(times_s)[:, None]
         return to_local_axes(self.ego.axes(times_s), velocities)
 
-    def offsets_from_radar_m(
+    def target_offsets_from_radar_m(
         self, times_s: ArrayLike, targets: np.ndarray | None = None
     ) -> np.ndarray:
         """Return vectors from the radar to targets, in scene axes, (n_times, n_targets, 3).
@@ -227,37 +240,37 @@ class Scene(Displayable):
         """
         times_s = np.asarray(times_s, dtype=float)
         indices = np.arange(len(self.targets)) if targets is None else targets
-        motions, t = self._motions, times_s[:, None, None]
+        motions, t = self._target_motions, times_s[:, None, None]
         positions_m = motions.start_m[indices] + t * motions.velocity_m_per_s[indices]
-        if self.is_accelerating[indices].any():
+        if self.accelerating_target_mask[indices].any():
             positions_m += t**2 / 2 * motions.acceleration_m_per_s2[indices]
         for column in np.flatnonzero(np.isin(indices, self._waypoint_targets)):
             # Velocity and acceleration of such targets are zero.
             positions_m[:, column] += self.targets[indices[column]].displacements_m(times_s)
         return positions_m - self.ego.displacements_m(times_s)[:, None]
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         shown_names = self.names if len(self.names) <= 4 else (*self.names[:3], "...")
         names_text = f": {', '.join(shown_names)}" if shown_names else ""
         motion_text = ", a radar that moves" if any(self.ego.velocity_m_per_s) else ""
         return f"{pluralise(len(self.targets), 'target')}{names_text}{motion_text}"
 
-    def _tables(self) -> Iterable[Table]:
+    def _display_tables(self) -> Iterable[Table]:
         rows = (
-            (name, *target._summary_cells())
+            (name, *target._display_position_velocity_reflection())
             for name, target in zip(self.names, self.targets, strict=True)
         )
         header = ("name", "position", "velocity", "reflects")
-        yield truncated_table("Targets", rows, len(self.targets), header)
+        yield truncated_display_table("Targets", rows, len(self.targets), header)
         if self.ego != Ego():
-            yield settings_table(self.ego, "The radar's own motion")
+            yield settings_display_table(self.ego, "The radar's own motion")
 
     def _target_body(self, target: int) -> Body:
         body = self.targets[target].body
         assert body is not None
         return body
 
-    def _body_offsets_m(self, target: int, times_s: np.ndarray) -> np.ndarray:
+    def _body_scatterer_offsets_m(self, target: int, times_s: np.ndarray) -> np.ndarray:
         """Return vectors from a target to its scatterers, (n_times, n, 3), axes of the scene."""
         offsets_m = self._target_body(target).offsets_m(times_s)
         shape = (len(times_s), int(self._scatterer_counts[target]), 3)
@@ -275,7 +288,7 @@ class Scene(Displayable):
         )
 
     @cached_property
-    def _motions(self) -> _TargetMotions:
+    def _target_motions(self) -> _TargetMotions:
         fields = ("position_m", "velocity_m_per_s", "acceleration_m_per_s2")
         start_m, *rates = (
             np.array([getattr(target, field) for target in self.targets]).reshape(-1, 3)
@@ -289,20 +302,20 @@ class Scene(Displayable):
         return np.flatnonzero([bool(target.waypoints) for target in self.targets])
 
     @cached_property
-    def _has_parabolic_path(self) -> np.ndarray:
+    def _parabolic_target_mask(self) -> np.ndarray:
         """Return whether each target follows a parabola relative to the radar, (n_targets,)."""
         is_parabolic = np.array([target.has_parabolic_path for target in self.targets], dtype=bool)
         return is_parabolic & (not self.ego.is_turning)
 
     @cached_property
-    def _has_body(self) -> np.ndarray:
+    def _body_target_mask(self) -> np.ndarray:
         return np.array([target.body is not None for target in self.targets], dtype=bool)
 
     @cached_property
     def _scatterer_counts(self) -> np.ndarray:
         """Return the number of scatterers of each target."""
         counts = np.ones(len(self.targets), dtype=int)
-        for target_index in np.flatnonzero(self._has_body).tolist():
+        for target_index in np.flatnonzero(self._body_target_mask).tolist():
             counts[target_index] = self._target_body(target_index).n_scatterers()
             if not counts[target_index]:
                 raise InvalidSetting(

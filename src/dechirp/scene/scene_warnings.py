@@ -15,7 +15,7 @@ from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, echo_fre
 from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.rcs_table import RcsTable
 from dechirp.scene.scene import Scene
-from dechirp.scene.validity import check_scene, frames_to_check
+from dechirp.scene.validity import check_scene_echoes_finite, frames_to_check
 
 # Smaller than the cross section of a grain of dust.
 _MIN_RCS_M2 = 1e-12
@@ -74,30 +74,30 @@ def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Fin
     Raises
     ------
     InvalidSetting
-        As `check_scene`.
+        As `check_scene_echoes_finite`.
     """
-    check_scene(scene, radar, n_frames=n_frames)
+    check_scene_echoes_finite(scene, radar, n_frames=n_frames)
     findings: dict[tuple[int, int], Finding] = {}
     n_named: Counter[int] = Counter()
     unnamed: dict[int, set[int]] = {}
     for frame in frames_to_check(scene, n_frames) if scene.targets else ():
-        snapshot = _take_snapshot(scene, radar, frame, n_frames)
+        snapshot = _scatterers_at_mid_frame(scene, radar, frame, n_frames)
         for kind, find_case in enumerate(
             (
                 _find_aliased_velocities,
-                _find_range_migration,
+                _find_excess_range_migration,
                 _find_aliased_ranges,
-                _find_late_echoes,
-                _find_targets_behind,
-                _find_targets_outside_pattern,
-                _find_targets_inside_array,
-                _find_surrounding_bodies,
+                _find_latest_late_echo,
+                _find_scatterers_behind_radar,
+                _find_scatterers_without_antenna_gain,
+                _find_scatterers_inside_array,
+                _find_bodies_around_radar,
                 _find_bodies_without_echo,
             )
         ):
             case = find_case(snapshot)
             scatterers = np.flatnonzero(case.is_affected)
-            targets, first = np.unique(scene.owners[scatterers], return_index=True)
+            targets, first = np.unique(scene.target_of_scatterer[scatterers], return_index=True)
             new_targets = [
                 (target, scatterer)
                 for target, scatterer in zip(
@@ -114,29 +114,31 @@ def scene_findings(scene: Scene, radar: Radar, *, n_frames: int = 1) -> list[Fin
     by_target = [findings[key] for key in sorted(findings, key=lambda key: key[0])]
     return [
         *_coincident_antenna_findings(radar),
-        *_code_findings(radar),
-        *_interval_findings(radar, n_frames),
-        *_table_gap_findings(scene, radar),
-        *_body_findings(scene),
+        *_non_orthogonal_code_findings(radar),
+        *_frame_interval_findings(radar, n_frames),
+        *_angle_table_gap_findings(scene, radar),
+        *_findings_reported_by_bodies(scene),
         *by_target,
-        *_unnamed_target_findings(findings, unnamed),
+        *_unlisted_target_count_findings(findings, unnamed),
     ]
 
 
-def _body_findings(scene: Scene) -> Iterator[Finding]:
+def _findings_reported_by_bodies(scene: Scene) -> Iterator[Finding]:
     """Yield the findings of bodies."""
     for name, target in zip(scene.names, scene.targets, strict=True):
         if target.body is not None:
             yield from target.body.findings(f"scene.targets.{name}.body")
 
 
-def _take_snapshot(scene: Scene, radar: Radar, frame: int, n_frames: int) -> _SceneSnapshot:
+def _scatterers_at_mid_frame(
+    scene: Scene, radar: Radar, frame: int, n_frames: int
+) -> _SceneSnapshot:
     frame_text = "" if n_frames == 1 else f" in frame {frame}"
-    resolved = _count_resolved_spans(radar, frame, n_frames)
+    resolved = _count_resolved_velocity_spans(radar, frame, n_frames)
     start_s, radar = radar.frame.frame_start_s(frame), radar.for_frame(frame)
     time_s = [start_s + radar.frame.mid_frame_s]
-    position_m = scene.positions_m(time_s)[0]
-    velocity = scene.target_velocities_m_per_s(time_s)[0, scene.owners]
+    position_m = scene.scatterer_positions_m(time_s)[0]
+    velocity = scene.target_velocities_m_per_s(time_s)[0, scene.target_of_scatterer]
     range_m = np.linalg.norm(position_m, axis=-1)
     radial_products = np.einsum("ni,ni->n", position_m, velocity)
     is_dark = np.zeros(len(scene.targets), dtype=bool)
@@ -163,7 +165,7 @@ def _find_aliased_velocities(snapshot: _SceneSnapshot) -> _FindingCase:
         return Finding(
             level="note" if is_resolved else "warning",
             setting=f"{setting}.velocity",
-            value=_format_alias(
+            value=_format_aliased_range_velocity(
                 snapshot, i, resolved.n_spans_by_ramps if is_resolved else resolved.n_spans
             ),
             expected=f"between -{max_velocity:.4g} and {max_velocity:.4g} m/s to be unambiguous",
@@ -182,7 +184,7 @@ def _find_aliased_velocities(snapshot: _SceneSnapshot) -> _FindingCase:
     )
 
 
-def _count_resolved_spans(radar: Radar, frame_index: int, n_frames: int) -> _ResolvedSpans:
+def _count_resolved_velocity_spans(radar: Radar, frame_index: int, n_frames: int) -> _ResolvedSpans:
     """Count the velocity spans resolved by ramps, transmitters or frames; triangles resolve all."""
     frame = radar.frame.for_frame(frame_index)
     by_ramps = 1 if frame.modulation is None else frame.n_resolvable_ambiguities
@@ -203,7 +205,7 @@ def _count_resolved_spans(radar: Radar, frame_index: int, n_frames: int) -> _Res
 _MAX_MIGRATION_CELLS = 1.0
 
 
-def _find_range_migration(snapshot: _SceneSnapshot) -> _FindingCase:
+def _find_excess_range_migration(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find velocities that are aliased in the maps of triangles, with too much migration."""
     frame, chirp = snapshot.radar.frame, snapshot.radar.frame.chirp
     doppler_hz = echo_frequencies(snapshot.range_velocity, snapshot.radar).doppler_hz
@@ -238,7 +240,7 @@ def _find_aliased_ranges(snapshot: _SceneSnapshot) -> _FindingCase:
         lambda setting, i: Finding(
             level="warning",
             setting=f"{setting}.position",
-            value=_format_alias(snapshot, i, snapshot.resolved.n_spans),
+            value=_format_aliased_range_velocity(snapshot, i, snapshot.resolved.n_spans),
             expected=f"between 0 and {chirp.max_range_m:.4g} m, range-Doppler coupling included, to"
             " be unambiguous",
             fix="sample faster, lower the slope, or expect the aliased range",
@@ -252,7 +254,7 @@ def _scatterer_range_velocity(snapshot: _SceneSnapshot, i: int) -> RangeVelocity
     )
 
 
-def _format_alias(snapshot: _SceneSnapshot, i: int, n_spans: int) -> str:
+def _format_aliased_range_velocity(snapshot: _SceneSnapshot, i: int, n_spans: int) -> str:
     true = _scatterer_range_velocity(snapshot, i)
     aliased = alias_range_velocity(true, snapshot.radar, n_spans=n_spans)
     return (
@@ -266,12 +268,12 @@ def _format_range_velocity(range_velocity: RangeVelocity) -> str:
     return f"{range_m:.4g} m" + ("" if np.isnan(velocity) else f" at {velocity:.4g} m/s")
 
 
-def _find_late_echoes(snapshot: _SceneSnapshot) -> _FindingCase:
+def _find_latest_late_echo(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find the latest echo that arrives after the first sample, since one start time fixes all."""
     chirp = snapshot.radar.frame.chirp
     delay_s = 2 * snapshot.range_velocity.range_m / SPEED_OF_LIGHT
     is_late = delay_s > chirp.adc_start_s
-    n_others = len(np.unique(snapshot.scene.owners[is_late])) - 1
+    n_others = len(np.unique(snapshot.scene.target_of_scatterer[is_late])) - 1
     others = f", like those of {n_others} more targets" * (n_others > 0)
 
     def make_finding(setting: str, i: int) -> Finding:
@@ -291,7 +293,7 @@ def _find_late_echoes(snapshot: _SceneSnapshot) -> _FindingCase:
     return _FindingCase(is_late & is_latest, make_finding)
 
 
-def _find_targets_behind(snapshot: _SceneSnapshot) -> _FindingCase:
+def _find_scatterers_behind_radar(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find scatterers behind the antennas."""
     x_m = snapshot.position_m[:, 0]
     return _FindingCase(
@@ -307,7 +309,7 @@ def _find_targets_behind(snapshot: _SceneSnapshot) -> _FindingCase:
     )
 
 
-def _find_targets_outside_pattern(snapshot: _SceneSnapshot) -> _FindingCase:
+def _find_scatterers_without_antenna_gain(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find scatterers ahead, towards which a pattern has no gain."""
     hardware, (x_m, y_m, z_m) = snapshot.radar.hardware, snapshot.position_m.T
     azimuth_rad, elevation_rad = np.arctan2(y_m, x_m), np.arctan2(z_m, np.hypot(x_m, y_m))
@@ -330,7 +332,7 @@ def _find_targets_outside_pattern(snapshot: _SceneSnapshot) -> _FindingCase:
     return _FindingCase(is_outside, make_finding)
 
 
-def _find_targets_inside_array(snapshot: _SceneSnapshot) -> _FindingCase:
+def _find_scatterers_inside_array(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find scatterers between the antennas, or within a wavelength, during the frame."""
     antennas_m = np.array([*snapshot.radar.array.tx_m, *snapshot.radar.array.rx_m])
     low_m, high_m = antennas_m.min(axis=0), antennas_m.max(axis=0)
@@ -355,15 +357,15 @@ def _find_targets_inside_array(snapshot: _SceneSnapshot) -> _FindingCase:
     )
 
 
-def _find_surrounding_bodies(snapshot: _SceneSnapshot) -> _FindingCase:
+def _find_bodies_around_radar(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find bodies with scatterers on all sides of the radar."""
-    first = np.flatnonzero(np.diff(snapshot.scene.owners, prepend=-1))
+    first = np.flatnonzero(np.diff(snapshot.scene.target_of_scatterer, prepend=-1))
     low_m = np.minimum.reduceat(snapshot.position_m, first)
     high_m = np.maximum.reduceat(snapshot.position_m, first)
     # A flat body lies in a plane: level with the radar, it surrounds the radar too.
     is_around = ((low_m < 0) & (high_m > 0))[:, :2].all(axis=1) & (low_m[:, 2] * high_m[:, 2] <= 0)
     return _FindingCase(
-        is_around[snapshot.scene.owners],
+        is_around[snapshot.scene.target_of_scatterer],
         lambda setting, _: Finding(
             level="warning",
             setting=f"{setting}.body",
@@ -377,7 +379,7 @@ def _find_surrounding_bodies(snapshot: _SceneSnapshot) -> _FindingCase:
 def _find_bodies_without_echo(snapshot: _SceneSnapshot) -> _FindingCase:
     """Find bodies that do not reflect towards the radar."""
     return _FindingCase(
-        snapshot.is_dark[snapshot.scene.owners],
+        snapshot.is_dark[snapshot.scene.target_of_scatterer],
         lambda setting, _: Finding(
             level="warning",
             setting=f"{setting}.heading",
@@ -400,7 +402,7 @@ def _coincident_antenna_findings(radar: Radar) -> Iterator[Finding]:
         )
 
 
-def _code_findings(radar: Radar) -> Iterator[Finding]:
+def _non_orthogonal_code_findings(radar: Radar) -> Iterator[Finding]:
     code = radar.frame.multiplexing
     pairs = code.non_orthogonal_pairs if code is not None else ()
     if pairs:
@@ -416,7 +418,7 @@ def _code_findings(radar: Radar) -> Iterator[Finding]:
         )
 
 
-def _interval_findings(radar: Radar, n_frames: int) -> Iterator[Finding]:
+def _frame_interval_findings(radar: Radar, n_frames: int) -> Iterator[Finding]:
     """Yield a finding if several frame intervals resolve no more than one."""
     intervals_s = radar.frame.interval_s
     if not isinstance(intervals_s, tuple):
@@ -434,7 +436,7 @@ def _interval_findings(radar: Radar, n_frames: int) -> Iterator[Finding]:
         )
 
 
-def _table_gap_findings(scene: Scene, radar: Radar) -> Iterator[Finding]:
+def _angle_table_gap_findings(scene: Scene, radar: Radar) -> Iterator[Finding]:
     """Yield a finding for each gap between the angles of a table."""
     tables: dict[str, object] = {
         f"scene.targets.{scene.names[target_index]}.rcs_table": scene.targets[
@@ -460,7 +462,7 @@ def _table_gap_findings(scene: Scene, radar: Radar) -> Iterator[Finding]:
                 )
 
 
-def _unnamed_target_findings(
+def _unlisted_target_count_findings(
     findings: dict[tuple[int, int], Finding], unnamed: dict[int, set[int]]
 ) -> Iterator[Finding]:
     """Yield the number of targets that are not named, for each kind of finding."""

@@ -82,7 +82,7 @@ SEGMENT_JOINTS = np.concatenate(
 """Joints at the ends of the segment of each scatterer, (n_scatterers, 2)."""
 
 
-def place_scatterers_m(joints_m: np.ndarray) -> np.ndarray:
+def scatterer_positions_on_segments_m(joints_m: np.ndarray) -> np.ndarray:
     """Return the positions of the scatterers on their segments, (n_times, n_scatterers, 3).
 
     `joints_m` is (n_times, n_joints, 3), in the order of `Joint`.

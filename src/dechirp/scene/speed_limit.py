@@ -2,7 +2,7 @@
 
 import math
 
-from dechirp.core.checks import check_vector
+from dechirp.core.checks import normalise_vector_field
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 
@@ -10,13 +10,13 @@ from dechirp.core.units import SPEED_OF_LIGHT
 MAX_SPEED_M_PER_S = SPEED_OF_LIGHT / 1000
 
 
-def check_velocity_vector(owner: object, name: str) -> None:
+def normalise_velocity_field(owner: object, name: str) -> None:
     """Convert the named field to a vector within the speed limit, or raise `InvalidSetting`."""
-    check_vector(owner, name, at_most=math.inf)
-    check_speed(f"{type(owner).__name__}.{name}", math.hypot(*getattr(owner, name)))
+    normalise_vector_field(owner, name, max_magnitude=math.inf)
+    check_speed_limit(f"{type(owner).__name__}.{name}", math.hypot(*getattr(owner, name)))
 
 
-def check_speed(setting: str, speed_m_per_s: float, *, context: str = "") -> None:
+def check_speed_limit(setting: str, speed_m_per_s: float, *, context: str = "") -> None:
     """Raise `InvalidSetting` for `setting` if a speed exceeds the limit."""
     if speed_m_per_s > MAX_SPEED_M_PER_S:
         raise InvalidSetting(

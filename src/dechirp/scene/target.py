@@ -6,14 +6,20 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_instances, check_number, check_positive, check_vector
-from dechirp.core.display import Displayable, format_value
+from dechirp.core.checks import (
+    Vector,
+    check_instances,
+    check_number,
+    check_positive_fields,
+    normalise_vector_field,
+)
+from dechirp.core.display import Displayable, format_setting_value
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
 from dechirp.scene.rcs_table import RcsTable
-from dechirp.scene.speed_limit import check_speed, check_velocity_vector
-from dechirp.scene.waypoints import SplineTrajectory, Waypoint, check_times_ascend
+from dechirp.scene.speed_limit import check_speed_limit, normalise_velocity_field
+from dechirp.scene.waypoints import SplineTrajectory, Waypoint, check_waypoint_times_ascend
 
 Fluctuation = Literal["steady", "swerling-1", "swerling-2", "swerling-3", "swerling-4"]
 
@@ -65,11 +71,13 @@ class Target(Displayable):
             )
         # Limits beyond the Moon, and from a grain of dust to a planet: other values indicate a
         # wrong unit.
-        check_vector(self, "position_m", at_most=1e9)
-        check_positive(self, "rcs_m2", at_least=1e-12, at_most=1e12)
-        check_velocity_vector(self, "velocity_m_per_s")
+        normalise_vector_field(self, "position_m", max_magnitude=1e9)
+        check_positive_fields(self, "rcs_m2", at_least=1e-12, at_most=1e12)
+        normalise_velocity_field(self, "velocity_m_per_s")
         if self.acceleration_m_per_s2 is not _AT_REST:
-            check_vector(self, "acceleration_m_per_s2", at_most=1e9)  # a bullet's is 1e6 m/s^2
+            normalise_vector_field(
+                self, "acceleration_m_per_s2", max_magnitude=1e9
+            )  # a bullet's is 1e6 m/s^2
         self._check_waypoints()
         if self.heading_rad is not None:
             full_circle = 2 * math.pi
@@ -77,7 +85,7 @@ class Target(Displayable):
                 "Target.heading_rad", self.heading_rad, at_least=-full_circle, at_most=full_circle
             )
             object.__setattr__(self, "heading_rad", heading)
-        self._check_reflection()
+        self._check_cross_section_settings()
 
     def _check_waypoints(self) -> None:
         fix = "give each Waypoint its time and position"
@@ -85,7 +93,7 @@ class Target(Displayable):
         object.__setattr__(self, "waypoints", waypoints)
         if not waypoints:
             return
-        check_times_ascend(self.waypoints, self.name or "the target")
+        check_waypoint_times_ascend(self.waypoints, self.name or "the target")
         for name in ("velocity_m_per_s", "acceleration_m_per_s2"):
             if any(getattr(self, name)):
                 raise InvalidSetting(
@@ -94,9 +102,11 @@ class Target(Displayable):
                     expected="no value: it follows from the waypoints",
                     fix="remove it or the waypoints",
                 )
-        check_speed("Target.waypoints", self._trajectory.top_speed_m_per_s, context=" between them")
+        check_speed_limit(
+            "Target.waypoints", self._trajectory.top_speed_m_per_s, context=" between them"
+        )
 
-    def _check_reflection(self) -> None:
+    def _check_cross_section_settings(self) -> None:
         for name, kind in (("body", Body), ("rcs_table", RcsTable)):
             if not isinstance(getattr(self, name), kind | None):
                 raise InvalidSetting(
@@ -154,22 +164,24 @@ class Target(Displayable):
         x, y, _ = self.velocities_at_m_per_s(times_s).T
         return np.arctan2(y, x)
 
-    def _summary(self) -> str:
-        position, velocity, reflects = self._summary_cells()
+    def _display_line(self) -> str:
+        position, velocity, reflects = self._display_position_velocity_reflection()
         return f"{self.name or 'no name'} at {position}, {velocity}, {reflects}"
 
-    def _summary_cells(self) -> tuple[str, str, str]:
+    def _display_position_velocity_reflection(self) -> tuple[str, str, str]:
         """Return position, velocity and reflection as text."""
         velocity = "at rest"
         if self.waypoints:
             velocity = f"through {len(self.waypoints)} waypoints"
         elif any(self.velocity_m_per_s) or any(self.acceleration_m_per_s2):
-            velocity = format_value(self.velocity_m_per_s, "m_per_s")
-        reflection = "a table over aspect" if self.rcs_table else format_value(self.rcs_m2, "m2")
+            velocity = format_setting_value(self.velocity_m_per_s, "m_per_s")
+        reflection = (
+            "a table over aspect" if self.rcs_table else format_setting_value(self.rcs_m2, "m2")
+        )
         if self.body is not None:
             reflection = self.body.kind()
         reflection += f", {self.fluctuation}" if self.fluctuation != "steady" else ""
-        return format_value(self.position_m, "m"), velocity, reflection
+        return format_setting_value(self.position_m, "m"), velocity, reflection
 
     @cached_property
     def _trajectory(self) -> SplineTrajectory:

@@ -47,8 +47,8 @@ class PolynomialPath(NamedTuple):
     """(n_terms, n, 3): the position at t is the sum of path_m[k] t^k, with t in s from mid_s."""
 
 
-def fit_paths(
-    scene: Scene, frame: Frame, start_s: float, included: np.ndarray | None = None
+def fit_polynomial_paths(
+    scene: Scene, frame: Frame, start_s: float, scatterer_mask: np.ndarray | None = None
 ) -> list[PolynomialPath]:
     """Fit polynomials of time to the paths of scatterers during one frame.
 
@@ -70,7 +70,7 @@ def fit_paths(
         Its chirps, from the start of the first to the last sample of the last.
     start_s : float
         Start of the frame, since time zero.
-    included : array of bool (n_scatterers,), optional
+    scatterer_mask : array of bool (n_scatterers,), optional
         Scatterers to include; those on parabolas are always included.
 
     Returns
@@ -83,16 +83,16 @@ def fit_paths(
     InvalidSetting
         If a body is not finite, or its motion deviates by 10 nm within one chirp.
     """
-    fitted = list(_parabolic_paths(scene, frame, start_s))
+    fitted = list(_parabolic_paths_about_mid_frame(scene, frame, start_s))
     non_polynomial = (
         scene.non_polynomial_scatterers
-        if included is None
-        else scene.non_polynomial_scatterers[included[scene.non_polynomial_scatterers]]
+        if scatterer_mask is None
+        else scene.non_polynomial_scatterers[scatterer_mask[scene.non_polynomial_scatterers]]
     )
     pending = [(slice(0, frame.n_chirps_total), non_polynomial)] if non_polynomial.size else []
     while pending:
         chirps, scatterers = pending.pop()
-        path, is_close = _fit_polynomials(scene, frame, start_s, chirps, scatterers)
+        path, is_close = _fit_polynomial_and_close_mask(scene, frame, start_s, chirps, scatterers)
         if is_close.any():
             fitted.append(path)
         remaining = scatterers[~is_close]
@@ -103,15 +103,15 @@ def fit_paths(
     return fitted
 
 
-def _fit_polynomials(
+def _fit_polynomial_and_close_mask(
     scene: Scene, frame: Frame, start_s: float, chirps: slice, scatterers: np.ndarray
 ) -> tuple[PolynomialPath, np.ndarray]:
     """Return the paths that a single polynomial approximates, and a mask of these scatterers."""
-    mid_s, half_s = _run_span_s(frame, chirps)
+    mid_s, half_s = _chirp_run_middle_and_half_s(frame, chirps)
     times_s = start_s + mid_s + half_s * np.concatenate([_NODES, _CHECKS])
-    targets = np.unique(scene.owners[scatterers])
-    target_scatterers = np.flatnonzero(np.isin(scene.owners, targets))
-    positions_m = scene.positions_m(times_s, targets)[
+    targets = np.unique(scene.target_of_scatterer[scatterers])
+    target_scatterers = np.flatnonzero(np.isin(scene.target_of_scatterer, targets))
+    positions_m = scene.scatterer_positions_m(times_s, targets)[
         :, np.searchsorted(target_scatterers, scatterers)
     ]
     middle_m = positions_m[_MIDDLE_CHECK]
@@ -127,7 +127,7 @@ def _fit_polynomials(
     is_close = error_m <= tolerance_m
     if chirps.stop - chirps.start == 1:
         is_close |= error_m <= _MAX_ERROR_M
-        _check_fit(scene, scatterers, error_m, is_close, start_s + mid_s)
+        _check_fit_errors(scene, scatterers, error_m, is_close, start_s + mid_s)
     # Terms that no scatterer needs are omitted: terms from k on add up to tails_m[k].
     tails_m = np.cumsum(sizes_m[::-1], axis=0)[::-1]
     n_terms = 1 + np.flatnonzero((tails_m > tolerance_m / 2)[:, is_close].any(axis=1)).max(
@@ -154,8 +154,8 @@ def _position_tolerances_m(
     change by the speed times the rounding of the time.
     """
     distance_m = np.linalg.norm(middle_m, axis=-1)
-    start_m = np.linalg.norm(scene.offsets_from_radar_m([0.0])[0], axis=-1)[
-        scene.owners[scatterers]
+    start_m = np.linalg.norm(scene.target_offsets_from_radar_m([0.0])[0], axis=-1)[
+        scene.target_of_scatterer[scatterers]
     ]
     # The slope of the Chebyshev polynomial k is at most k^2.
     speed = np.arange(_DEGREE + 1) ** 2 @ sizes_m / half_s
@@ -164,7 +164,7 @@ def _position_tolerances_m(
     return _TOLERANCE_M + _RELATIVE_ROUNDING * (np.maximum(distance_m, start_m) + end_s * speed)
 
 
-def _check_fit(
+def _check_fit_errors(
     scene: Scene,
     scatterers: np.ndarray,
     error_m: np.ndarray,
@@ -174,7 +174,7 @@ def _check_fit(
     if is_close.all():
         return
     worst = int(np.argmax(np.where(is_close, 0.0, error_m)))
-    name = scene.names[scene.owners[scatterers[worst]]]
+    name = scene.names[scene.target_of_scatterer[scatterers[worst]]]
     raise InvalidSetting(
         f"scene.targets.{name}",
         value=f"a motion in the chirp at {time_s:.6g} s that deviates by {error_m[worst]:.2g} m"
@@ -184,12 +184,14 @@ def _check_fit(
     )
 
 
-def _parabolic_paths(scene: Scene, frame: Frame, start_s: float) -> Iterator[PolynomialPath]:
+def _parabolic_paths_about_mid_frame(
+    scene: Scene, frame: Frame, start_s: float
+) -> Iterator[PolynomialPath]:
     scatterers, coefficients_m = scene.parabolic_paths
     if not scatterers.size:
         return
     chirps = slice(0, frame.n_chirps_total)
-    mid_s, _ = _run_span_s(frame, chirps)
+    mid_s, _ = _chirp_run_middle_and_half_s(frame, chirps)
     mid_time_s, path_m = start_s + mid_s, coefficients_m.copy()
     for k in range(len(coefficients_m)):
         for j in range(k + 1, len(coefficients_m)):
@@ -197,7 +199,7 @@ def _parabolic_paths(scene: Scene, frame: Frame, start_s: float) -> Iterator[Pol
     yield PolynomialPath(chirps, mid_s, scatterers, path_m)
 
 
-def _run_span_s(frame: Frame, chirps: slice) -> tuple[float, float]:
+def _chirp_run_middle_and_half_s(frame: Frame, chirps: slice) -> tuple[float, float]:
     """Return the middle of a run, from the start of the frame, and half of its length."""
     chirp = frame.chirp
     first_s, last_s = frame.chirp_starts_s[[chirps.start, chirps.stop - 1]]

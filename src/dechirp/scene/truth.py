@@ -54,7 +54,7 @@ def truth(
     times_s = np.array(
         [frame.frame_start_s(i) + frame.for_frame(i).mid_frame_s for i in frames.tolist()]
     )
-    geometry = _observe_targets(scene, times_s)
+    geometry = _target_geometry(scene, times_s)
     columns = {
         "range": (geometry.range_m, "m"),
         "velocity": (geometry.velocity_m_per_s, "m/s"),
@@ -84,7 +84,7 @@ def truth(
 def echo_powers_w(scene: Scene, radar: Radar, times_s: ArrayLike) -> np.ndarray:
     """Return the mean power of each target's echo in one receiver, (n_times, n_targets)."""
     times_s = np.asarray(times_s, dtype=float)
-    return _received_powers_w(scene, radar, times_s, _observe_targets(scene, times_s))
+    return _received_powers_w(scene, radar, times_s, _target_geometry(scene, times_s))
 
 
 class _TargetGeometry(NamedTuple):
@@ -96,11 +96,11 @@ class _TargetGeometry(NamedTuple):
     elevation_rad: np.ndarray
 
 
-def _observe_targets(scene: Scene, times_s: np.ndarray) -> _TargetGeometry:
+def _target_geometry(scene: Scene, times_s: np.ndarray) -> _TargetGeometry:
     position_m = scene.target_positions_m(times_s)
     x, y, z = np.moveaxis(position_m, -1, 0)
     range_m = np.linalg.norm(position_m, axis=-1)
-    _check_distances(scene, range_m, times_s)
+    _check_distances_from_radar(scene, range_m, times_s)
     radial_products = np.einsum("tni,tni->tn", position_m, scene.target_velocities_m_per_s(times_s))
     return _TargetGeometry(
         range_m, radial_products / range_m, np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
@@ -119,7 +119,7 @@ def _received_powers_w(
     )
 
 
-def _check_distances(scene: Scene, range_m: np.ndarray, times_s: np.ndarray) -> None:
+def _check_distances_from_radar(scene: Scene, range_m: np.ndarray, times_s: np.ndarray) -> None:
     too_near = np.argwhere(range_m < 1e-6)  # the received power overflows at shorter distances
     if too_near.size:
         frame, target = too_near[0]

@@ -5,7 +5,7 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.scene.speed_limit import check_speed
+from dechirp.scene.speed_limit import check_speed_limit
 
 _MAX_FRAMES = 33
 # The power of an echo overflows nearer to an antenna.
@@ -21,12 +21,12 @@ def frames_to_check(scene: Scene, n_frames: int) -> list[int]:
     speed: range and radial speed are largest at the ends. Otherwise at most 33, spread over all
     frames.
     """
-    n_checked = 2 if scene.is_uniform else _MAX_FRAMES
+    n_checked = 2 if scene.has_uniform_motion else _MAX_FRAMES
     positions = np.linspace(0, n_frames - 1, min(n_checked, n_frames))
     return [int(frame) for frame in np.unique(np.round(positions))]
 
 
-def check_scene(scene: Scene, radar: Radar, *, n_frames: int = 1) -> None:
+def check_scene_echoes_finite(scene: Scene, radar: Radar, *, n_frames: int = 1) -> None:
     """Raise `InvalidSetting`, with the target, for a scene without a finite echo.
 
     Causes are a scatterer within a micrometre of an antenna or of the radar's origin, at the start
@@ -51,22 +51,24 @@ def check_scene(scene: Scene, radar: Radar, *, n_frames: int = 1) -> None:
         for frame in frames_to_check(scene, n_frames)
         for after_s in (0.0, radar.frame.for_frame(frame).mid_frame_s)
     ]
-    step = max(_BLOCK_POSITIONS // len(scene.owners), 1)
+    step = max(_BLOCK_POSITIONS // len(scene.target_of_scatterer), 1)
     for first in range(0, len(times_s), step):
         block_times_s = times_s[first : first + step]
-        for time_s, position_m in zip(block_times_s, scene.positions_m(block_times_s), strict=True):
+        for time_s, position_m in zip(
+            block_times_s, scene.scatterer_positions_m(block_times_s), strict=True
+        ):
             near_scatterers = np.flatnonzero(np.linalg.norm(position_m, axis=-1) < check_radius_m)
             for name, antenna_m in antennas_m.items():
                 distances_m = np.linalg.norm(position_m[near_scatterers] - antenna_m, axis=-1)
                 for scatterer in near_scatterers[distances_m < _MIN_DISTANCE_M]:
                     raise InvalidSetting(
-                        f"scene.targets.{scene.names[scene.owners[scatterer]]}.position",
+                        f"scene.targets.{scene.names[scene.target_of_scatterer[scatterer]]}.position",
                         value=f"at {name} after {time_s:.4g} s",
                         expected="another position: the echo would be infinite",
                         fix="move the target",
                     )
     end_s = radar.frame.frame_start_s(n_frames - 1) + radar.frame.for_frame(n_frames - 1).duration_s
     speeds = np.linalg.norm(scene.target_velocities_m_per_s([end_s])[0], axis=-1)
-    for target_index in np.flatnonzero(scene.is_accelerating):
+    for target_index in np.flatnonzero(scene.accelerating_target_mask):
         setting = f"scene.targets.{scene.names[target_index]}.acceleration"
-        check_speed(setting, speeds[target_index], context=f" after {end_s:.4g} s")
+        check_speed_limit(setting, speeds[target_index], context=f" after {end_s:.4g} s")

@@ -31,7 +31,7 @@ class SurfaceCells:
         return self.cell_indices[x, y, z]
 
 
-def cut_into_cells(corners_m: np.ndarray, size_m: float) -> SurfaceCells:
+def cut_triangles_into_cells(corners_m: np.ndarray, size_m: float) -> SurfaceCells:
     """Cut triangles into cells.
 
     Parameters
@@ -52,7 +52,7 @@ def cut_into_cells(corners_m: np.ndarray, size_m: float) -> SurfaceCells:
     # Centred, so that rounding does not decide how a flat mesh is cut.
     low_m = (low_m + high_m - counts * size_m) / 2
     shape = tuple(counts.astype(int).tolist())
-    centres_m, area_m2 = _subdivide_triangles(corners_m, size_m / 2)
+    centres_m, area_m2 = _piece_centres_and_areas(corners_m, size_m / 2)
     cube_indices = np.minimum(((centres_m - low_m) / size_m).astype(np.int64), np.array(shape) - 1)
     occupied, cell = np.unique(
         np.ravel_multi_index(tuple(cube_indices.T), shape), return_inverse=True
@@ -68,7 +68,9 @@ def cut_into_cells(corners_m: np.ndarray, size_m: float) -> SurfaceCells:
     )
 
 
-def _subdivide_triangles(corners_m: np.ndarray, longest_m: float) -> tuple[np.ndarray, np.ndarray]:
+def _piece_centres_and_areas(
+    corners_m: np.ndarray, longest_m: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return centres (n, 3) and areas (n,) of triangles, halved until no edge is too long."""
     middles_m, areas_m2, n_pieces = [], [], 0
     while len(corners_m):

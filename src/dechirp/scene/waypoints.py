@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_positive, check_vector
+from dechirp.core.checks import Vector, check_positive_fields, normalise_vector_field
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
@@ -16,8 +16,8 @@ class Waypoint:
 
     def __post_init__(self) -> None:
         # Limits of thirty years, and beyond the Moon: other values indicate a wrong unit.
-        check_positive(self, "time_s", at_most=1e9)
-        check_vector(self, "position_m", at_most=1e9)
+        check_positive_fields(self, "time_s", at_most=1e9)
+        normalise_vector_field(self, "position_m", max_magnitude=1e9)
 
 
 class SplineTrajectory:
@@ -53,7 +53,7 @@ class SplineTrajectory:
         return float(np.linalg.norm(self.velocities_m_per_s(times_s.ravel()), axis=-1).max())
 
 
-def check_times_ascend(waypoints: tuple[Waypoint, ...], target_name: str) -> None:
+def check_waypoint_times_ascend(waypoints: tuple[Waypoint, ...], target_name: str) -> None:
     """Raise `InvalidSetting` for a waypoint of the named target if times do not ascend."""
     for index in range(1, len(waypoints)):
         previous_s, time_s = waypoints[index - 1].time_s, waypoints[index].time_s

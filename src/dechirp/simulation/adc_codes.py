@@ -29,7 +29,7 @@ def extract_adc_codes(cube: xr.DataArray) -> xr.DataArray:
         If the cube has no scale, or a sample is not an integer number of steps.
     """
     if "scale" not in cube.attrs:
-        raise _missing_codes_error()
+        raise _not_adc_codes_error()
     codes = samples_to_codes(cube.values, cube.attrs["scale"])
     dims = cube.dims if codes.ndim == cube.ndim else (*cube.dims, "iq")
     return xr.DataArray(codes, dims=dims, coords=cube.coords, name=cube.name, attrs=cube.attrs)
@@ -58,12 +58,12 @@ def samples_to_codes(samples: np.ndarray, scale: float) -> np.ndarray:
     codes = np.empty(parts.size, np.int16)
     for start in range(0, parts.size, _BLOCK_SIZE):
         part = slice(start, start + _BLOCK_SIZE)
-        if _fill_codes(parts[part], step, 1 / step, codes[part]):
-            raise _missing_codes_error()
+        if _fill_codes_and_count_invalid(parts[part], step, 1 / step, codes[part]):
+            raise _not_adc_codes_error()
     return codes.reshape(shape)
 
 
-def _missing_codes_error() -> InvalidSetting:
+def _not_adc_codes_error() -> InvalidSetting:
     return InvalidSetting(
         "cube",
         value="samples that are not ADC codes",
@@ -73,11 +73,13 @@ def _missing_codes_error() -> InvalidSetting:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _fill_codes(parts: np.ndarray, scale: float, per_scale: float, codes: np.ndarray) -> int:
+def _fill_codes_and_count_invalid(
+    sample_values: np.ndarray, scale: float, inverse_scale: float, codes: np.ndarray
+) -> int:
     """Fill `codes`, and count invalid samples: beyond int16, between steps, or not finite."""
     n_invalid = np.int32(0)
     for k in range(len(codes)):
-        code = np.int16(np.int32(np.rint(parts[k] * per_scale)))
+        code = np.int16(np.int32(np.rint(sample_values[k] * inverse_scale)))
         codes[k] = code
-        n_invalid += np.int32(parts.dtype.type(code) * scale != parts[k])
+        n_invalid += np.int32(sample_values.dtype.type(code) * scale != sample_values[k])
     return int(n_invalid)

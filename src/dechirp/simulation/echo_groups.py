@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.radar.budget import echo_amplitude
+from dechirp.radar.budget import unit_echo_amplitude
 from dechirp.radar.radar import Radar
-from dechirp.scene.fluctuation import draw_power_factors
+from dechirp.scene.fluctuation import draw_fluctuation_factors
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
-from dechirp.scene.trajectories import fit_paths
+from dechirp.scene.trajectories import fit_polynomial_paths
 from dechirp.simulation.kernels import selection
 from dechirp.simulation.kernels.base import Scatterers, Transmission
 
@@ -73,28 +73,28 @@ def direct_echo_groups(
     frame_index: int,
     rng: np.random.Generator,
     *,
-    include_unseen: bool = False,
+    include_zero_gain: bool = False,
 ) -> Iterator[EchoGroup]:
     """Yield the echo groups of one frame, over the direct paths and all chirps.
 
-    `include_unseen` also yields scatterers towards which a pattern has no gain; reflected paths
+    `include_zero_gain` also yields scatterers towards which a pattern has no gain; reflected paths
     may still reach them.
     """
     start_s, radar = radar.frame.frame_start_s(frame_index), radar.for_frame(frame_index)
     frame = radar.frame
     mid_s = start_s + frame.mid_frame_s
-    per_frame, per_chirp = draw_power_factors(scene, frame.n_chirps_total, rng)
-    positions_m = scene.positions_m([mid_s])
+    per_frame, per_chirp = draw_fluctuation_factors(scene, frame.n_chirps_total, rng)
+    positions_m = scene.scatterer_positions_m([mid_s])
     rcs_m2 = scatterer_cross_sections_m2(scene, mid_s, frame.chirp.wavelength_m)
     scatterers_all = Scatterers(
         positions_m,
-        echo_amplitude(radar) * np.sqrt(rcs_m2 * per_frame),
-        *antenna_gains(positions_m[0], radar),
+        unit_echo_amplitude(radar) * np.sqrt(rcs_m2 * per_frame),
+        *antenna_amplitude_gains(positions_m[0], radar),
     )
     is_included = scatterers_all.amplitudes > 0
-    if not include_unseen:
+    if not include_zero_gain:
         is_included &= scatterers_all.tx_gains.max(axis=0) * scatterers_all.rx_gains.max(axis=0) > 0
-    for path in fit_paths(scene, frame, start_s, is_included):
+    for path in fit_polynomial_paths(scene, frame, start_s, is_included):
         is_fitted = is_included[path.scatterers]
         indices, chirps = path.scatterers[is_fitted], path.chirps
         factors = None if per_chirp is None else np.sqrt(per_chirp[chirps][:, indices])
@@ -102,10 +102,10 @@ def direct_echo_groups(
             path_m=path.path_m[:, is_fitted], chirp_factors=factors
         )
         if indices.size:
-            yield from split_by_ramp(chirps, scatterers, path.mid_s, radar)
+            yield from echo_groups_per_ramp(chirps, scatterers, path.mid_s, radar)
 
 
-def split_by_ramp(
+def echo_groups_per_ramp(
     chirps: slice, scatterers: Scatterers, mid_s: float, radar: Radar
 ) -> Iterator[EchoGroup]:
     """Split a run of chirps into one group per ramp; `mid_s` is its middle in the frame."""
@@ -131,7 +131,7 @@ def split_by_ramp(
         yield EchoGroup(ramp_chirps, scatterers._replace(chirp_factors=factors), transmission)
 
 
-def antenna_gains(positions_m: np.ndarray, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
+def antenna_amplitude_gains(positions_m: np.ndarray, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
     """Return the amplitude gains of all transmitters and receivers towards each scatterer."""
     hardware = radar.require_hardware()
 

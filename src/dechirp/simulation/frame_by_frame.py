@@ -10,15 +10,15 @@ from dechirp.core.checks import check_integer
 from dechirp.core.findings import PhysicsWarning
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.scene.validity import check_scene
+from dechirp.scene.validity import check_scene_echoes_finite
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.simulate import (
-    build_stages,
-    label_samples,
-    prepare_receivers,
+    build_checked_stages,
+    label_samples_as_cube,
+    make_receiver_operations,
     sum_echoes,
-    trim_margins,
+    trim_receiver_margins,
 )
 
 _DTYPE = np.dtype(np.complex64)
@@ -52,9 +52,9 @@ class FrameSimulator:
         self._scene, self._radar, self._n_frames, self._engine = scene, radar, n_frames, engine
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PhysicsWarning)
-            self._stages = build_stages(impairments, scene, radar)
-            check_scene(scene, radar, n_frames=n_frames)
-            self._receivers = prepare_receivers(self._stages, scene, radar)
+            self._stages = build_checked_stages(impairments, scene, radar)
+            check_scene_echoes_finite(scene, radar, n_frames=n_frames)
+            self._receivers = make_receiver_operations(self._stages, scene, radar)
 
     def simulate_frame(self, frame_number: int, rng: np.random.Generator) -> xr.DataArray:
         """Simulate one frame, (frame, chirp, rx, sample) with a frame axis of length 1.
@@ -78,7 +78,9 @@ class FrameSimulator:
             )
             for receiver in self._receivers:
                 receiver(echoes.samples, rng)
-        samples = np.ascontiguousarray(trim_margins(echoes.samples, self._radar, self._stages))
-        return label_samples(
+        samples = np.ascontiguousarray(
+            trim_receiver_margins(echoes.samples, self._radar, self._stages)
+        )
+        return label_samples_as_cube(
             samples, echoes.kernels, self._radar, self._stages, first_frame=frame_number
         )

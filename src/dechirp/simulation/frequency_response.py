@@ -34,13 +34,13 @@ class ImpulseExtent(NamedTuple):
 
 
 def impulse_response(
-    response: FrequencyResponse, chirp: Chirp, *, settles_s: float = 0.0
+    response: FrequencyResponse, chirp: Chirp, *, settling_time_s: float = 0.0
 ) -> np.ndarray:
     """Return the impulse response of the samples, (n,), with negative times last.
 
-    It is long enough to settle in `settles_s`, and real for real samples.
+    It is long enough to settle in `settling_time_s`, and real for real samples.
     """
-    n = 1 << int(np.ceil(np.log2(max(4096, 8 * settles_s * chirp.sample_rate_hz))))
+    n = 1 << int(np.ceil(np.log2(max(4096, 8 * settling_time_s * chirp.sample_rate_hz))))
     cycles = np.arange(n) / n
     low = -_CROSSOVER if chirp.sampling == "complex" else -(1 + _CROSSOVER) / 2
     total = np.zeros(n, complex)
@@ -54,25 +54,25 @@ def impulse_response(
     return impulse if chirp.sampling == "complex" else impulse.real
 
 
-def impulse_extent(impulse: np.ndarray, tolerance: float = TOLERANCE) -> ImpulseExtent:
+def significant_impulse_extent(impulse: np.ndarray, tolerance: float = TOLERANCE) -> ImpulseExtent:
     """Return the extent outside which all samples, added in phase, are within the tolerance."""
     size, half = np.abs(impulse), len(impulse) // 2
     least = tolerance / 2 * np.abs(fft.fft(impulse)).max()
     return ImpulseExtent(
-        _last_significant_sample(size[:half], least),
-        _last_significant_sample(size[:half:-1], least) + 1,
+        _index_before_negligible_tail(size[:half], least),
+        _index_before_negligible_tail(size[:half:-1], least) + 1,
     )
 
 
-def make_convolution(
-    samples: np.ndarray, impulses: np.ndarray, extent: ImpulseExtent
+def make_chirp_convolver(
+    example_samples: np.ndarray, impulses: np.ndarray, extent: ImpulseExtent
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Make the function that convolves some chirps, (n_chirps, n_rx, n_samples), with a response.
 
-    `samples` is an example of its input; `impulses` is (n,) or (n_rx, n), from `impulse_response`.
-    Output samples that depend on missing input samples are 0.
+    `example_samples` is an example of its input; `impulses` is (n,) or (n_rx, n), from
+    `impulse_response`. Output samples that depend on missing input samples are 0.
     """
-    n_samples, is_real = samples.shape[-1], not np.iscomplexobj(samples)
+    n_samples, is_real = example_samples.shape[-1], not np.iscomplexobj(example_samples)
     n = max(fft.next_fast_len(n_samples, real=is_real), extent.n_before + extent.n_after + 1)
     taps = np.zeros((*impulses.shape[:-1], n), impulses.dtype)
     residual = impulses[..., extent.n_before + 1 : impulses.shape[-1] - extent.n_after].sum(axis=-1)
@@ -82,7 +82,7 @@ def make_convolution(
         impulses[..., impulses.shape[-1] - extent.n_after :] + residual_per_tap
     )
     gains = fft.rfft(taps) if is_real else fft.fft(taps)
-    gains = gains.astype(np.result_type(samples, np.complex64))
+    gains = gains.astype(np.result_type(example_samples, np.complex64))
 
     def convolve(chirps: np.ndarray) -> np.ndarray:
         spectrum = fft.rfft(chirps, n) if is_real else fft.fft(chirps, n)
@@ -102,7 +102,7 @@ def _smooth_step(x: np.ndarray) -> np.ndarray:
     return x - np.sin(2 * np.pi * x) / (2 * np.pi)
 
 
-def _last_significant_sample(size: np.ndarray, least: float) -> int:
-    """Return the first index after which the remaining sizes add up to at most `least`."""
-    rest = np.cumsum(size[::-1])[::-1]
-    return int(np.count_nonzero(rest[1:] > least))
+def _index_before_negligible_tail(magnitudes: np.ndarray, max_tail_sum: float) -> int:
+    """Return the first index after which the remaining sizes add up to at most `max_tail_sum`."""
+    rest = np.cumsum(magnitudes[::-1])[::-1]
+    return int(np.count_nonzero(rest[1:] > max_tail_sum))

@@ -17,7 +17,7 @@ import numpy as np
 
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.simulation.echo_groups import EchoGroup, SampleWindow, antenna_gains
+from dechirp.simulation.echo_groups import EchoGroup, SampleWindow, antenna_amplitude_gains
 from dechirp.simulation.kernels import selection
 
 MIN_MIRROR_DISTANCE_M = 0.1
@@ -32,13 +32,13 @@ class Mirror(NamedTuple):
     offset_m: float
     """normal @ p of each point p of the mirror."""
 
-    def distances_m(self, positions_m: np.ndarray) -> np.ndarray:
+    def signed_distances_m(self, positions_m: np.ndarray) -> np.ndarray:
         """Return the distances of points (n, 3), (n,): positive on the radar's side."""
         return np.asarray(positions_m @ self.normal - self.offset_m)
 
     def image_positions_m(self, positions_m: np.ndarray) -> np.ndarray:
         """Return the images of points (n, 3), (n, 3)."""
-        return positions_m - 2 * self.distances_m(positions_m)[:, None] * self.normal
+        return positions_m - 2 * self.signed_distances_m(positions_m)[:, None] * self.normal
 
 
 ReflectionCoefficients = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -46,7 +46,7 @@ ReflectionCoefficients = Callable[[np.ndarray, np.ndarray], np.ndarray]
 points, (n, 3); 0 where no path exists."""
 
 
-def up_vector(scene: Scene) -> np.ndarray:
+def up_vector_in_radar_axes(scene: Scene) -> np.ndarray:
     """Return the unit vector upwards, (3,), in the axes of the radar, constant over time."""
     return np.asarray(scene.ego.axes(np.zeros(1))[0].T @ np.array([0.0, 0.0, 1.0]))
 
@@ -60,7 +60,9 @@ def mid_run_time_s(group: EchoGroup, window: SampleWindow) -> float:
     )
 
 
-def mirrors_between(antenna_m: np.ndarray, image_m: np.ndarray, up: np.ndarray) -> list[Mirror]:
+def infer_mirrors_from_image(
+    antenna_m: np.ndarray, image_m: np.ndarray, up: np.ndarray
+) -> list[Mirror]:
     """Return the mirrors between an antenna, (3,), and its image: horizontal, vertical or both.
 
     Displacements below `MIN_MIRROR_DISTANCE_M` yield no mirror.
@@ -76,7 +78,7 @@ def mirrors_between(antenna_m: np.ndarray, image_m: np.ndarray, up: np.ndarray) 
     return mirrors
 
 
-def add_reflections(
+def group_and_reflected_copies(
     group: EchoGroup,
     mirror: Mirror,
     coefficients: ReflectionCoefficients,
@@ -97,7 +99,7 @@ def add_reflections(
         inbound and inbound.apply_to(group),
         outbound and inbound and inbound.apply_to(outbound.apply_to(group)),
     ):
-        if copy is not None and (has_echo := _have_echoes(copy)).any():
+        if copy is not None and (has_echo := _mask_of_scatterers_with_echo(copy)).any():
             yield copy._replace(scatterers=selection.select_scatterers(copy.scatterers, has_echo))
 
 
@@ -135,7 +137,7 @@ def _mirror_paths(
 ) -> _MirroredPaths | None:
     nominal_m = np.array(getattr(radar.array, f"{side}_m"))
     current_m: np.ndarray = getattr(group.transmission, f"{side}_m")
-    previous_mirrors = mirrors_between(nominal_m[0], current_m[0], up)
+    previous_mirrors = infer_mirrors_from_image(nominal_m[0], current_m[0], up)
     if any(_is_horizontal(other, up) == _is_horizontal(mirror, up) for other in previous_mirrors):
         return None
     images_m, positions_m = mirror.image_positions_m(current_m), group.scatterers.path_m[0]
@@ -146,8 +148,8 @@ def _mirror_paths(
     return _MirroredPaths(
         side,
         images_m,
-        antenna_gains(apparent_m, radar)[0 if side == "tx" else 1],
-        np.where(mirror.distances_m(positions_m) > 0, reflection, 0.0),
+        antenna_amplitude_gains(apparent_m, radar)[0 if side == "tx" else 1],
+        np.where(mirror.signed_distances_m(positions_m) > 0, reflection, 0.0),
     )
 
 
@@ -155,7 +157,7 @@ def _is_horizontal(mirror: Mirror, up: np.ndarray) -> bool:
     return bool(abs(mirror.normal @ up) > 0.5)
 
 
-def _have_echoes(group: EchoGroup) -> np.ndarray:
+def _mask_of_scatterers_with_echo(group: EchoGroup) -> np.ndarray:
     """Return which scatterers have an amplitude and gains above 0, (n,)."""
     amplitudes, tx_gains, rx_gains = group.scatterers[1:4]
     return np.asarray((amplitudes != 0) & tx_gains.any(axis=0) & rx_gains.any(axis=0))

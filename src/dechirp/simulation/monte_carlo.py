@@ -9,17 +9,17 @@ import xarray as xr
 from dechirp.core.findings import PhysicsWarning
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.scene.validity import check_scene
+from dechirp.scene.validity import check_scene_echoes_finite
 from dechirp.simulation.engine import Engine
 from dechirp.simulation.impairments.base import Impairment
 from dechirp.simulation.simulate import (
     SummedEchoes,
-    build_stages,
-    draw_path_seeds,
-    label_samples,
-    prepare_receivers,
+    build_checked_stages,
+    draw_propagation_seeds,
+    label_samples_as_cube,
+    make_receiver_operations,
     sum_echoes,
-    trim_margins,
+    trim_receiver_margins,
 )
 from dechirp.simulation.stages import Stages
 
@@ -66,10 +66,10 @@ class MonteCarloSimulator:
         self._radar, self._n_frames, self._engine = radar, n_frames, engine
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PhysicsWarning)
-            self._stages = build_stages(impairments, scene, radar)
-            check_scene(scene, radar, n_frames=n_frames)
-            self._receivers = prepare_receivers(self._stages, scene, radar)
-            self._cached_echoes = self._sum_if_deterministic(self._scene, radar)
+            self._stages = build_checked_stages(impairments, scene, radar)
+            check_scene_echoes_finite(scene, radar, n_frames=n_frames)
+            self._receivers = make_receiver_operations(self._stages, scene, radar)
+            self._cached_echoes = self._sum_echoes_if_deterministic(self._scene, radar)
 
     def simulate_trial(
         self, rng: np.random.Generator, out: xr.DataArray | None = None
@@ -90,9 +90,11 @@ class MonteCarloSimulator:
             samples, kernels = self._trial_echoes(rng, out)
             for receiver in self._receivers:
                 receiver(samples, rng)
-        trimmed = trim_margins(samples, self._radar, self._stages)
+        trimmed = trim_receiver_margins(samples, self._radar, self._stages)
         if out is None:
-            return label_samples(np.ascontiguousarray(trimmed), kernels, self._radar, self._stages)
+            return label_samples_as_cube(
+                np.ascontiguousarray(trimmed), kernels, self._radar, self._stages
+            )
         if not np.shares_memory(trimmed, out.values):
             np.copyto(out.values, trimmed)
         return out
@@ -102,7 +104,7 @@ class MonteCarloSimulator:
         if self._cached_echoes is None:
             return self._sum_echoes(rng)
         for _ in range(self._n_frames):
-            draw_path_seeds(self._stages, rng)
+            draw_propagation_seeds(self._stages, rng)
         samples = self._cached_echoes.samples
         fits = out is not None and out.shape == samples.shape
         memory = out.values if out is not None and fits else np.empty_like(samples)
@@ -115,7 +117,7 @@ class MonteCarloSimulator:
             self._scene, self._radar, self._stages, numbers, _DTYPE, rng, self._engine
         )
 
-    def _sum_if_deterministic(self, scene: Scene, radar: Radar) -> SummedEchoes | None:
+    def _sum_echoes_if_deterministic(self, scene: Scene, radar: Radar) -> SummedEchoes | None:
         """Return the echoes, if summing them draws only the seeds of the paths."""
         n_bytes = _echo_bytes(radar, self._stages, self._n_frames)
         if n_bytes > MAX_CACHED_BYTES:
@@ -132,7 +134,7 @@ class MonteCarloSimulator:
             scene, radar, self._stages, numbers, _DTYPE, rng, self._engine, make_rng=make_rng
         )
         for _ in range(self._n_frames):
-            draw_path_seeds(self._stages, expected_rng)
+            draw_propagation_seeds(self._stages, expected_rng)
         generator_pairs = [
             (rng, expected_rng),
             *((generator, np.random.default_rng(seed)) for seed, generator in generators),

@@ -10,7 +10,7 @@ from dechirp.radar.radar import Radar
 from dechirp.simulation.echo_groups import EchoGroup
 
 
-def attenuate(groups: Sequence[EchoGroup], loss_db_per_km: float) -> list[EchoGroup]:
+def attenuate_two_way(groups: Sequence[EchoGroup], loss_db_per_km: float) -> list[EchoGroup]:
     """Attenuate groups by the loss over both paths, with scatterers at their mid-run positions.
 
     Distances are from the centre of the transmitters and to that of the receivers of each group:
@@ -19,13 +19,13 @@ def attenuate(groups: Sequence[EchoGroup], loss_db_per_km: float) -> list[EchoGr
     return [_attenuate_group(group, loss_db_per_km) for group in groups]
 
 
-def check_frequency_range(kind: str, radar: Radar, min_hz: float, max_hz: float) -> None:
+def check_radar_frequency(impairment_kind: str, radar: Radar, min_hz: float, max_hz: float) -> None:
     """Raise `InvalidSetting` for a radar outside the frequencies for which a formula holds."""
     frequency_hz = radar.frame.chirp.mid_window_frequency_hz
     if not min_hz <= frequency_hz <= max_hz:
         raise InvalidSetting(
             "kind",
-            value=f"{kind}, with a radar at {frequency_hz / 1e9:.4g} GHz",
+            value=f"{impairment_kind}, with a radar at {frequency_hz / 1e9:.4g} GHz",
             expected=f"for one from {min_hz / 1e9:g} GHz to {max_hz / 1e9:g} GHz",
             fix="remove the impairment: its formula does not hold at that frequency",
         )

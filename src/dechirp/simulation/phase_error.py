@@ -89,44 +89,45 @@ class DelaySpread(NamedTuple):
         return self.n_before + self.n_kept + self.n_after
 
     @property
-    def n_padding(self) -> int:
+    def n_padding_samples(self) -> int:
         """Return the number of points between the last sample of the echoes and the first."""
         return self.n_fft - self.n_echo_samples
 
     @property
-    def n_phase_margin(self) -> int:
+    def n_phase_margin_samples(self) -> int:
         """Return the padding points on each side at which the phase error is needed."""
-        return self.n_padding - self.half_spread
+        return self.n_padding_samples - self.half_spread
 
     @property
-    def n_crossfade(self) -> int:
+    def n_crossfade_samples(self) -> int:
         """Return the length of the crossfade from echoes to their copy, at each end."""
         return min(_CROSSFADE_SAMPLES, self.n_before)
 
     @property
     def first_copied_sample(self) -> int:
         """Return the sample of the echoes with which the copy after the last one begins."""
-        return max((self.n_echo_samples - self.n_padding) // 2, self.n_crossfade)
+        return max((self.n_echo_samples - self.n_padding_samples) // 2, self.n_crossfade_samples)
 
     @property
-    def first_kept_sample(self) -> int:
+    def first_kept_in_phase_window(self) -> int:
         """Return the index of the first kept sample in the phase window."""
-        return self.n_phase_margin + round(self.mid_delay) + self.n_before
+        return self.n_phase_margin_samples + round(self.mid_delay) + self.n_before
 
-    def phase_window(self, wide: SampleWindow) -> SampleWindow:
-        """Return the times at which the phase error is needed, for the echoes of `wide`."""
+    def phase_sample_window(self, echo_window: SampleWindow) -> SampleWindow:
+        """Return the times at which the phase error is needed, for the echoes of `echo_window`."""
         n_times = max(
-            self.n_echo_samples + 2 * self.n_phase_margin, self.first_kept_sample + self.n_kept
+            self.n_echo_samples + 2 * self.n_phase_margin_samples,
+            self.first_kept_in_phase_window + self.n_kept,
         )
-        early = self.first_kept_sample - self.n_before
-        return wide.widen(early, n_times - early - wide.n_times)
+        early = self.first_kept_in_phase_window - self.n_before
+        return echo_window.widen(early, n_times - early - echo_window.n_times)
 
 
 def find_delay_spread(
     groups: Sequence[EchoGroup],
     window: SampleWindow,
     radar: Radar,
-    added_s: Sequence[tuple[float, float]] = (),
+    added_delay_bounds_s: Sequence[tuple[float, float]] = (),
 ) -> DelaySpread:
     """Find the delays of the echoes of a frame, and the margins their phase correction needs.
 
@@ -140,7 +141,9 @@ def find_delay_spread(
     """
     rate_hz, slope = window.rate_hz, abs(radar.frame.chirp.slope_hz_per_s)
     reflecting = [part for part in groups if part.scatterers.amplitudes.any()]
-    bounds_s = [*(_delay_bounds_s(part, window) for part in reflecting), *added_s] or [(0.0, 0.0)]
+    bounds_s = [*(_delay_bounds_s(part, window) for part in reflecting), *added_delay_bounds_s] or [
+        (0.0, 0.0)
+    ]
     latest_s = min(max(late for _, late in bounds_s), radar.frame.single_interval_s)
     earliest_s = min(latest_s, *(early for early, _ in bounds_s))
     latest_s = min(latest_s, earliest_s + rate_hz / slope)
@@ -185,7 +188,7 @@ def apply_phase_error(
     rows = [slice(row, row + block_length) for row in range(0, len(echo), block_length)]
 
     def process_rows(block: slice) -> None:
-        out[block] = _apply_to_chirps(echo[block], phase_rad[block], delays, deskew)
+        out[block] = _apply_phase_error_to_chirps(echo[block], phase_rad[block], delays, deskew)
 
     run_in_threads(min(numba.get_num_threads(), len(rows)), process_rows, rows)
     return out
@@ -201,13 +204,15 @@ def _delay_bounds_s(group: EchoGroup, window: SampleWindow) -> tuple[float, floa
         moved_m += np.linalg.norm(term_m, axis=1) * longest_s**power
     nearest_m, farthest_m = np.zeros((2, len(moved_m)))
     for antennas_m in (transmission.tx_m, transmission.rx_m):
-        least_m, most_m = _distance_bounds_m(scatterers.path_m[0, reflects], antennas_m)
+        least_m, most_m = _nearest_and_farthest_antenna_m(
+            scatterers.path_m[0, reflects], antennas_m
+        )
         nearest_m += least_m - moved_m
         farthest_m += most_m + moved_m
     return max(nearest_m.min(), 0.0) / SPEED_OF_LIGHT, farthest_m.max() / SPEED_OF_LIGHT
 
 
-def _distance_bounds_m(
+def _nearest_and_farthest_antenna_m(
     positions_m: np.ndarray, antennas_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances from each scatterer to the nearest and the farthest antenna."""
@@ -244,26 +249,26 @@ def _make_deskew_filter(
     q = frequency**2 / (2 * slope)
     fractional_delay = frequency * (delays.mid_delay - round(delays.mid_delay))
     # The inverse transform divides by n_fine.
-    error_response = _phasors(q - fractional_delay) * (n_fine / n)
-    downmixer = _phasors(-slope * delays.mid_delay * np.arange(delays.n_echo_samples))
-    copy_phasor = _phasors(
+    error_response = _cycles_to_phasors(q - fractional_delay) * (n_fine / n)
+    downmixer = _cycles_to_phasors(-slope * delays.mid_delay * np.arange(delays.n_echo_samples))
+    copy_phasor = _cycles_to_phasors(
         slope
         * (delays.first_delay - delays.mid_delay)
         * (delays.n_echo_samples - delays.first_copied_sample)
     )
     return _DeskewFilter(
         error_response.astype(dtype),
-        _phasors(q).astype(dtype),
+        _cycles_to_phasors(q).astype(dtype),
         downmixer.astype(dtype),
         complex(copy_phasor),
     )
 
 
-def _phasors(cycles: np.ndarray | float) -> np.ndarray:
+def _cycles_to_phasors(cycles: np.ndarray | float) -> np.ndarray:
     return np.exp(2j * np.pi * (cycles - np.rint(cycles)))
 
 
-def _apply_to_chirps(
+def _apply_phase_error_to_chirps(
     echo: np.ndarray, phase_rad: np.ndarray, delays: DelaySpread, deskew: _DeskewFilter
 ) -> np.ndarray:
     kept_samples = slice(delays.n_before, delays.n_before + delays.n_kept)
@@ -273,13 +278,17 @@ def _apply_to_chirps(
         deskew.echo_response,
     )
     product *= _filter_and_upsample(
-        _extend_error_periodically(error, delays), deskew.error_response
+        _delay_and_extend_error_periodically(error, delays), deskew.error_response
     )[:, None]
     product = fft(product, overwrite_x=True)
     product *= deskew.echo_response.conj()
-    delayed = ifft(_alias_spectrum(product, delays.n_fft), overwrite_x=True)[..., kept_samples]
+    delayed = ifft(_alias_spectrum_to_bins(product, delays.n_fft), overwrite_x=True)[
+        ..., kept_samples
+    ]
     undelayed = (
-        error[:, delays.first_kept_sample : delays.first_kept_sample + delays.n_kept]
+        error[
+            :, delays.first_kept_in_phase_window : delays.first_kept_in_phase_window + delays.n_kept
+        ]
         * deskew.downmixer[kept_samples]
     )
     return delayed * undelayed.conj()[:, None]
@@ -305,11 +314,13 @@ def _extend_echoes_periodically(
     ring,
     and an error that needs echoes from beyond the end finds their power.
     """
-    n, n_crossfade = delays.n_echo_samples, delays.n_crossfade
+    n, n_crossfade = delays.n_echo_samples, delays.n_crossfade_samples
     extended = np.empty((*echo.shape[:-1], delays.n_fft), echo.dtype)
     extended[..., :n] = echo
     indices = (
-        delays.first_copied_sample - n_crossfade + np.arange(delays.n_padding + 2 * n_crossfade)
+        delays.first_copied_sample
+        - n_crossfade
+        + np.arange(delays.n_padding_samples + 2 * n_crossfade)
     )
     copy = echo[..., indices % n] * echo.dtype.type(copy_phasor)
     extended[..., n:] = copy[..., n_crossfade:-n_crossfade]
@@ -323,42 +334,50 @@ def _extend_echoes_periodically(
     return extended
 
 
-def _extend_error_periodically(error: np.ndarray, delays: DelaySpread) -> np.ndarray:
+def _delay_and_extend_error_periodically(
+    error_phasors: np.ndarray, delays: DelaySpread
+) -> np.ndarray:
     """Return the error one middle delay ago, its end faded into its beginning."""
-    n_wide, n_margin, half_spread = delays.n_echo_samples, delays.n_phase_margin, delays.half_spread
-    extended = np.zeros((len(error), delays.n_fft), error.dtype)
-    extended[:, : n_wide + n_margin] = error[:, n_margin : 2 * n_margin + n_wide]
+    n_wide, n_margin, half_spread = (
+        delays.n_echo_samples,
+        delays.n_phase_margin_samples,
+        delays.half_spread,
+    )
+    extended = np.zeros((len(error_phasors), delays.n_fft), error_phasors.dtype)
+    extended[:, : n_wide + n_margin] = error_phasors[:, n_margin : 2 * n_margin + n_wide]
     # Delays extend half the spread beyond either end.
-    beginning = np.zeros(delays.n_padding, error.real.dtype)
+    beginning = np.zeros(delays.n_padding_samples, error_phasors.real.dtype)
     beginning[half_spread:n_margin] = _rising_taper(n_margin - half_spread, 8.0)
     beginning[n_margin:] = 1
     extended[:, n_wide:] *= 1 - beginning
-    extended[:, n_wide + half_spread :] += beginning[half_spread:] * error[:, :n_margin]
+    extended[:, n_wide + half_spread :] += beginning[half_spread:] * error_phasors[:, :n_margin]
     return extended
 
 
-def _rising_taper(n: int, shape: float) -> np.ndarray:
+def _rising_taper(n: int, kaiser_shape: float) -> np.ndarray:
     """Return a smooth rise from 0 to 1 in n steps, the integral of a Kaiser window."""
-    rising = np.cumsum(np.kaiser(n + 1, shape))
+    rising = np.cumsum(np.kaiser(n + 1, kaiser_shape))
     return rising[:-1] / rising[-1]
 
 
-def _filter_and_upsample(signal: np.ndarray, q: np.ndarray) -> np.ndarray:
+def _filter_and_upsample(signal: np.ndarray, filter_response: np.ndarray) -> np.ndarray:
     """Filter signals by Q, and sample them more finely."""
-    n, n_fine = signal.shape[-1], len(q)
+    n, n_fine = signal.shape[-1], len(filter_response)
     spectrum = fft(signal, overwrite_x=True)
     fine = np.zeros((*signal.shape[:-1], n_fine), signal.dtype)
     above, below = n - n // 2, n // 2
-    np.multiply(spectrum[..., :above], q[:above], out=fine[..., :above])
-    np.multiply(spectrum[..., above:], q[n_fine - below :], out=fine[..., n_fine - below :])
+    np.multiply(spectrum[..., :above], filter_response[:above], out=fine[..., :above])
+    np.multiply(
+        spectrum[..., above:], filter_response[n_fine - below :], out=fine[..., n_fine - below :]
+    )
     return ifft(fine, overwrite_x=True)
 
 
-def _alias_spectrum(fine: np.ndarray, n: int) -> np.ndarray:
+def _alias_spectrum_to_bins(fine_spectrum: np.ndarray, n_bins: int) -> np.ndarray:
     """Alias a spectrum onto the n bins of the sample rate."""
-    n_fine = fine.shape[-1]
+    n_fine = fine_spectrum.shape[-1]
     above, below = n_fine - n_fine // 2, n_fine // 2
-    spectrum = np.zeros((*fine.shape[:-1], n), fine.dtype)
-    spectrum[..., :above] = fine[..., :above]
-    spectrum[..., n - below :] += fine[..., above:]
+    spectrum = np.zeros((*fine_spectrum.shape[:-1], n_bins), fine_spectrum.dtype)
+    spectrum[..., :above] = fine_spectrum[..., :above]
+    spectrum[..., n_bins - below :] += fine_spectrum[..., above:]
     return spectrum

@@ -11,12 +11,12 @@ import xarray as xr
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import PhysicsWarning
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.radar.cube import label_cube
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.scene.scene_warnings import scene_findings
-from dechirp.scene.validity import check_scene
+from dechirp.scene.validity import check_scene_echoes_finite
 from dechirp.simulation import phase_error
 from dechirp.simulation.echo_groups import (
     EchoGroup,
@@ -31,7 +31,7 @@ from dechirp.simulation.kernels import selection
 from dechirp.simulation.kernels.direct import PreviousRamps
 from dechirp.simulation.stages import (
     Stages,
-    check_modulation,
+    check_ramps_supported,
     prefix_errors_with_kind,
     shortest_interval_radar,
     sort_into_stages,
@@ -111,8 +111,8 @@ def simulate(
     frame by frame.
     """
     check_integer("n_frames", n_frames, at_least=1, at_most=1_000_000)
-    rng = _make_rng(seed)
-    sample_type = _check_dtype(dtype)
+    rng = _rng_from_seed(seed)
+    sample_type = _check_complex_dtype(dtype)
     stages = build_stages_with_warnings(impairments, scene, radar, n_frames=n_frames)
     return _simulate_frames(scene, radar, stages, n_frames, sample_type, rng, engine, progress)
 
@@ -123,14 +123,16 @@ def build_stages_with_warnings(
     """Build the stages, and issue all warnings of `simulate`."""
     for finding in scene_findings(scene, radar, n_frames=n_frames):
         warnings.warn(PhysicsWarning(finding), stacklevel=3)
-    stages = build_stages(impairments, scene, radar)
+    stages = build_checked_stages(impairments, scene, radar)
     finding_slow = phase_error.slow_ramp_finding(radar) if stages.oscillators else None
     if finding_slow is not None:
         warnings.warn(PhysicsWarning(finding_slow), stacklevel=3)
     return stages
 
 
-def build_stages(impairments: Sequence[Impairment] | None, scene: Scene, radar: Radar) -> Stages:
+def build_checked_stages(
+    impairments: Sequence[Impairment] | None, scene: Scene, radar: Radar
+) -> Stages:
     """Sort impairments into stages and check them; the default is thermal noise alone.
 
     Raises
@@ -140,7 +142,7 @@ def build_stages(impairments: Sequence[Impairment] | None, scene: Scene, radar: 
     """
     stages = sort_into_stages((ThermalNoise(),) if impairments is None else impairments, radar)
     for impairment in stages.impairments:
-        check_modulation(impairment, radar.frame)
+        check_ramps_supported(impairment, radar.frame)
         with prefix_errors_with_kind(impairment):
             impairment.check(scene, shortest_interval_radar(radar))
     return stages
@@ -176,13 +178,13 @@ def _simulate_frames(
     engine: Engine | None,
     progress: Callable[[int, int], None] | None,
 ) -> xr.DataArray:
-    check_scene(scene, radar, n_frames=n_frames)
+    check_scene_echoes_finite(scene, radar, n_frames=n_frames)
     frame_numbers = range(n_frames)
     echoes = sum_echoes(scene, radar, stages, frame_numbers, dtype, rng, engine, progress=progress)
-    for receiver in prepare_receivers(stages, scene, radar):
+    for receiver in make_receiver_operations(stages, scene, radar):
         receiver(echoes.samples, rng)
-    trimmed = np.ascontiguousarray(trim_margins(echoes.samples, radar, stages))
-    return label_samples(trimmed, echoes.kernels, radar, stages)
+    trimmed = np.ascontiguousarray(trim_receiver_margins(echoes.samples, radar, stages))
+    return label_samples_as_cube(trimmed, echoes.kernels, radar, stages)
 
 
 class SummedEchoes(NamedTuple):
@@ -208,15 +210,16 @@ def sum_echoes(
 ) -> SummedEchoes:
     """Sum the echoes of some frames, with all impairments before the receiver.
 
-    `make_rng` makes the generators of the signals that paths add, from seeds that `draw_path_seeds`
-    draws from `rng` for each frame. The scene has passed `check_scene`.
+    `make_rng` makes the generators of the signals that paths add, from seeds that
+    `draw_propagation_seeds` draws from `rng` for each frame. The scene has passed
+    `check_scene_echoes_finite`.
     """
     n_before, n_after = stages.sample_margins(radar)
     samples = _allocate_samples(scene, radar, len(frame_numbers), n_before + n_after, dtype)
     kernels: set[str] = set()
     for index, number in enumerate(frame_numbers):
         window = sample_window(radar, number).widen(n_before, n_after)
-        kernels |= _sum_frame(
+        kernels |= _sum_frame_signals(
             samples[index], scene, radar, window, stages, rng, engine or Engine(), make_rng
         )
         if progress is not None:
@@ -224,27 +227,28 @@ def sum_echoes(
     return SummedEchoes(samples, frozenset(kernels))
 
 
-def draw_path_seeds(stages: Stages, rng: np.random.Generator) -> np.ndarray:
+def draw_propagation_seeds(stages: Stages, rng: np.random.Generator) -> np.ndarray:
     """Draw the seeds of the signals that the paths add to one frame, (n_paths,)."""
     return rng.integers(2**63, size=len(stages.paths))
 
 
-def prepare_receivers(
+def make_receiver_operations(
     stages: Stages, scene: Scene, radar: Radar
 ) -> list[Callable[[np.ndarray, np.random.Generator], None]]:
     """Return the operations of the receivers, in order; each changes samples in place."""
     return [
-        receiver.prepare(scene, shortest_interval_radar(radar)) for receiver in stages.receivers
+        receiver.make_sample_operation(scene, shortest_interval_radar(radar))
+        for receiver in stages.receivers
     ]
 
 
-def trim_margins(samples: np.ndarray, radar: Radar, stages: Stages) -> np.ndarray:
+def trim_receiver_margins(samples: np.ndarray, radar: Radar, stages: Stages) -> np.ndarray:
     """Return a view of samples without the margins that receivers need."""
     n_before, _ = stages.sample_margins(radar)
     return samples[..., n_before : n_before + radar.frame.chirp.n_samples]
 
 
-def label_samples(
+def label_samples_as_cube(
     samples: np.ndarray,
     kernels: Iterable[str],
     radar: Radar,
@@ -259,7 +263,7 @@ def label_samples(
     return cube
 
 
-def _make_rng(seed: object) -> np.random.Generator:
+def _rng_from_seed(seed: object) -> np.random.Generator:
     if isinstance(seed, np.random.Generator):
         return seed
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
@@ -272,7 +276,7 @@ def _make_rng(seed: object) -> np.random.Generator:
     return np.random.default_rng(int(seed))
 
 
-def _check_dtype(dtype: object) -> np.dtype[np.complexfloating]:
+def _check_complex_dtype(dtype: object) -> np.dtype[np.complexfloating]:
     try:
         sample_type = np.dtype(dtype)  # type: ignore[call-overload]
     except TypeError:
@@ -311,14 +315,14 @@ def plan_kernels(
     InvalidSetting
         As `simulate`.
     """
-    check_scene(scene, radar)
-    engine, sample_type = engine or Engine(), _check_dtype(dtype)
+    check_scene_echoes_finite(scene, radar)
+    engine, sample_type = engine or Engine(), _check_complex_dtype(dtype)
     shape = (radar.array.n_rx, radar.frame.chirp.n_samples)
     runs = []
     for group in (
         direct_echo_groups(scene, radar, 0, np.random.default_rng(0)) if scene.targets else ()
     ):
-        kernel, costs_s = selection.choose_kernel(
+        kernel, costs_s = selection.choose_kernel_and_predict_times(
             (len(group.transmission.starts_s), *shape),
             group.scatterers,
             group.transmission,
@@ -329,7 +333,7 @@ def plan_kernels(
     return runs
 
 
-def _sum_frame(
+def _sum_frame_signals(
     samples: np.ndarray,
     scene: Scene,
     radar: Radar,
@@ -343,13 +347,13 @@ def _sum_frame(
     groups: list[EchoGroup] = []
     if scene.targets:
         groups += direct_echo_groups(
-            scene, radar, window.frame_index, rng, include_unseen=bool(stages.paths)
+            scene, radar, window.frame_index, rng, include_zero_gain=bool(stages.paths)
         )
     tail = _previous_ramps(radar, window.frame_index) if engine.late == "tail" else None
     radar = radar.for_frame(window.frame_index)
     for path in stages.paths:
         groups = path.transform_echoes(groups, window, scene, radar, rng)
-    outbound_gain = math.prod(path.outbound_gain(radar) for path in stages.paths)
+    outbound_gain = math.prod(path.outbound_amplitude_gain(radar) for path in stages.paths)
     if outbound_gain != 1:
         groups = [group.scale_amplitudes(outbound_gain) for group in groups]
     wide_window, delays, phase_rad = window, None, np.zeros(0)
@@ -359,20 +363,20 @@ def _sum_frame(
             groups, window, radar, [stage for stage in added_s if stage is not None]
         )
         wide_window = window.widen(delays.n_before, delays.n_after)
-        phase_window = delays.phase_window(wide_window)
+        phase_window = delays.phase_sample_window(wide_window)
         phase_rad = np.sum(
             [stage.phase_error_rad(phase_window, radar, rng) for stage in stages.oscillators],
             axis=0,
         )
-    seeds = draw_path_seeds(stages, rng)
+    seeds = draw_propagation_seeds(stages, rng)
     in_place = delays is None and np.iscomplexobj(samples)
     kernels: set[str] = set()
-    for chirps in _chirp_blocks(samples, in_place):
+    for chirps in _split_into_chirp_blocks(samples, in_place):
         echo = samples[chirps]
         if not in_place:
             shape = (*echo.shape[:2], wide_window.n_times)
             echo = np.zeros(shape, np.result_type(samples, np.complex64))
-        kernels |= _sum_chirps(echo, chirps, groups, wide_window, engine, tail)
+        kernels |= _add_groups_to_chirps(echo, chirps, groups, wide_window, engine, tail)
         for path, seed in zip(stages.paths, seeds, strict=True):
             path.add_signals(echo, wide_window.select_chirps(chirps), scene, radar, make_rng(seed))
         if delays is not None:
@@ -386,7 +390,7 @@ def _sum_frame(
     return kernels
 
 
-def _chirp_blocks(samples: np.ndarray, in_place: bool) -> list[slice]:
+def _split_into_chirp_blocks(samples: np.ndarray, in_place: bool) -> list[slice]:
     """Return blocks of chirps: all if summed in place, else some for a complex copy."""
     block_length = len(samples) if in_place else max(1, _COPY_BLOCK_SAMPLES // samples[0].size)
     return [
@@ -395,27 +399,30 @@ def _chirp_blocks(samples: np.ndarray, in_place: bool) -> list[slice]:
     ]
 
 
-def _sum_chirps(
+def _add_groups_to_chirps(
     echo: np.ndarray,
-    rows: slice,
+    chirp_block: slice,
     groups: Sequence[EchoGroup],
     window: SampleWindow,
     engine: Engine,
-    tail: PreviousRamps | None,
+    previous_ramps: PreviousRamps | None,
 ) -> set[str]:
     """Sum the echoes into some chirps of a frame; return the kernels' names."""
     kernels: set[str] = set()
     for group in groups:
         chirps = range(group.chirps.stop)[group.chirps]
         positions = [
-            position for position, chirp in enumerate(chirps) if rows.start <= chirp < rows.stop
+            position
+            for position, chirp in enumerate(chirps)
+            if chirp_block.start <= chirp < chirp_block.stop
         ]
         if not positions:
             continue
         group_chirps = slice(positions[0], positions[-1] + 1)
         frame_chirps = slice(chirps[positions[0]], chirps[positions[-1]] + 1, chirps.step)
         target = echo[
-            frame_chirps.start - rows.start : frame_chirps.stop - rows.start : frame_chirps.step
+            frame_chirps.start - chirp_block.start : frame_chirps.stop
+            - chirp_block.start : frame_chirps.step
         ]
         scatterers, transmission = selection.select_chirps(
             group.scatterers, group.transmission, group_chirps
@@ -427,7 +434,7 @@ def _sum_chirps(
             scatterers,
             transmission._replace(adc_start_s=window.first_sample_s),
             engine=engine,
-            previous=None if tail is None else tail.select_chirps(frame_chirps),
+            previous=None if previous_ramps is None else previous_ramps.select_chirps(frame_chirps),
         )
         if summed is not target:
             target += summed
@@ -464,7 +471,7 @@ def _allocate_samples(
     shape = (n_frames, frame.n_chirps_total, radar.array.n_rx, chirp.n_samples + n_margin)
     sample_type = dtype if chirp.sampling == "complex" else np.empty(0, dtype).real.dtype
     cubes = PEAK_CUBE_COUNT * float(np.prod(shape, dtype=float)) * sample_type.itemsize
-    check_memory(
+    check_free_memory(
         "simulation",
         needed_bytes=cubes + _SCATTERER_BYTES * scene.n_scatterers,
         fix="simulate fewer frames, chirps, receivers, samples or scatterers",

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from dechirp.core.checks import as_tuple
+from dechirp.core.checks import as_tuple_or_none
 from dechirp.core.errors import InvalidSetting
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -53,7 +53,7 @@ def sort_into_stages(impairments: Iterable[Impairment], radar: Radar) -> Stages:
     InvalidSetting
         If `impairments` is not a list, or an element is not an impairment.
     """
-    listed = as_tuple(impairments)
+    listed = as_tuple_or_none(impairments)
     if listed is None:
         raise InvalidSetting(
             "impairments",
@@ -61,7 +61,7 @@ def sort_into_stages(impairments: Iterable[Impairment], radar: Radar) -> Stages:
             expected="a list of impairments",
             fix="write [ThermalNoise()], with brackets even for a single impairment",
         )
-    expanded = tuple(_expand_presets(listed, radar))
+    expanded = tuple(_expand_presets_recursively(listed, radar))
     return Stages(
         tuple(impairment for impairment in expanded if isinstance(impairment, Oscillator)),
         tuple(impairment for impairment in expanded if isinstance(impairment, Propagation)),
@@ -85,7 +85,7 @@ def prefix_errors_with_kind(impairment: Impairment) -> Iterator[None]:
         ) from None  # fmt: skip
 
 
-def check_modulation(impairment: Impairment, frame: Frame) -> None:
+def check_ramps_supported(impairment: Impairment, frame: Frame) -> None:
     """Raise `InvalidSetting` if an impairment does not support the ramps of a frame."""
     is_supported = {
         "any": True,
@@ -108,11 +108,13 @@ def shortest_interval_radar(radar: Radar) -> Radar:
     return min(radars, key=lambda impairment: impairment.frame.single_interval_s)
 
 
-def _expand_presets(impairments: Iterable[Impairment], radar: Radar) -> Iterator[Impairment]:
+def _expand_presets_recursively(
+    impairments: Iterable[Impairment], radar: Radar
+) -> Iterator[Impairment]:
     for impairment in impairments:
         if isinstance(impairment, Preset):
             yield impairment
-            yield from _expand_presets(impairment.impairments(radar), radar)
+            yield from _expand_presets_recursively(impairment.impairments(radar), radar)
         elif isinstance(impairment, Oscillator | Propagation | Receiver):
             yield impairment
         else:

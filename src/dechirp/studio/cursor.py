@@ -6,10 +6,10 @@ import numpy as np
 import xarray as xr
 
 from dechirp.processing.chain import Chain
-from dechirp.processing.range_doppler_map import threshold_cuts
+from dechirp.processing.range_doppler_map import threshold_cuts_through_cell
 from dechirp.processing.spectrum import range_spectrum
 from dechirp.radar.radar import Radar
-from dechirp.scene.aliasing import RangeVelocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 
 _MAX_CHIRPS = 64  # averaged for the range profile, whose fluctuation is then 0.5 dB
 
@@ -53,7 +53,9 @@ def strongest_cell(power: xr.DataArray, detections: xr.Dataset, radar: Radar) ->
         variables = detections.variables
         snr, range_m, velocity = (variables[n].values for n in ("snr", "range", "velocity"))
         first = slice(int(snr.argmax()), None)
-        place = map_position(RangeVelocity(range_m[first][:1], velocity[first][:1]), radar)
+        place = range_doppler_map_position(
+            RangeVelocity(range_m[first][:1], velocity[first][:1]), radar
+        )
         row, column = nearest_cell(power, Cursor(*(float(index[0]) for index in place)))
         # Noise may raise a neighbour above the nearest cell.
         rows, columns = (slice(max(index - 1, 0), index + 2) for index in (row, column))
@@ -80,7 +82,7 @@ def cuts_through_cell(
 ) -> tuple[MapCut, MapCut]:
     """Return the cuts through a cell along range and along velocity."""
     row, column = cell
-    over_range, over_velocity = threshold_cuts(power, radar, chain, cell)
+    over_range, over_velocity = threshold_cuts_through_cell(power, radar, chain, cell)
     return (
         MapCut(power.range.values, power.values[row], over_range),
         MapCut(power.velocity.values, power.values[:, column], over_velocity),

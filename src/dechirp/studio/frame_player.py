@@ -6,7 +6,7 @@ from time import perf_counter
 import xarray as xr
 
 from dechirp.core.checks import check_integer
-from dechirp.core.detection_columns import to_dataset
+from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.findings import Finding
 from dechirp.experiments.object_stage import group_detections, trackable_rows
 from dechirp.experiments.run import (
@@ -19,7 +19,7 @@ from dechirp.experiments.run import (
 from dechirp.experiments.scenario import Scenario
 from dechirp.processing.angle_maps import range_azimuth_map
 from dechirp.processing.detect import process_cubes
-from dechirp.processing.direction_finding import can_resolve_directions, direction_aperture
+from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.radar.radar import Radar
 from dechirp.studio.cursor import Cursor, strongest_cell
 from dechirp.studio.frame_sources import FrameSource, open_frame_source
@@ -125,7 +125,9 @@ class _PreparedScenario:
         self._scenario = scenario
         self._has_azimuth = (
             can_resolve_directions(radar)
-            and direction_aperture(radar, self.chain.field_of_view).resolves[0]
+            and checked_direction_aperture(
+                radar, self.chain.field_of_view
+            ).resolves_azimuth_and_elevation[0]
         )
 
     def process_step(self, step: int, *, continues: bool) -> _ProcessedStep:
@@ -165,10 +167,10 @@ class _PreparedScenario:
     def _detect(self, cube: xr.DataArray, number: int) -> tuple[DetectionRun, xr.DataArray]:
         """Return the detections of a frame and its map."""
         radar = self.frames.radar
-        (frame,) = process_cubes([cube], radar, self.chain, first=number)
+        (frame,) = process_cubes([cube], radar, self.chain, first_frame_number=number)
         totals = FrameTotals()
         totals.add(frame)
-        detections = to_dataset(frame.detections)
+        detections = detections_from_columns(frame.detections)
         run = DetectionRun(first_frame=number, detections=detections, frames=totals)
         # Copy: the map may be a view of a larger array.
         power = tuple(part.copy() for part in frame.equalised_power)

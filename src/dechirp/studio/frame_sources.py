@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 import xarray as xr
 
-from dechirp.core.findings import Finding, collect_findings
+from dechirp.core.findings import Finding, capture_warned_findings
 from dechirp.experiments.link_budget import added_noise_w
 from dechirp.experiments.run import open_scenario_recording
 from dechirp.experiments.scenario import Scenario
@@ -65,7 +65,7 @@ class SceneFrames:
         assert scenario.scene is not None and scenario.radar is not None
         self.radar, self.n_frames = scenario.radar, scenario.n_frames
         self._scene, self._seed = scenario.scene, scenario.seed
-        with collect_findings() as findings:
+        with capture_warned_findings() as findings:
             build_stages_with_warnings(
                 scenario.impairments, self._scene, self.radar, n_frames=self.n_frames
             )

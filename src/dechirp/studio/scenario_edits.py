@@ -19,8 +19,13 @@ from dechirp.config.loading import read_text, sort_mistakes, validate_node
 from dechirp.config.overrides import apply_override, parse_override
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import parse_yaml
-from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import (
+    DechirpError,
+    InvalidFile,
+    InvalidSetting,
+    Mistake,
+    quote_for_message,
+)
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.scenario import READERS, Scenario
 from dechirp.experiments.study.variants import check_disjoint
@@ -79,7 +84,7 @@ def apply_options(scenario: Scenario, options: Iterable[str], limits: PageLimits
     """
     options = tuple(options)
     for option in options:
-        _check_text_length(quote_text(option.partition("=")[0]), option, limits)
+        _check_text_length(quote_for_message(option.partition("=")[0]), option, limits)
     try:
         return _replace_settings(scenario, options, limits)
     except DechirpError:
@@ -120,7 +125,9 @@ def check_sizes(parts: Mapping[str, Any], limits: PageLimits) -> None:
         ]
         if radar is not None:
             meshes = [body for body in bodies if isinstance(body, Mesh)]
-            n_rays = sum(mesh.n_rays(radar.frame.chirp.wavelength_m) for mesh in meshes)
+            n_rays = sum(
+                mesh.max_rays_per_direction(radar.frame.chirp.wavelength_m) for mesh in meshes
+            )
             sizes += [("scene.targets", n_rays, limits.max_rays, "rays onto meshes")]
     n_added_scatterers = sum(
         getattr(impairment, field.name)
@@ -217,7 +224,7 @@ def _forbidden_files(
             folders = ", ".join(folder.name for folder in limits.folders) or "none was given"
             yield file_node.location.create_mistake(
                 file_node.setting_name,
-                value=quote_text(text),
+                value=quote_for_message(text),
                 expected=f"a file in the folders of the studio: {folders}",
                 fix="start the studio with the folder that contains it",
             )

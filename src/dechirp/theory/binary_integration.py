@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betainc
 
-from dechirp.core.checks import check_array, check_integer
+from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["binary_integration_probability"]
@@ -43,7 +43,7 @@ def binary_integration_probability(probability: ArrayLike, *, m: int, n: int) ->
     """
     check_integer("n", n, at_least=1)
     check_integer("m", m, at_least=1, at_most=n)
-    p = check_array("probability", probability)
+    p = check_finite_array("probability", probability)
     wrong = ~((p >= 0) & (p <= 1))
     if np.any(wrong):
         raise InvalidSetting(

@@ -19,7 +19,7 @@ not above 0.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_array, check_integer, check_positive_ratios
+from dechirp.core.checks import check_finite_array, check_integer, check_positive_ratios
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 
@@ -85,8 +85,8 @@ def range_std_m(
     For a target of known velocity; see `decoupled_range_std_m` for an unknown one.
     """
     _check_point_count("n_samples", n_samples)
-    sample_rate = check_array("sample_rate_hz", sample_rate_hz, above=0)
-    slope = check_array("slope_hz_per_s", slope_hz_per_s, above=0)
+    sample_rate = check_finite_array("sample_rate_hz", sample_rate_hz, above=0)
+    slope = check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0)
     variance = frequency_variance(snr=snr, n_points=n_samples)
     return np.asarray(SPEED_OF_LIGHT * sample_rate / (4 * np.pi * slope) * np.sqrt(variance))
 
@@ -99,8 +99,8 @@ def velocity_std_m_per_s(
     `wavelength_m` is the one at the middle of the sampling window.
     """
     _check_point_count("n_chirps", n_chirps)
-    interval = check_array("interval_s", interval_s, above=0)
-    wavelength = check_array("wavelength_m", wavelength_m, above=0)
+    interval = check_finite_array("interval_s", interval_s, above=0)
+    wavelength = check_finite_array("wavelength_m", wavelength_m, above=0)
     variance = frequency_variance(snr=snr, n_points=n_chirps)
     return np.asarray(wavelength / (4 * np.pi * interval) * np.sqrt(variance))
 
@@ -120,8 +120,8 @@ def decoupled_range_std_m(
     """
     range_std = _check_standard_deviations("range_std_m", range_std_m)
     velocity_std = _check_standard_deviations("velocity_std_m_per_s", velocity_std_m_per_s)
-    frequency = check_array("mid_window_frequency_hz", mid_window_frequency_hz, above=0)
-    slope = check_array("slope_hz_per_s", slope_hz_per_s, above=0)
+    frequency = check_finite_array("mid_window_frequency_hz", mid_window_frequency_hz, above=0)
+    slope = check_finite_array("slope_hz_per_s", slope_hz_per_s, above=0)
     return np.asarray(np.hypot(range_std, frequency / slope * velocity_std))
 
 
@@ -158,9 +158,9 @@ def angle_std_rad(
     ASSP 37(5), 1989, for one source. H. L. Van Trees, Optimum Array Processing, 2002.
     """
     chi = check_positive_ratios("snr", snr)
-    wavelength = check_array("wavelength_m", wavelength_m, above=0)
-    angle = check_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2)
-    positions = check_array("positions_m", positions_m)
+    wavelength = check_finite_array("wavelength_m", wavelength_m, above=0)
+    angle = check_finite_array("angle_rad", angle_rad, above=-np.pi / 2, below=np.pi / 2)
+    positions = check_finite_array("positions_m", positions_m)
     if positions.ndim != 1 or positions.size == 0:
         raise InvalidSetting(
             "positions_m",
@@ -188,9 +188,9 @@ def monopulse_std_rad(
     D. K. Barton, Radar System Analysis and Modeling, 2005.
     """
     chi = check_positive_ratios("snr", snr)
-    beamwidth = check_array("beamwidth_rad", beamwidth_rad, above=0)
+    beamwidth = check_finite_array("beamwidth_rad", beamwidth_rad, above=0)
     return np.asarray(
-        beamwidth / (check_array("slope", slope, above=0) * np.sqrt(2) * np.sqrt(chi))
+        beamwidth / (check_finite_array("slope", slope, above=0) * np.sqrt(2) * np.sqrt(chi))
     )
 
 

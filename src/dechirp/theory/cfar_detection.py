@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import betaincinv, gammaincinv
 
-from dechirp.core.checks import check_detection_probability, check_number, check_ratios
+from dechirp.core.checks import check_detection_probability, check_non_negative_ratios, check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.theory.cfar import (
     cell_averaging_factor,
@@ -73,7 +73,7 @@ def cell_averaging_detection_probability(
     snr: ArrayLike, factor: float, *, n_training: int, n_summed: int = 1, swerling: int = 0
 ) -> np.ndarray:
     """Return the probability that a target exceeds factor times the mean of the cells."""
-    chi, target_shape = check_ratios("snr", snr), swerling_shape(swerling, n_summed)
+    chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, n_summed)
     noise_shape = count_powers(n_training, n_summed)
     factor = check_number("factor", factor, above=0)
     a = factor / n_training
@@ -102,7 +102,7 @@ def ordered_statistic_detection_probability(
     A steady target of 40 dB takes some 50 ms in the worst case, where the rank is 1 or 2, and
     ten times that for every 5 dB more.
     """
-    chi, target_shape = check_ratios("snr", snr), swerling_shape(swerling, 1)
+    chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, 1)
     factor = check_number("factor", factor, above=0)
     rates = order_step_rates(n_training, rank)
     if target_shape == 1:
@@ -249,7 +249,7 @@ def _half_window_detection_probability(
 
     `comparison` is the probability of that outcome, `false_alarm_probability` that of an alarm.
     """
-    chi, target_shape = check_ratios("snr", snr), swerling_shape(swerling, 1)
+    chi, target_shape = check_non_negative_ratios("snr", snr), swerling_shape(swerling, 1)
     sizes = half_sizes(n_training)
     factor = check_number("factor", factor, above=0)
     if target_shape == 1:

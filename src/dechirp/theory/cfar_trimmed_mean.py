@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike
 from dechirp.core.checks import (
     check_false_alarm_probability,
     check_integer,
+    check_non_negative_ratios,
     check_positive_ratios,
-    check_ratios,
 )
 from dechirp.theory.cfar import find_decreasing_root
 from dechirp.theory.training_cells import order_step_rates
@@ -70,7 +70,7 @@ def trimmed_mean_detection_probability(
     Its power is exponential, like that of noise 1 + snr times as strong.
     """
     return trimmed_mean_false_alarm_probability(
-        factor / (1 + check_ratios("snr", snr)),
+        factor / (1 + check_non_negative_ratios("snr", snr)),
         n_training=n_training,
         n_smallest=n_smallest,
         n_largest=n_largest,

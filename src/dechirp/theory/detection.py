@@ -33,8 +33,8 @@ from dechirp.core.checks import (
     check_detection_probability,
     check_false_alarm_probability,
     check_integer,
+    check_non_negative_ratios,
     check_number,
-    check_ratios,
 )
 from dechirp.theory.swerling import probability_at_least, probability_below, swerling_shape
 
@@ -97,7 +97,7 @@ def exceedance_probability(
         If a ratio is negative or not finite, the threshold not one finite number
         above zero, K not a whole number from 1, or there is no such case of Swerling's.
     """
-    chi = check_ratios("snr", snr)
+    chi = check_non_negative_ratios("snr", snr)
     law = _GammaMixture(threshold, n_summed, swerling)
     probabilities = [law.exceedance_probability(ratio) for ratio in chi.ravel()]
     return np.array(probabilities, dtype=float).reshape(chi.shape)
@@ -155,7 +155,7 @@ def coherent_detection_probability(snr: ArrayLike, false_alarm_probability: floa
     1e-6. `snr` has any shape, as has the result. Raises `InvalidSetting` if a ratio is
     negative or not finite, or as `detection_threshold` does.
     """
-    chi = check_ratios("snr", snr)
+    chi = check_non_negative_ratios("snr", snr)
     check_false_alarm_probability("false_alarm_probability", false_alarm_probability)
     return np.asarray(erfc(erfcinv(2 * false_alarm_probability) - np.sqrt(chi)) / 2)
 

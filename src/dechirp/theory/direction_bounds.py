@@ -7,7 +7,7 @@ one snapshot as well as for many.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_array, check_positive_ratios
+from dechirp.core.checks import check_finite_array, check_positive_ratios
 from dechirp.core.errors import InvalidSetting
 
 __all__ = ["direction_std_rad"]
@@ -116,7 +116,7 @@ def direction_std_rad(
     ----------
     See `conditional_information`; for one source on a line it is `bounds.angle_std_rad`.
     """
-    element_positions = check_array("positions", positions)
+    element_positions = check_finite_array("positions", positions)
     if element_positions.ndim != 2 or element_positions.shape[1] != 3:
         raise InvalidSetting(
             "positions",
@@ -125,8 +125,8 @@ def direction_std_rad(
             fix="give the position of each element, in wavelengths",
         )
     azimuth, elevation = _broadcast_angles(
-        np.atleast_1d(check_array("azimuth_rad", azimuth_rad)),
-        check_array("elevation_rad", elevation_rad),
+        np.atleast_1d(check_finite_array("azimuth_rad", azimuth_rad)),
+        check_finite_array("elevation_rad", elevation_rad),
     )
     check_positive_ratios("noise_power", noise_power)
     snapshots = np.asarray(amplitudes, complex).reshape(len(azimuth), -1)

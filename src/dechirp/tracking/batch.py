@@ -7,11 +7,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_array, check_integer
+from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.detection_columns import check_type
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.tracking.measurements import Measurements, is_usable, row_axis
 from dechirp.tracking.online import LiveTracker, Track
 from dechirp.tracking.tracker import Tracker
@@ -102,7 +102,7 @@ def track(
     tracker = Tracker() if tracker is None else tracker
     check_type("tracker", tracker, Tracker, fix="give Tracker(), its settings")
     axis = row_axis(detections, "frame")
-    times = check_array("times_s", times_s).reshape(-1)
+    times = check_finite_array("times_s", times_s).reshape(-1)
     check_integer("first", first, at_least=0)
     tracker.check_confirmable_within(len(times))
     live_tracker = LiveTracker(tracker, velocity_span_m_per_s=velocity_span_m_per_s)
@@ -179,7 +179,7 @@ def _to_dataset(history: TrackHistory, times_s: np.ndarray, first: int) -> xr.Da
     confirmed = [history[number] for number in sorted(history) if _is_confirmed(history[number])]
     shape = (len(confirmed), len(times_s))
     n_bytes = 200 * len(confirmed) * len(times_s)  # 20 floats and nine letters
-    check_memory("the tracks", needed_bytes=n_bytes, fix="track fewer frames at once")
+    check_free_memory("the tracks", needed_bytes=n_bytes, fix="track fewer frames at once")
     state = np.full((*shape, 4), np.nan)
     covariance = np.full((*shape, 4, 4), np.nan)
     status = np.full(shape, "", dtype="<U9")

@@ -7,22 +7,30 @@ import xarray as xr
 from scipy.special import chdtri
 
 from dechirp.core.checks import (
-    check_count,
     check_integer,
+    check_integer_fields,
     check_number,
-    check_positive,
+    check_positive_fields,
     check_probability,
 )
-from dechirp.core.detection_columns import check_columns, check_type, is_frame_number, to_columns
+from dechirp.core.detection_columns import (
+    check_detection_rows,
+    check_type,
+    detection_columns_as_floats,
+    valid_frame_number_mask,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.direction_finding import (
-    has_known_direction,
-    move_to_origin,
+    detections_with_known_direction,
     phase_centres_m,
+    range_and_direction_from_origin,
 )
 from dechirp.radar.radar import Radar
-from dechirp.radar.velocity_ambiguity import n_unambiguous_spans, unambiguous_span_m_per_s
+from dechirp.radar.velocity_ambiguity import (
+    n_spans_until_aliasing,
+    unambiguous_velocity_span_m_per_s,
+)
 from dechirp.tracking.doppler_fit import Sightings, VelocityEstimate, fit_velocity, static_residuals
 
 EGO_UNITS = {
@@ -70,12 +78,12 @@ class EgoMotion:
 
     def __post_init__(self) -> None:
         check_probability("EgoMotion.gate_probability", self.gate_probability)
-        check_positive(self, "tolerance_m_per_s", "max_speed_m_per_s", at_most=1e4)
-        check_count(self, "min_static", at_least=3)
+        check_positive_fields(self, "tolerance_m_per_s", "max_speed_m_per_s", at_most=1e4)
+        check_integer_fields(self, "min_static", at_least=3)
         share = check_number("EgoMotion.min_share", self.min_share, above=0.0, at_most=1.0)
         object.__setattr__(self, "min_share", share)
-        check_positive(self, "min_spread_rad", at_most=math.pi / 2)
-        check_count(self, "n_draws", at_most=100_000)
+        check_positive_fields(self, "min_spread_rad", at_most=math.pi / 2)
+        check_integer_fields(self, "n_draws", at_most=100_000)
         check_integer("EgoMotion.seed", self.seed, at_least=0, at_most=2**63 - 1)
 
     @property
@@ -201,7 +209,7 @@ def label_motion(
         of_motion = np.array([[vx_std**2, cov], [cov, vy_std**2]])
         variance = variance + np.einsum("ni,ij,nj->n", towards, of_motion, towards)
         squares = residual**2 / (variance + settings.tolerance_m_per_s**2)
-        moves = (squares > settings.gate_squares) & has_known_direction(
+        moves = (squares > settings.gate_squares) & detections_with_known_direction(
             frame_columns["ambiguity_number"], radar.frame
         )  # NaN is neither
         motion[rows] = np.where(
@@ -236,11 +244,14 @@ def _check_inputs(
     """Return the columns of detections; raise `InvalidSetting` if one is invalid."""
     check_type("radar", radar, Radar, fix="give the radar that they were detected with")
     check_type("settings", settings, EgoMotion, fix="give EgoMotion(), or leave it out")
-    columns = to_columns(detections, _REQUIRED, _OPTIONAL)
-    check_columns(
+    columns = detection_columns_as_floats(detections, _REQUIRED, _OPTIONAL)
+    check_detection_rows(
         columns,
         {
-            "frame": (is_frame_number(columns["frame"]), "the number of a frame, 0 or more"),
+            "frame": (
+                valid_frame_number_mask(columns["frame"]),
+                "the number of a frame, 0 or more",
+            ),
             "range": (np.isfinite(columns["range"]), "a finite number"),
             # Each alias up to it is a hypothesis.
             "velocity": (
@@ -256,7 +267,7 @@ def _check_inputs(
 
 def _to_sightings(frame_columns: dict[str, np.ndarray], radar: Radar, frame: int) -> Sightings:
     """Convert the columns of one frame to sightings for the fit."""
-    span = unambiguous_span_m_per_s(frame_columns["range"], radar.for_frame(frame).frame)
+    span = unambiguous_velocity_span_m_per_s(frame_columns["range"], radar.for_frame(frame).frame)
     # Velocities refer to the middle of the array: at 15 m, an offset of 3 mm is 0.013 deg.
     middle = phase_centres_m(
         frame_columns["azimuth"],
@@ -265,7 +276,7 @@ def _to_sightings(frame_columns: dict[str, np.ndarray], radar: Radar, frame: int
         radar,
     )
     place = frame_columns["range"], frame_columns["azimuth"], frame_columns["elevation"]
-    _, azimuth, elevation = move_to_origin(*place, -middle)
+    _, azimuth, elevation = range_and_direction_from_origin(*place, -middle)
     return Sightings(
         velocity_m_per_s=frame_columns["velocity"],
         azimuth_rad=azimuth,
@@ -274,7 +285,7 @@ def _to_sightings(frame_columns: dict[str, np.ndarray], radar: Radar, frame: int
         azimuth_std=frame_columns["azimuth_std"],
         elevation_std=np.nan_to_num(frame_columns["elevation_std"]),
         period_m_per_s=span
-        * n_unambiguous_spans(frame_columns["ambiguity_number"], radar.frame, frame),
+        * n_spans_until_aliasing(frame_columns["ambiguity_number"], radar.frame, frame),
     )
 
 
@@ -283,7 +294,7 @@ def _has_vote(frame_columns: dict[str, np.ndarray], radar: Radar) -> np.ndarray:
     names = ("velocity", "azimuth", "velocity_std", "azimuth_std")
     is_known = np.isfinite([frame_columns[name] for name in names]).all(axis=0)
     return np.asarray(
-        is_known & has_known_direction(frame_columns["ambiguity_number"], radar.frame)
+        is_known & detections_with_known_direction(frame_columns["ambiguity_number"], radar.frame)
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dechirp.core.checks import check_numbers, check_positive
+from dechirp.core.checks import check_numbers, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
@@ -23,7 +23,7 @@ class FalseAlarms:
     """Lower and upper limit: the unambiguous velocity span, if they are noise."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "per_frame", at_most=1e6)
+        check_positive_fields(self, "per_frame", at_most=1e6)
         for name, bounds in (
             ("range_m", {"at_least": 0.0, "at_most": 1e6}),
             ("azimuth_rad", {"at_least": -np.pi, "at_most": np.pi}),

@@ -33,7 +33,7 @@ from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import ExtendedKalmanUpdater, UnscentedKalmanUpdater
 from stonesoup.updater.probability import PDAUpdater
 
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.tracking.measurements import Measurements
 from dechirp.tracking.tracker import Tracker
 
@@ -258,7 +258,7 @@ def _innovations(
     An ambiguous rate is usable if 4 standard deviations are within half a span. Other rates have
     no residual and no gain, and the likelihood of a false alarm.
     """
-    check_memory(
+    check_free_memory(
         "the pairs of tracks and detections",
         needed_bytes=_PAIR_BYTES * len(expected) * len(measurements.z),
         fix="raise the threshold of the detector, or cluster its detections",

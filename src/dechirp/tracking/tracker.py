@@ -6,11 +6,11 @@ import numpy as np
 from scipy.special import bdtrc
 
 from dechirp.core.checks import (
-    as_tuple,
-    check_count,
+    as_tuple_or_none,
     check_integer,
-    check_non_negative,
-    check_positive,
+    check_integer_fields,
+    check_non_negative_fields,
+    check_positive_fields,
     check_probability,
 )
 from dechirp.core.errors import InvalidSetting
@@ -67,9 +67,9 @@ class Tracker:
                     fix="choose one",
                 )
         # From a drifting buoy to a missile; from a snail to a meteor.
-        check_positive(self, "process_noise_m2_per_s3", at_least=1e-9, at_most=1e9)
-        check_positive(self, "speed_std_m_per_s", at_least=1e-6, at_most=1e5)
-        check_non_negative(self, "target_size_m", at_most=1e4)
+        check_positive_fields(self, "process_noise_m2_per_s3", at_least=1e-9, at_most=1e9)
+        check_positive_fields(self, "speed_std_m_per_s", at_least=1e-6, at_most=1e5)
+        check_non_negative_fields(self, "target_size_m", at_most=1e4)
         check_probability("Tracker.gate_probability", self.gate_probability)
         check_probability("Tracker.detection_probability", self.detection_probability)
         if not isinstance(self.false_alarms, FalseAlarms):
@@ -79,11 +79,11 @@ class Tracker:
                 expected="a FalseAlarms",
                 fix="write FalseAlarms(per_frame=10), or leave it out",
             )
-        check_count(self, "drop_after", at_most=100_000)
+        check_integer_fields(self, "drop_after", at_most=100_000)
         self._check_confirmation()
 
     def _check_confirmation(self) -> None:
-        counts = as_tuple(self.confirm_after) or ()
+        counts = as_tuple_or_none(self.confirm_after) or ()
         if len(counts) != 2:
             raise InvalidSetting(
                 "Tracker.confirm_after",

@@ -25,7 +25,7 @@ from scipy.special import loggamma
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
-from dechirp.processing.cfar.window_means import window_means
+from dechirp.processing.cfar.window_means import scaled_window_means
 from dechirp.theory.cfar import find_decreasing_root
 
 _LEAST = np.finfo(np.float32).tiny  # a cell without power has a logarithm as well
@@ -44,9 +44,14 @@ class LogMean(NoiseEstimator):
     ) -> np.ndarray:
         """The same about each cell of a map: its logarithms are taken once, not once a ring."""
         logs = np.log(np.maximum(power, _LEAST))
-        return np.exp(window_means(logs, np.ones_like(factors), *window.side_counts)) * factors
+        return (
+            np.exp(
+                scaled_window_means(logs, np.ones_like(factors), *window.training_and_guard_counts)
+            )
+            * factors
+        )
 
-    def independent_cells_factor(
+    def independent_cells_threshold_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float:
         """Root of the law above."""

@@ -20,7 +20,7 @@ W. Kester (ed.), The Data Conversion Handbook, Analog Devices, 2005, 9 (where sp
 
 import numpy as np
 
-from dechirp.core.checks import check_non_negative, check_positive
+from dechirp.core.checks import check_non_negative_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -38,8 +38,8 @@ class Spur(Receiver):
     """Referred to the antenna, as that of an echo."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "frequency_hz")
-        check_non_negative(self, "power_w", at_most=1e3)
+        check_positive_fields(self, "frequency_hz")
+        check_non_negative_fields(self, "power_w", at_most=1e3)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise where the filter before the converter would have taken it out."""

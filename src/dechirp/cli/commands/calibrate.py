@@ -53,7 +53,7 @@ def calibrate(
     from dechirp.core.errors import DechirpError
     from dechirp.processing.calibration.calibrate import calibrate as calibrate_array
     from dechirp.recordings.recording import open as open_recording
-    from dechirp.recordings.settings.calibration import format_calibration
+    from dechirp.recordings.settings.calibration import format_calibration_json
     from dechirp.results.text_files import json_text
 
     azimuths, elevations = (
@@ -77,7 +77,7 @@ def calibrate(
         )
     except DechirpError as error:
         raise name_options(error, _options_by_setting(len(recordings))) from None
-    write_text_atomically(out, format_calibration(result.calibration))
+    write_text_atomically(out, format_calibration_json(result.calibration))
     all_findings = [*_array_findings(opened_recordings), *_calibration_findings(result)]
     document = json_text(_calibration_document(result, out, all_findings))
     if as_json:
@@ -270,7 +270,10 @@ def _show_calibration(
     screen = open_console()
     calibration = result.calibration
     has_positions = calibration.position_error_m is not None
-    columns = ["tx", "rx", "Gain (dB)", "Phase (deg)", "SNR (dB)"] + ["y (mm)", "z (mm)"] * has_positions
+    columns = ["tx", "rx", "Gain (dB)", "Phase (deg)", "SNR (dB)"] + [
+        "y (mm)",
+        "z (mm)",
+    ] * has_positions
     rows = new_table(f"{len(calibration.elements)} elements", right=columns)
     for row in _element_rows(result):
         cells = [

@@ -48,7 +48,7 @@ def convert(
     from dechirp.cli.errors import name_options
     from dechirp.core.errors import DechirpError
     from dechirp.recordings.convert import find_writer, write
-    from dechirp.recordings.frame_subset import renumber_from_zero
+    from dechirp.recordings.frame_subset import renumber_frames_from_zero
     from dechirp.recordings.recording import open as open_recording
 
     try:
@@ -56,7 +56,7 @@ def convert(
         _check_separate_paths(source, out)
         recording, findings = _open_source(source, options, writer, quiet=quiet)
         _check_not_existing(
-            writer.output_files(renumber_from_zero(recording), out), may_replace=replace
+            writer.output_files(renumber_frames_from_zero(recording), out), may_replace=replace
         )
         with progress_bar("frames", quiet=quiet) as report:
             paths = write(recording, out, format=to, progress=report)

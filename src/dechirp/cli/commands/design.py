@@ -201,7 +201,7 @@ def _show_design(design: "Design", out: Path | None) -> None:
     )
     for row in design.derived:
         formula = f"{row.formula}  ({row.symbols})" if row.symbols else row.formula
-        numbers.add_row(row.name.replace("_", " "), row.text, formula)
+        numbers.add_row(row.name.replace("_", " "), row.value_with_unit, formula)
     screen.print(numbers)
     for paragraph in finding_paragraphs(design.findings):
         screen.print(paragraph)

@@ -105,11 +105,11 @@ def _check_object_files(files: Sequence[Path]) -> None:
 
 def _write_object_lists(result: "Result", files: Sequence[Path]) -> "Result":
     """Write the object list to each file; return the result with the findings on it."""
-    from dechirp.core.findings import collect_findings
+    from dechirp.core.findings import capture_warned_findings
     from dechirp.experiments.run import build_result_object_list
     from dechirp.results.object_lists.files import write_objects
 
-    with collect_findings() as findings:
+    with capture_warned_findings() as findings:
         objects = build_result_object_list(result)
         for file in files:
             write_objects(objects, file)

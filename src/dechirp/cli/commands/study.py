@@ -95,13 +95,13 @@ def study(
 
 def _check_study_folder(out: Path) -> None:
     """Raise `DechirpError` unless the folder is absent, empty or from an earlier study."""
-    from dechirp.core.atomic_files import check_replaceable
+    from dechirp.core.atomic_files import check_output_folder_replaceable
     from dechirp.experiments.study.ledger import LEDGER_FILES
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME
 
-    check_replaceable(
+    check_output_folder_replaceable(
         out,
-        marker=LEDGER_NAME,
+        marker_file=LEDGER_NAME,
         own_names={*_STUDY_FILES, *LEDGER_FILES, *_DATA_SET_FILES, *_PDF_FILES},
     )
 

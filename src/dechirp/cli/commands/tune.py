@@ -96,13 +96,13 @@ def _show_tune(tuned: "TuneResult", document: Mapping[str, Any], out: Path) -> N
 
 def _check_tune_folder(out: Path) -> None:
     """Raise `DechirpError` unless the folder is absent, empty or from an earlier search."""
-    from dechirp.core.atomic_files import check_replaceable
+    from dechirp.core.atomic_files import check_output_folder_replaceable
     from dechirp.experiments.study.ledger import LEDGER_FILES
     from dechirp.experiments.study.ledger_reader import LEDGER_NAME
 
     best = {_best_scenario_file(index) for index in range(_MAX_SOURCES)}
-    check_replaceable(
-        out, marker=LEDGER_NAME, own_names={*_TUNE_FILES, _PDF_FILE, *best, *LEDGER_FILES}
+    check_output_folder_replaceable(
+        out, marker_file=LEDGER_NAME, own_names={*_TUNE_FILES, _PDF_FILE, *best, *LEDGER_FILES}
     )
 
 

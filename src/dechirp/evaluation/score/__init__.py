@@ -1,5 +1,5 @@
 """Scores of trials: a family, whose kinds are their names in study files."""
 
-from dechirp.core.namespaces import lazy_namespace
+from dechirp.core.namespaces import lazy_getattr_and_dir
 
-__getattr__, __dir__ = lazy_namespace(__name__)
+__getattr__, __dir__ = lazy_getattr_and_dir(__name__)

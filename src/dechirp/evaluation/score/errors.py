@@ -13,7 +13,7 @@ from dechirp.evaluation.preconditions import check_has_targets
 from dechirp.evaluation.score.base import NO_ESTIMATE, Better, Estimate, Score
 from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.evaluation.trial_statistics import estimate_mean
-from dechirp.processing.direction_finding import direction_aperture
+from dechirp.processing.direction_finding import checked_direction_aperture
 
 Axis = Literal["range", "velocity", "azimuth", "elevation"]
 
@@ -54,7 +54,9 @@ class ErrorScore(Score):
                 "a direction estimator, and an array that resolves directions",
                 "set chain.angle to {kind: fft}, with two virtual elements or more",
             )
-        tells = direction_aperture(context.radar, chain.field_of_view).resolves
+        tells = checked_direction_aperture(
+            context.radar, chain.field_of_view
+        ).resolves_azimuth_and_elevation
         if not tells[("azimuth", "elevation").index(self.axis)]:
             way = "horizontally" if self.axis == "azimuth" else "vertically"
             self._refuse(

@@ -17,9 +17,9 @@ from dechirp.evaluation.score.base import Better, Estimate, Need, Score
 from dechirp.evaluation.trial import TrialContext, TrialResult
 from dechirp.evaluation.trial_statistics import estimate_rate
 from dechirp.processing.cfar.base import Cfar, MapNoise
-from dechirp.processing.mitigation.noise_loss import usable_cells
-from dechirp.processing.range_doppler_map import residual_noise
-from dechirp.processing.spectrum import independent_rows
+from dechirp.processing.mitigation.noise_loss import sufficient_noise_gain_mask
+from dechirp.processing.range_doppler_map import residual_noise_gain
+from dechirp.processing.spectrum import rows_with_circular_noise
 
 
 class RocCurve(NamedTuple):
@@ -84,10 +84,12 @@ class Roc(Score):
         """Return the sums of each target; false alarms are common to all."""
         assert result.maps is not None and result.noise is not None
         chain, radar = context.chain, context.radar
-        noise = chain.map_noise(radar)
-        rows = independent_rows(radar.frame.chirp, noise.range_transform)
-        residual_noise_map = residual_noise(radar, chain)
-        usable = None if residual_noise_map is None else usable_cells(residual_noise_map)
+        noise = chain.map_noise_statistics(radar)
+        rows = rows_with_circular_noise(radar.frame.chirp, noise.range_transform)
+        residual_noise_map = residual_noise_gain(radar, chain)
+        usable = (
+            None if residual_noise_map is None else sufficient_noise_gain_mask(residual_noise_map)
+        )
         unit = replace(chain.cfar, false_alarm_probability=None, offset=1.0)
         factors = _threshold_factors(
             chain.cfar, noise, rows.stop - rows.start, self.false_alarm_probabilities

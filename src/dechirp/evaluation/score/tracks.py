@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.gospa import gospa
 from dechirp.evaluation.identity import NO_TRACK
@@ -33,7 +33,7 @@ class TrackScore(Score):
     """Largest distance of a track from its target; for bodies at least half their length."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "cutoff_m")
+        check_positive_fields(self, "cutoff_m")
 
     def check_context(self, context: TrialContext) -> None:
         check_has_targets(context, self.label())

@@ -14,13 +14,17 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.experiments.statistical.axis_statistics import drift_gain, range_walk_gain
 from dechirp.processing.chain import Chain
 from dechirp.processing.mitigation.noise_loss import MIN_NOISE_GAIN
-from dechirp.processing.range_doppler_map import residual_noise
-from dechirp.radar.budget import echo_amplitude
+from dechirp.processing.range_doppler_map import residual_noise_gain
+from dechirp.radar.budget import unit_echo_amplitude
 from dechirp.radar.radar import Radar
 from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
 from dechirp.scene.rcs import scatterer_cross_sections_m2
 from dechirp.scene.scene import Scene
-from dechirp.simulation.echo_groups import antenna_gains, sample_window, split_by_ramp
+from dechirp.simulation.echo_groups import (
+    antenna_amplitude_gains,
+    echo_groups_per_ramp,
+    sample_window,
+)
 from dechirp.simulation.impairments.base import Propagation
 from dechirp.simulation.impairments.fog_attenuation import FogAttenuation
 from dechirp.simulation.impairments.gas_attenuation import GasAttenuation
@@ -57,7 +61,7 @@ def compute_received_echoes(
     frame, chirp = radar.frame, radar.frame.chirp
     step_s = frame.duration_s / 4
     before_m, at_m, after_m = (
-        scene.positions_m(times_s + offset_s) for offset_s in (-step_s, 0.0, step_s)
+        scene.scatterer_positions_m(times_s + offset_s) for offset_s in (-step_s, 0.0, step_s)
     )
     middle_m = (np.mean(radar.array.tx_m, axis=0) + np.mean(radar.array.rx_m, axis=0)) / 2
     range_m = np.linalg.norm(at_m - middle_m, axis=-1)
@@ -88,9 +92,9 @@ def compute_received_echoes(
     if chain.range_walk is None:
         walk = velocity * frame.duration_s / chirp.range_resolution_m
         in_cells *= range_walk_gain(over_velocity.weights, over_range.weights, walk)
-    if (residual := residual_noise(radar, chain)) is not None:
+    if (residual := residual_noise_gain(radar, chain)) is not None:
         passed = np.prod(
-            [item.doppler_gain(doppler_hz, frame) for item in chain.mitigation], axis=0
+            [item.doppler_power_gain(doppler_hz, frame) for item in chain.mitigation], axis=0
         )
         cell = np.rint(bins).astype(int) % over_velocity.n_bins
         cell_residual = residual[cell, np.minimum(np.rint(row).astype(int), residual.shape[1] - 1)]
@@ -119,12 +123,14 @@ def _channel_amplitudes(
             scatterer_cross_sections_m2(scene, times_s[0], wavelength_m), shape
         )
     flat_m = at_m.reshape(-1, 3)
-    tx_gain, rx_gain = antenna_gains(flat_m, radar)
+    tx_gain, rx_gain = antenna_amplitude_gains(flat_m, radar)
     attenuation = np.ones(len(flat_m))
     if paths:
         scatterers = Scatterers(flat_m[None], attenuation, tx_gain, rx_gain)
         parts = list(
-            split_by_ramp(slice(0, frame.n_chirps_total), scatterers, frame.mid_frame_s, radar)
+            echo_groups_per_ramp(
+                slice(0, frame.n_chirps_total), scatterers, frame.mid_frame_s, radar
+            )
         )[:1]
         for item in paths:
             parts = item.transform_echoes(
@@ -140,7 +146,7 @@ def _channel_amplitudes(
     delay_s = sum(path_m.mean(axis=1) for path_m in path_lengths_m) / SPEED_OF_LIGHT
     middle_hz = chirp.mean_sampled_frequency_hz - chirp.slope_hz_per_s * delay_s
     cycles = chirp.mean_sampled_frequency_hz * delay_s - chirp.slope_hz_per_s / 2 * delay_s**2
-    common = echo_amplitude(radar) * np.sqrt(rcs_m2.ravel()) * attenuation
+    common = unit_echo_amplitude(radar) * np.sqrt(rcs_m2.ravel()) * attenuation
     common = common * np.exp(2j * np.pi * (cycles % 1.0))
     tx_factors, rx_factors = (
         gain.T / path_m * np.exp(

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import gammaincc, gammainccinv
 
-from dechirp.core.detection_columns import UNITS, to_dataset
+from dechirp.core.detection_columns import UNITS, detections_from_columns
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.gaussian_noise import add_white_noise
@@ -29,11 +29,11 @@ from dechirp.experiments.statistical.received_echoes import (
 )
 from dechirp.experiments.statistical.training_statistics import training_statistics
 from dechirp.processing.cfar.base import MapNoise
-from dechirp.processing.mitigation.noise_loss import usable_cells
+from dechirp.processing.mitigation.noise_loss import sufficient_noise_gain_mask
 from dechirp.processing.peaks import sidelobe_envelope
-from dechirp.processing.range_doppler_map import residual_noise
-from dechirp.processing.spectrum import independent_rows
-from dechirp.scene.fluctuation import draw_power_factors
+from dechirp.processing.range_doppler_map import residual_noise_gain
+from dechirp.processing.spectrum import rows_with_circular_noise
+from dechirp.scene.fluctuation import draw_fluctuation_factors
 from dechirp.scene.scene_warnings import scene_findings
 from dechirp.simulation.stages import sort_into_stages
 
@@ -171,11 +171,11 @@ class StatisticalSensor:
 
     def _apply_fluctuation(self, amplitude: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         scene, n_sent = self._scene, self._radar.frame.n_chirps_total
-        if not scene.fluctuating_scatterers:
+        if not scene.fluctuating_scatterers_by_model:
             return amplitude
         factors = np.ones(amplitude.shape[:2], np.float32)
         for number in range(len(factors)):
-            per_frame, per_chirp = draw_power_factors(scene, n_sent, rng)
+            per_frame, per_chirp = draw_fluctuation_factors(scene, n_sent, rng)
             factors[number] = np.sqrt(per_frame)
             if per_chirp is not None:
                 factors[number] *= np.sqrt(per_chirp).mean(axis=0)
@@ -220,7 +220,7 @@ class StatisticalSensor:
 
     @cached_property
     def _map_noise(self) -> MapNoise:
-        return self._chain.map_noise(self._radar)
+        return self._chain.map_noise_statistics(self._radar)
 
     @cached_property
     def _axis_statistics(self) -> tuple[AxisStatistics, AxisStatistics]:
@@ -231,12 +231,12 @@ class StatisticalSensor:
     @cached_property
     def _searched_cells(self) -> np.ndarray:
         """Mask of the cells in which a peak may be, (n_velocity, n_rows)."""
-        residual = residual_noise(self._radar, self._chain)
+        residual = residual_noise_gain(self._radar, self._chain)
         mask = np.zeros(
             (self._map_noise.doppler_transform.n_bins, self._training_windows.factors.size), bool
         )
         mask[:, np.isfinite(self._training_windows.factors)] = True
-        return mask if residual is None else mask & usable_cells(residual)
+        return mask if residual is None else mask & sufficient_noise_gain_mask(residual)
 
     @cached_property
     def _searched_indices(self) -> np.ndarray:
@@ -245,7 +245,7 @@ class StatisticalSensor:
     @cached_property
     def _training_windows(self) -> TrainingWindows:
         chirp, cfar, noise = self._radar.frame.chirp, self._chain.cfar, self._map_noise
-        rows = independent_rows(chirp, noise.range_transform)
+        rows = rows_with_circular_noise(chirp, noise.range_transform)
         n_bins = noise.range_transform.n_bins
         n_rows = n_bins if chirp.sampling == "complex" else n_bins // 2 + 1
         n_within = rows.stop - rows.start
@@ -255,8 +255,8 @@ class StatisticalSensor:
         factors[rows] = cfar.threshold_at_cells(level, cells, noise)
         ring, (over_velocity, over_range) = cfar.training_window, self._axis_statistics
         n_training, shifts = np.ones(n_rows), np.zeros(n_rows)
-        n_training[rows] = ring.n_training_cells(n_within)
-        shifts[rows] = ring.half_range - ring.box_rows(n_within)
+        n_training[rows] = ring.n_training_cells_per_row(n_within)
+        shifts[rows] = ring.half_range - ring.box_row_of_map_rows(n_within)
         law = training_statistics(cfar, noise)
         return TrainingWindows(
             statistic=law.statistic,
@@ -310,7 +310,7 @@ def sense(scenario: Scenario, *, seed: int | np.random.Generator | None = None) 
     if rng is None:
         rng = np.random.default_rng(scenario.seed if seed is None else seed)
     columns = StatisticalSensor(scenario).detections(rng)
-    return to_dataset(columns)
+    return detections_from_columns(columns)
 
 
 def _not_modelled_finding(kinds: list[str]) -> Finding:

@@ -39,13 +39,13 @@ class TrainingStatistics(NamedTuple):
 def training_statistics(cfar: Cfar, noise: MapNoise) -> TrainingStatistics:
     """Draw statistic and measured noise jointly, from a fixed seed."""
     ring, n_channels = cfar.training_window, noise.n_channels
-    offsets = ring.offsets(ring.half_range)
+    offsets = ring.training_cell_offsets(ring.half_range)
     n_rows, n_columns = 2 * ring.half_range + 1, 2 * ring.half_velocity + 1
-    over_range = _matrix_root(noise.range_transform.noise_correlation(n_rows))
-    over_velocity = _matrix_root(noise.doppler_transform.noise_correlation(n_columns))
+    over_range = _matrix_root(noise.range_transform.noise_correlation_of_bins(n_rows))
+    over_velocity = _matrix_root(noise.doppler_transform.noise_correlation_of_bins(n_columns))
     cell_index = (offsets[:, 0] + ring.half_velocity, offsets[:, 1] + ring.half_range)
     guard = ring.n_guard
-    # As `processing.estimates.local_noise` has it: a one-dimensional window has no corners.
+    # As `processing.estimates.local_noise_power` has it: a one-dimensional window has no corners.
     is_corner = np.ones(len(offsets), bool)
     for dimension, guarded, half in (
         (0, guard.velocity, ring.half_velocity),
@@ -76,7 +76,7 @@ def _matrix_root(covariance: np.ndarray) -> np.ndarray:
 
 
 def _sensitivity(cfar: Cfar) -> float:
-    offsets = cfar.training_window.offsets(cfar.training_window.half_range)
+    offsets = cfar.training_window.training_cell_offsets(cfar.training_window.half_range)
     cells = np.ones(len(offsets))
     near = np.argsort(np.max(abs(offsets - offsets[0]), axis=1), kind="stable")[:9]
     cells[near] += _PROBE_POWER

@@ -13,7 +13,7 @@ from dechirp.core.detection_columns import TABLE, UNITS
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import to_decibels
 from dechirp.evaluation.trial import TrialContext, TrialResult
-from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
 from dechirp.scene.rcs import target_cross_sections_m2
 from dechirp.scene.scene import Scene
 from dechirp.simulation.adc_codes import extract_adc_codes, has_adc_codes
@@ -93,7 +93,7 @@ def item_shapes(case: TrialContext, keep: tuple[str, ...]) -> ItemShapes:
 def item_coordinates(case: TrialContext) -> dict[str, np.ndarray]:
     """Return the coordinates of samples and maps: times in s, velocities in m/s, ranges in m."""
     frame, chirp = case.radar.frame, case.radar.frame.chirp
-    noise = case.chain.map_noise(case.radar)
+    noise = case.chain.map_noise_statistics(case.radar)
     frames = [frame.for_frame(number) for number in range(len(case.times_s))]
     bins = noise.doppler_transform.n_bins
     return {
@@ -174,7 +174,7 @@ def truth_labels(case: TrialContext) -> dict[str, np.ndarray]:
     for frame in range(len(case.times_s)):
         radar = case.radar.for_frame(frame)
         place = RangeVelocity(labels["range"][frame], labels["velocity"][frame])
-        positions = map_position(alias_range_velocity(place, radar), radar)
+        positions = range_doppler_map_position(alias_range_velocity(place, radar), radar)
         labels["map_range"][frame], labels["map_velocity"][frame] = positions
     return labels
 

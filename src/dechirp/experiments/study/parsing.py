@@ -23,8 +23,13 @@ from dechirp.config.setting_paths import SettingPath
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import Location, YamlNode, find_duplicate_keys, join_path, parse_yaml
-from dechirp.core.errors import DechirpError, InvalidFile, InvalidSetting, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import (
+    DechirpError,
+    InvalidFile,
+    InvalidSetting,
+    Mistake,
+    quote_for_message,
+)
 from dechirp.evaluation.score.base import Score
 from dechirp.experiments.scenario import READERS, Scenario
 from dechirp.experiments.study.dumping import score_unit
@@ -494,7 +499,7 @@ def _probe_mistakes(variants: Variants, path: str, node: YamlNode) -> Iterator[M
     try:
         variant = variants.with_settings({path: dump_line(node)})
     except DechirpError as error:
-        value = quote_text(dump_line(node))
+        value = quote_for_message(dump_line(node))
         for mistake in error.mistakes:
             inside = mistake.setting == path or mistake.setting.startswith(f"{path}.")
             reported_value = value if mistake.setting == path else mistake.value
@@ -515,7 +520,7 @@ def _probe_mistakes(variants: Variants, path: str, node: YamlNode) -> Iterator[M
     if variant.scene.names != variants.scenario.scene.names:
         yield node.location.create_mistake(
             f"vary.{path}",
-            value=f"{quote_text(dump_line(node))}, with targets"
+            value=f"{quote_for_message(dump_line(node))}, with targets"
             f" {', '.join(variant.scene.names) or 'none'}",
             expected=f"with the scenario's targets: {', '.join(variants.scenario.scene.names)}",
             fix="scores are told by target: keep the names at every point",

@@ -17,7 +17,7 @@ from dechirp.config.fields import Slot
 from dechirp.config.setting_paths import find_files
 from dechirp.config.yaml_tree import YamlNode, join_path, parse_yaml
 from dechirp.core.checks import check_integer
-from dechirp.core.text import quote_text
+from dechirp.core.errors import quote_for_message
 from dechirp.experiments.scenario import Scenario
 from dechirp.experiments.study.dumping import dump_study
 from dechirp.experiments.study.study import RandomSetting, Study, SweptSetting
@@ -254,7 +254,7 @@ def _flatten_tree(node: YamlNode, path: str) -> Iterator[tuple[str, str]]:
 
 
 def _quote_or_unset(text: str | None) -> str:
-    return "not set" if text is None else quote_text(text)
+    return "not set" if text is None else quote_for_message(text)
 
 
 def _file_paths(node: YamlNode, slot: Slot) -> Iterator[str]:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 import xarray as xr
 
-from dechirp.core.display import Displayable, Table, pluralise, truncated_table
-from dechirp.core.findings import Finding, findings_table
+from dechirp.core.display import Displayable, Table, pluralise, truncated_display_table
+from dechirp.core.findings import Finding, findings_display_table
 from dechirp.core.text import EN_DASH, format_quantity
 from dechirp.evaluation.score.base import NO_ESTIMATE, Estimate, Score
 from dechirp.evaluation.score.roc import Roc, RocCurve
@@ -125,12 +125,12 @@ class StudyResult(Displayable):
             else whole
         )
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         parts = [pluralise(self.n_points, "point"), pluralise(int(self.trials.sum()), "trial")]
         parts += [f"{pluralise(len(self.failures), 'trial')} failed"] if self.failures else []
         return f"{self.study.name}: {', '.join(parts)}"
 
-    def _tables(self) -> Iterable[Table]:
+    def _display_tables(self) -> Iterable[Table]:
         paths = [path for path, _ in self.settings[0]] if self.settings else []
         rows = (
             [
@@ -141,8 +141,8 @@ class StudyResult(Displayable):
             for point, settings in enumerate(self.settings)
         )
         head = [*paths, "trials", *self.estimates]
-        yield truncated_table("Points: value, interval, theory", rows, self.n_points, head)
-        yield findings_table(dict.fromkeys(finding for _, finding in self.findings))
+        yield truncated_display_table("Points: value, interval, theory", rows, self.n_points, head)
+        yield findings_display_table(dict.fromkeys(finding for _, finding in self.findings))
 
     def _format_estimate(self, label: str, point: int) -> str:
         """Format the value of all targets together, its interval, and theory if there is a law."""

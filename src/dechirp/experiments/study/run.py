@@ -11,8 +11,8 @@ import numpy as np
 from dechirp.core.checks import check_integer
 from dechirp.core.display import Displayable, Table
 from dechirp.core.errors import DechirpError, Mistake
-from dechirp.core.findings import Finding, findings_table
-from dechirp.core.threads import single_threaded
+from dechirp.core.findings import Finding, findings_display_table
+from dechirp.core.threads import single_numba_thread
 from dechirp.evaluation.trial import TrialResult
 from dechirp.experiments.run import Result, run
 from dechirp.experiments.study import data_set
@@ -53,20 +53,20 @@ class StudyOutcome(Displayable):
     environment_findings: tuple[Finding, ...] = ()
     """Finding that earlier trials ran on other libraries or on another processor."""
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         n_met = sum(verdict.is_met for verdict in self.verdicts)
         summary = f"; {n_met} of {len(self.verdicts)} requirements met" if self.verdicts else ""
-        return f"{self.result._summary()}{summary}"
+        return f"{self.result._display_line()}{summary}"
 
-    def _tables(self) -> Iterable[Table]:
+    def _display_tables(self) -> Iterable[Table]:
         study = self.result.study
         texts = (
             text for requirement in study.require for text in study._requirement_texts(requirement)
         )
         decided = zip(texts, self.verdicts, strict=True)
         yield Table("Requirements", [(text, verdict.decision) for text, verdict in decided])
-        yield findings_table(self.environment_findings)
-        yield from self.result._tables()
+        yield findings_display_table(self.environment_findings)
+        yield from self.result._display_tables()
 
 
 def run_study(
@@ -231,7 +231,7 @@ def replay_trial(study: Study, trial: int, *, point: int = 0) -> ReplayedTrial:
     """
     check_integer("--trial", trial, at_least=0, at_most=study.trials.at_most - 1)
     plan = Plan.from_study(study)
-    with single_threaded():  # as in the study
+    with single_numba_thread():  # as in the study
         runner = prepare_trial(plan, point, trial)
         look = runner.run(trial)
         return ReplayedTrial(

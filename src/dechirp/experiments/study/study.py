@@ -7,10 +7,10 @@ from typing import Literal, get_args
 
 from dechirp.config.suggestions import did_you_mean
 from dechirp.core.checks import (
-    check_count,
     check_instances,
-    check_non_negative,
-    check_positive,
+    check_integer_fields,
+    check_non_negative_fields,
+    check_positive_fields,
     check_probability,
 )
 from dechirp.core.display import Displayable, Table, pluralise
@@ -83,7 +83,7 @@ class RandomSetting:
 
     def __post_init__(self) -> None:
         if self.distribution == "normal":
-            check_positive(self, "second")
+            check_positive_fields(self, "second")
         elif not self.first < self.second < math.inf:
             raise InvalidSetting(
                 "RandomSetting.second",
@@ -101,7 +101,7 @@ class Sampling:
     n: int
 
     def __post_init__(self) -> None:
-        check_count(self, "n", at_most=2**30)
+        check_integer_fields(self, "n", at_most=2**30)
         if self.method == "sobol" and self.n & (self.n - 1):
             above = 2 ** self.n.bit_length()
             raise InvalidSetting(
@@ -124,7 +124,7 @@ class StopRule:
     """Upper less lower end, SI."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "width")
+        check_positive_fields(self, "width")
 
 
 @frozen_dataclass
@@ -137,7 +137,7 @@ class TrialBudget:
     """Trials in a block, which is saved, or lost, as a whole. `docs/studies.md` has the rule."""
 
     def __post_init__(self) -> None:
-        check_count(self, "at_most", "block")
+        check_integer_fields(self, "at_most", "block")
 
 
 @frozen_dataclass
@@ -228,14 +228,14 @@ class Study(Displayable):
         sizes = (len(setting.texts) for setting in self.vary if isinstance(setting, SweptSetting))
         return math.prod(sizes) * (self.draw.n if self.draw is not None else 1)
 
-    def _summary(self) -> str:
+    def _display_line(self) -> str:
         points = pluralise(self.n_points, "point")
         parts = [f"{self.name}: {points} of at most {pluralise(self.trials.at_most, 'trial')}"]
         parts.append(pluralise(len(self.scores), "score"))
         parts += [pluralise(len(self.require), "requirement")] if self.require else []
         return ", ".join(parts)
 
-    def _tables(self) -> Iterable[Table]:
+    def _display_tables(self) -> Iterable[Table]:
         yield Table("Varied", [(entry.path, _format_values(entry)) for entry in self.vary])
         yield Table("Scores", [(score.label(),) for score in self.scores])
         yield Table(
@@ -261,12 +261,12 @@ class Study(Displayable):
 
     def _mistakes(self) -> Iterator[InvalidSetting]:
         checks: tuple[Callable[[], None], ...] = (
-            lambda: check_count(self, "seed", at_least=0, at_most=2**63 - 1),
-            lambda: check_count(self, "at_most_points", at_most=2**63 - 1),
-            lambda: check_count(self, "at_most_trials", at_most=2**63 - 1),
-            lambda: check_count(self, "at_most_bytes", at_most=2**63 - 1),
+            lambda: check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1),
+            lambda: check_integer_fields(self, "at_most_points", at_most=2**63 - 1),
+            lambda: check_integer_fields(self, "at_most_trials", at_most=2**63 - 1),
+            lambda: check_integer_fields(self, "at_most_bytes", at_most=2**63 - 1),
             lambda: check_probability("Study.confidence", self.confidence),
-            lambda: check_non_negative(self, "stop_after_failures", at_most=1.0),
+            lambda: check_non_negative_fields(self, "stop_after_failures", at_most=1.0),
         )
         for check in checks:
             try:

@@ -9,10 +9,10 @@ from time import perf_counter
 import numpy as np
 import xarray as xr
 
-from dechirp.core.detection_columns import to_dataset
+from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.errors import DechirpError, InvalidSetting, Mistake
-from dechirp.core.findings import Finding, PhysicsWarning, collect_findings
-from dechirp.core.threads import single_threaded
+from dechirp.core.findings import Finding, PhysicsWarning, capture_warned_findings
+from dechirp.core.threads import single_numba_thread
 from dechirp.evaluation.association import Associator
 from dechirp.evaluation.false_alarms import count_noise_alarms
 from dechirp.evaluation.score.base import Need, Score
@@ -102,11 +102,11 @@ class TrialRunner:
             self._cube = self._simulator.simulate_trial(rng, self._cube)
             started = perf_counter()
             processor = FrameProcessor(case.radar, case.chain)
-            for frame in processor.process([self._cube]):
+            for frame in processor.process_cubes([self._cube]):
                 warn_about_dropped_peaks(frame)
                 if "maps" in self._needs:
                     maps += [power.copy() for power in frame.equalised_power]
-            columns = processor.detections()
+            columns = processor.joined_detection_columns()
         clusters, tracks = None, None
         if self._needs & {"clusters", "tracks"}:
             columns, clusters, tracks = self._run_object_stage(columns)
@@ -125,7 +125,9 @@ class TrialRunner:
         self, columns: Mapping[str, np.ndarray]
     ) -> tuple[Mapping[str, np.ndarray], xr.Dataset | None, xr.Dataset | None]:
         case = self.case
-        stage = run_object_stage(to_dataset(columns), list(case.times_s), self.scenario, case.radar)
+        stage = run_object_stage(
+            detections_from_columns(columns), list(case.times_s), self.scenario, case.radar
+        )
         columns_by_name = {str(name): column.values for name, column in stage.detections.items()}
         return columns_by_name, stage.clusters, stage.tracks
 
@@ -138,7 +140,7 @@ class TrialRunner:
             power = draw_noise_map(case.radar, case.chain, case.noise_power_w, rng)
         else:
             cube = self._noise_simulator.simulate_trial(rng)
-            (frame,) = FrameProcessor(case.radar, case.chain).process([cube[:1]])
+            (frame,) = FrameProcessor(case.radar, case.chain).process_cubes([cube[:1]])
             warn_about_dropped_peaks(frame)
             power = frame.equalised_power[0]
         return count_noise_alarms(power, case.radar, case.chain)
@@ -233,7 +235,7 @@ def run_block(plan: Plan, point: int, number: int, writer: DataSetWriter | None 
     first = number * trials.block
     numbers = range(first, min(first + trials.block, trials.at_most))
     block_writer = None if writer is None else writer.begin_block(point, first)
-    with single_threaded(), collect_findings() as findings:
+    with single_numba_thread(), capture_warned_findings() as findings:
         started = perf_counter()
         sums, failures = _run_trials(plan, point, numbers, block_writer)
         items = (
@@ -278,7 +280,7 @@ def prepare_trial(plan: Plan, point: int, trial: int) -> TrialRunner:
 @lru_cache(maxsize=2)
 def _prepare_point(plan: Plan, point: int) -> tuple[TrialRunner, tuple[Finding, ...]]:
     """Prepare a point whose trials share all settings; return its warnings too. Cached."""
-    with collect_findings() as findings:
+    with capture_warned_findings() as findings:
         runner = prepare_trial(plan, point, 0)
     return runner, tuple(findings)
 

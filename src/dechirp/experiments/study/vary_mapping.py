@@ -10,8 +10,7 @@ from dechirp.config.quantities import convert_difference, convert_quantity, spli
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
 from dechirp.config.yaml_tree import YamlNode
 from dechirp.core.dimensions import DIMENSIONS
-from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, quote_for_message
 
 LEVEL_UNITS = {name for kind in DIMENSIONS.values() for name, _ in kind.db_units}
 """Units of levels, whose equal steps are equal ratios."""
@@ -154,7 +153,7 @@ def unknown_name_mistake(
 ) -> Mistake:
     """Return the mistake for a name that is not among the known ones."""
     return node.name_location.create_mistake(
-        f"{spot.path}.{quote_text(name)}",
+        f"{spot.path}.{quote_for_message(name)}",
         value="not a known name",
         expected=f"one of {', '.join(words)}",
         fix=did_you_mean(name, words, CHOOSE_OR_OMIT),

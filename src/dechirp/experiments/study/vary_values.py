@@ -24,8 +24,7 @@ from dechirp.config.suggestions import did_you_mean, nearest_name
 from dechirp.config.validation import ValidationContext
 from dechirp.config.yaml_tree import Location, YamlNode, parse_yaml, resolve_scalar
 from dechirp.core.dimensions import DIMENSIONS
-from dechirp.core.errors import InvalidFile, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import InvalidFile, Mistake, quote_for_message
 from dechirp.experiments.study.study import RandomSetting, SweptSetting
 from dechirp.experiments.study.vary_mapping import (
     LEVEL_UNITS,
@@ -106,9 +105,9 @@ def parse_axis(
     raise InvalidFile(
         spot.location.create_mistake(
             spot.path,
-            value=node.description if empty else f"one value, {quote_text(dump_line(node))}",
+            value=node.description if empty else f"one value, {quote_for_message(dump_line(node))}",
             expected=_FORMS,
-            fix="give the values" if empty else f"write [{quote_text(dump_line(node))}]",
+            fix="give the values" if empty else f"write [{quote_for_message(dump_line(node))}]",
         )
     )
 

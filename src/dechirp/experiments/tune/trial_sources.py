@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 import xarray as xr
 
-from dechirp.core.detection_columns import to_dataset
+from dechirp.core.detection_columns import detections_from_columns
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import collect_findings
-from dechirp.core.threads import single_threaded
+from dechirp.core.findings import capture_warned_findings
+from dechirp.core.threads import single_numba_thread
 from dechirp.evaluation.association import Associator
 from dechirp.evaluation.score.base import Score
 from dechirp.evaluation.trial import NoiseMap, TrialContext, TrialResult
@@ -79,9 +79,9 @@ class RecordingTrialRunner:
         (cube,) = self.recording.select_frames(number, number + 1).frames()
         started = perf_counter()
         chain = self.chain.fit_to_radar(self.radar)
-        (frame,) = process_cubes([cube], self.radar, chain, first=number)
+        (frame,) = process_cubes([cube], self.radar, chain, first_frame_number=number)
         warn_about_dropped_peaks(frame)
-        rows = to_dataset(frame.detections)
+        rows = detections_from_columns(frame.detections)
         clusters = None
         if "clusters" in self._needs:
             untracked = replace(self.recorded.scenario, chain=self.chain, tracker=None)
@@ -185,7 +185,7 @@ def run_source_block(
     sums = np.full((len(trials), n_sums), np.nan)
     failures: tuple[Failure, ...] = ()
     started = perf_counter()
-    with single_threaded(), collect_findings():
+    with single_numba_thread(), capture_warned_findings():
         for row, trial in enumerate(trials):
             try:
                 runner = prepare_source(source, scores, seed)

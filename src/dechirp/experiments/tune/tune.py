@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from dechirp.core.checks import check_count, check_probability
+from dechirp.core.checks import check_integer_fields, check_probability
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.evaluation.score.base import Estimate, Score
@@ -149,9 +149,9 @@ class Tune:
     """Confidence of all two-sided intervals."""
 
     def __post_init__(self) -> None:
-        check_count(self, "seed", at_least=0, at_most=2**63 - 1)
-        check_count(self, "trials", "confirmation_trials", at_least=2, at_most=10_000_000)
-        check_count(self, "candidates", at_least=1, at_most=100_000)
+        check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1)
+        check_integer_fields(self, "trials", "confirmation_trials", at_least=2, at_most=10_000_000)
+        check_integer_fields(self, "candidates", at_least=1, at_most=100_000)
         check_probability("Tune.confidence", self.confidence)
         if not (self.scenarios or self.recordings):
             raise InvalidSetting(

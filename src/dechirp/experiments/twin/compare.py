@@ -66,7 +66,7 @@ def compare_peaks(
     # |tone + noise|^2, averaged over the channels; the difference of two has three times that.
     power_std = np.sqrt((2 * snr + 1) / n_channels) / (snr + 1)
     position_spread = peak_position_spread(recorded, cells, 3 * np.sqrt(2) * power_std)
-    noise = recorded.chain.map_noise(recorded.radar)
+    noise = recorded.chain.map_noise_statistics(recorded.radar)
     per_bin = max(
         item.n_bins / item.n_points for item in (noise.doppler_transform, noise.range_transform)
     )

@@ -245,7 +245,7 @@ def _correct_positions(
 
 def _cell_steps(radar: Radar, recorded: FrameMap) -> tuple[float, float]:
     """Return the steps of the map in velocity, m/s, and range, m; 0 in velocity for one chirp."""
-    frame, chirp, noise = radar.frame, radar.frame.chirp, recorded.chain.map_noise(radar)
+    frame, chirp, noise = radar.frame, radar.frame.chirp, recorded.chain.map_noise_statistics(radar)
     span = chirp.wavelength_m / 2 / frame.repetition_s if frame.can_measure_velocity else 0.0
     span_m = chirp.range_m(1.0) * chirp.sample_rate_hz
     return span / noise.doppler_transform.n_bins, span_m / noise.range_transform.n_bins

@@ -7,7 +7,7 @@ import numpy as np
 from dechirp.experiments.twin.echoes import PointEchoes
 from dechirp.experiments.twin.measure import FrameMap, measure_peaks, noise_floor_at
 from dechirp.processing.detect import detect
-from dechirp.processing.spectrum import independent_rows
+from dechirp.processing.spectrum import rows_with_circular_noise
 from dechirp.radar.radar import Radar
 from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
 
@@ -20,8 +20,8 @@ def leakage_cells(frame_map: FrameMap) -> np.ndarray:
 
     Real samples: at zero velocity, the strongest of the rows nearer than the searched ones.
     """
-    noise = frame_map.chain.map_noise(frame_map.radar)
-    first = independent_rows(frame_map.radar.frame.chirp, noise.range_transform).start
+    noise = frame_map.chain.map_noise_statistics(frame_map.radar)
+    first = rows_with_circular_noise(frame_map.radar.frame.chirp, noise.range_transform).start
     rest_row = frame_map.power.sizes["velocity"] // 2
     near_power = frame_map.power.values[rest_row, :first]
     if (
@@ -52,7 +52,7 @@ def initial_points(
         parameters = np.nan_to_num(np.stack(nearest_detections(frame_map, radar, cells)[:4]))
     all_cells = np.concatenate([cells, leakage])
     bin_ranges_m = frame_map.radar.frame.chirp.range_bins_m(
-        frame_map.chain.map_noise(frame_map.radar).range_transform.n_bins
+        frame_map.chain.map_noise_statistics(frame_map.radar).range_transform.n_bins
     )
     leakage_parameters = np.stack(
         [np.maximum(bin_ranges_m[leakage[:, 1]], bin_ranges_m[1]), *np.zeros((3, len(leakage)))]
@@ -91,7 +91,7 @@ def nearest_detections(frame_map: FrameMap, radar: Radar, cells: np.ndarray) -> 
     The map must contain a detection.
     """
     detections = detect(frame_map.samples.expand_dims("frame"), radar, frame_map.chain)
-    frame, noise = radar.frame, frame_map.chain.map_noise(radar)
+    frame, noise = radar.frame, frame_map.chain.map_noise_statistics(radar)
     tones = echo_frequencies(
         RangeVelocity(detections.range.values, np.nan_to_num(detections.velocity.values)), radar
     )

@@ -9,10 +9,14 @@ import xarray as xr
 from scipy.special import gammaincinv
 
 from dechirp.processing.chain import Chain
-from dechirp.processing.peak_interpolation import interpolate_peaks
-from dechirp.processing.range_doppler_map import detect_cells, equalised_power, power_map
-from dechirp.processing.spectrum import amplitude_weights, independent_rows
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
+from dechirp.processing.range_doppler_map import (
+    detect_peaks_and_count_dropped,
+    equalised_power,
+    power_map,
+)
+from dechirp.processing.spectrum import amplitude_range_weights, rows_with_circular_noise
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
 
 # 256 cells give a median to 0.5 dB in one channel, and better in several; 24 segments keep a
@@ -91,7 +95,7 @@ def find_peaks(frame_map: FrameMap) -> np.ndarray:
     Peaks at the level of rounding errors are excluded.
     """
     power = frame_map.power.values
-    cells, _ = detect_cells(
+    cells, _ = detect_peaks_and_count_dropped(
         equalised_power(power, frame_map.radar, frame_map.chain), frame_map.radar, frame_map.chain
     )
     return cells[power[cells[:, 0], cells[:, 1]] > _ROUNDING * power.max()]
@@ -99,8 +103,9 @@ def find_peaks(frame_map: FrameMap) -> np.ndarray:
 
 def is_searched(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
     """Return whether detection searches the rows of cells, (n, 2)."""
-    rows = independent_rows(
-        frame_map.radar.frame.chirp, frame_map.chain.map_noise(frame_map.radar).range_transform
+    rows = rows_with_circular_noise(
+        frame_map.radar.frame.chirp,
+        frame_map.chain.map_noise_statistics(frame_map.radar).range_transform,
     )
     return np.asarray((rows.start <= cells[:, 1]) & (cells[:, 1] < rows.stop))
 
@@ -154,10 +159,10 @@ def _interpolated_positions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate peak positions from the highest cells `tops`, unwrapped towards cells `near`."""
     noise, n_velocity = (
-        frame_map.chain.map_noise(frame_map.radar),
+        frame_map.chain.map_noise_statistics(frame_map.radar),
         frame_map.power.sizes["velocity"],
     )
-    slow, fast = interpolate_peaks(frame_map.power.values, tops, noise)
+    slow, fast = interpolate_peak_frequencies(frame_map.power.values, tops, noise)
     offset = slow / (2 * np.pi) * n_velocity + n_velocity // 2 - near[:, 0]
     offset = (offset + n_velocity / 2) % n_velocity - n_velocity / 2  # velocities wrap
     return near[:, 0] + offset, fast / (2 * np.pi) * noise.range_transform.n_bins
@@ -165,16 +170,19 @@ def _interpolated_positions(
 
 def spectrum_at(frame_map: FrameMap, cells: np.ndarray) -> np.ndarray:
     """Compute the complex spectrum of each channel at cells of the map, (n, channel)."""
-    noise, chirp = frame_map.chain.map_noise(frame_map.radar), frame_map.radar.frame.chirp
+    noise, chirp = (
+        frame_map.chain.map_noise_statistics(frame_map.radar),
+        frame_map.radar.frame.chirp,
+    )
     over_velocity, over_range = noise.doppler_transform, noise.range_transform
     m, n = np.arange(over_velocity.n_points), np.arange(over_range.n_points)
     velocities, row = np.unique(cells[:, 0], return_inverse=True)  # static echoes share one
     cycles = np.outer(velocities - over_velocity.n_bins // 2, m) / over_velocity.n_bins
     slow = np.exp(-2j * np.pi * cycles) * over_velocity.weights / over_velocity.weights.sum()
     fast = np.exp(-2j * np.pi * np.outer(cells[:, 1], n) / over_range.n_bins)
-    fast = fast * amplitude_weights(over_range, chirp.sampling)
+    fast = fast * amplitude_range_weights(over_range, chirp.sampling)
     chirp_samples = frame_map.samples.transpose("chirp", "rx", "sample").values
-    samples = split_slots(np.ascontiguousarray(chirp_samples), frame_map.radar.frame)
+    samples = split_chirps_into_slots(np.ascontiguousarray(chirp_samples), frame_map.radar.frame)
     n_chirps, n_channels, n_samples = samples.shape
     rows = (slow @ samples.reshape(n_chirps, -1)).reshape(-1, n_channels, n_samples)
     return (rows[row] @ fast[..., None])[..., 0]

@@ -31,7 +31,7 @@ def estimate_watts_per_unit(frame: xr.DataArray, radar: Radar, chain: Chain) -> 
 
 def _thermal_noise_per_cell(radar: Radar, chain: Chain) -> float:
     """Return the mean power of thermal noise in a cell of the map."""
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     gain = noise_gain(noise.range_transform, noise.doppler_transform, radar.frame.chirp)
     return noise_power_w(radar) * gain
 
@@ -43,7 +43,7 @@ def fit_coloured_noise(frame_map: FrameMap) -> tuple[ColouredNoise, ...]:
     level = noise_floor(frame_map) / _thermal_noise_per_cell(frame_map.radar, frame_map.chain)
     chirp, n_bins = (
         frame_map.radar.frame.chirp,
-        frame_map.chain.map_noise(frame_map.radar).range_transform.n_bins,
+        frame_map.chain.map_noise_statistics(frame_map.radar).range_transform.n_bins,
     )
     middles = np.array(
         [(number.start + number.stop - 1) / 2 for number in range_segments(frame_map)]

@@ -8,7 +8,7 @@ import xarray as xr
 
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import RecordingError
-from dechirp.core.findings import Finding, collect_findings
+from dechirp.core.findings import Finding, capture_warned_findings
 from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.scenario import Scenario
@@ -25,7 +25,7 @@ from dechirp.processing.cfar.base import Cells, Cfar
 from dechirp.processing.cfar.ordered_statistic import OrderedStatistic
 from dechirp.processing.chain import Chain
 from dechirp.processing.quality.findings import recording_findings
-from dechirp.processing.quality.measures import measure_frame
+from dechirp.processing.quality.measures import measure_frame_quality
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording
@@ -190,7 +190,7 @@ def twin(
         chain=chain,
     )
     assert scenario.scene is not None
-    with collect_findings() as simulation_findings:
+    with capture_warned_findings() as simulation_findings:
         cube = simulate(scenario.scene, radar, impairments=scenario.impairments, seed=seed)
     twin_map = FrameMap(samples=cube.isel(frame=0), radar=radar, chain=chain)
     clean_map = simulate_points(points, radar, recorded_map, constants)
@@ -263,7 +263,7 @@ def _check_samples(recording: Recording, frame: xr.DataArray) -> None:
 
 def _quality_findings(frame: xr.DataArray, radar: Radar) -> Sequence[Finding]:
     """Return warnings on the frame's quality: defects would be mistaken for echoes or noise."""
-    measures = measure_frame(frame.expand_dims("frame"), radar)
+    measures = measure_frame_quality(frame.expand_dims("frame"), radar)
     return [
         finding for finding in recording_findings(measures, radar) if finding.level == "warning"
     ]

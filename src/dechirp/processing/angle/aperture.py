@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.fft import next_fast_len
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.phasors import phasors
 from dechirp.core.units import SPEED_OF_LIGHT
@@ -42,10 +42,10 @@ class FieldOfView:
 
     def __post_init__(self) -> None:
         # Angles converted from degrees may exceed the limit by a rounding error.
-        check_positive(self, "azimuth_rad", "elevation_rad", at_most=np.pi / 2 + 1e-9)
+        check_positive_fields(self, "azimuth_rad", "elevation_rad", at_most=np.pi / 2 + 1e-9)
 
     @property
-    def sines(self) -> tuple[float, float]:
+    def max_angle_sines(self) -> tuple[float, float]:
         """Largest sines of azimuth and of elevation."""
         return (
             min(float(np.sin(self.azimuth_rad)), _MAX_SINE),
@@ -95,11 +95,12 @@ class Aperture:
             )
         positions.flags.writeable = False
         object.__setattr__(self, "positions", positions)
-        if self._extents[0] < _MIN_EXTENT:
+        if self._longest_and_perpendicular_extents[0] < _MIN_EXTENT:
             raise InvalidSetting(
                 "Radar.array",
                 value=f"{len(positions)} virtual element{'s' * (len(positions) > 1)} within"
-                f" {self._extents[0]:.2g} wavelengths across the line of sight",
+                f" {self._longest_and_perpendicular_extents[0]:.2g} wavelengths across the line of"
+                " sight",
                 expected="elements at two or more positions along y or z, which determine"
                 " directions",
                 fix="give the antenna positions in array.tx and array.rx, or set angle to null",
@@ -111,7 +112,7 @@ class Aperture:
         return len(self.positions)
 
     @cached_property
-    def _extents(self) -> tuple[float, float]:
+    def _longest_and_perpendicular_extents(self) -> tuple[float, float]:
         """Extents along and across the longest direction in the y-z plane."""
         across = self.positions[:, 1:] - self.positions[:, 1:].mean(axis=0)
         axes = np.linalg.svd(across, full_matrices=True)[2]
@@ -119,7 +120,7 @@ class Aperture:
         return float(extent[0]), float(extent[1])
 
     @cached_property
-    def resolves(self) -> tuple[bool, bool]:
+    def resolves_azimuth_and_elevation(self) -> tuple[bool, bool]:
         """Pair of flags: True if the array resolves azimuth, and elevation.
 
         Elements on a line resolve one angle: the elevation, at azimuth 0, where the line is
@@ -127,7 +128,7 @@ class Aperture:
         maps a target that is high and to the side to the angle, on one of these two arcs, of the
         cone on which the target lies.
         """
-        if self._extents[1] >= _MIN_SECOND_EXTENT:
+        if self._longest_and_perpendicular_extents[1] >= _MIN_SECOND_EXTENT:
             return True, True
         _, width, height = np.ptp(self.positions, axis=0)
         return bool(width >= height), bool(width < height)
@@ -138,31 +139,35 @@ class Aperture:
         return find_element_grid(self.positions)
 
     @cached_property
-    def grid_steps(self) -> tuple[float, float]:
+    def direction_grid_sine_steps(self) -> tuple[float, float]:
         """Steps of the grid in the sines of azimuth and elevation; 0 for an unresolved angle.
 
         Where the elements lie on an even grid, the steps are bins of a transform over it.
         """
-        per_beam = _STEPS_PER_BEAM[sum(self.resolves)]
+        per_beam = _STEPS_PER_BEAM[sum(self.resolves_azimuth_and_elevation)]
         lengths = np.maximum(np.ptp(self.positions, axis=0)[1:], _MIN_GRID_EXTENT)
         spacings = self.element_grid.spacing if self.element_grid else (1.0, 1.0)
         azimuth, elevation = (
             1 / (spacing * next_fast_len(int(np.ceil(per_beam * length / spacing))))
             if is_resolved
             else 0.0
-            for is_resolved, length, spacing in zip(self.resolves, lengths, spacings, strict=True)
+            for is_resolved, length, spacing in zip(
+                self.resolves_azimuth_and_elevation, lengths, spacings, strict=True
+            )
         )
         return azimuth, elevation
 
     @cached_property
-    def grid(self) -> DirectionGrid:
+    def direction_grid(self) -> DirectionGrid:
         """Directions at which a spectrum is computed, eight to a beam; four on each of two axes.
 
         Raises `InvalidSetting` where its steering vectors would take more than 512 MiB.
         """
         azimuth, elevation = (
             np.arcsin(_symmetric_multiples(step, max_sine))
-            for step, max_sine in zip(self.grid_steps, self.field_of_view.sines, strict=True)
+            for step, max_sine in zip(
+                self.direction_grid_sine_steps, self.field_of_view.max_angle_sines, strict=True
+            )
         )
         n_numbers = len(azimuth) * len(elevation) * self.n_elements
         if n_numbers > _MAX_STEERING_VALUES:
@@ -198,7 +203,7 @@ class Aperture:
         Each per rad; azimuth before elevation.
         """
         slopes = direction_bounds.unit_vector_derivatives(azimuth_rad, elevation_rad)[
-            ..., list(self.resolves), :
+            ..., list(self.resolves_azimuth_and_elevation), :
         ]
         steering = self.steering_vectors(azimuth_rad, elevation_rad)
         return np.asarray(-2j * np.pi * (slopes @ self.positions.T) * steering[..., None, :])
@@ -214,11 +219,11 @@ def radar_aperture(radar: Radar, field_of_view: FieldOfView = _DEFAULT_FIELD_OF_
     """
     wavelength_m = SPEED_OF_LIGHT / radar.frame.chirp.mean_sampled_frequency_hz
     positions = np.asarray(radar.element_positions_m / wavelength_m, dtype=float)
-    return _cached_aperture(positions.tobytes(), field_of_view)
+    return _aperture_from_position_bytes(positions.tobytes(), field_of_view)
 
 
 @lru_cache(maxsize=8)
-def _cached_aperture(positions: bytes, field_of_view: FieldOfView) -> Aperture:
+def _aperture_from_position_bytes(positions: bytes, field_of_view: FieldOfView) -> Aperture:
     return Aperture(np.frombuffer(positions).reshape(-1, 3), field_of_view)
 
 

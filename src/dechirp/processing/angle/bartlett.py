@@ -23,14 +23,18 @@ class Bartlett(SpectralEstimator):
     161, 1948. H. L. Van Trees, Optimum Array Processing, 2002, 9.2.
     """
 
-    def spectrum_at(self, prepared: np.ndarray, steering: np.ndarray) -> np.ndarray:
-        return beam_power(prepared, steering)
+    def spectrum_at(self, precomputed: np.ndarray, steering: np.ndarray) -> np.ndarray:
+        return beam_power(precomputed, steering)
 
-    def refine_peaks(
-        self, snapshots: np.ndarray, prepared: np.ndarray, aperture: Aperture, coarse: Angles
+    def refine_peak_angles(
+        self,
+        snapshots: np.ndarray,
+        precomputed: np.ndarray,
+        aperture: Aperture,
+        coarse_angles: Angles,
     ) -> Angles:
         """Refine all peaks together to the most likely directions."""
-        return likelihood.maximise_likelihood(snapshots, aperture, *coarse)
+        return likelihood.maximise_direction_likelihood(snapshots, aperture, *coarse_angles)
 
 
 def beam_power(snapshots: np.ndarray, steering: np.ndarray) -> np.ndarray:
@@ -45,17 +49,17 @@ def beam_power(snapshots: np.ndarray, steering: np.ndarray) -> np.ndarray:
         beams = (rows @ steering.conj().T.astype(np.complex64, copy=False)).reshape(n, n_looks, -1)
     else:
         beams = snapshots @ np.swapaxes(steering.conj(), 1, 2)
-    return mean_power(beams, n_elements)
+    return mean_beam_power_over_looks(beams, n_elements)
 
 
-def mean_power(beams: np.ndarray, n_elements: int) -> np.ndarray:
+def mean_beam_power_over_looks(beams: np.ndarray, n_elements: int) -> np.ndarray:
     """Return the power in beams, (n, n_looks, m), averaged over the looks, (n, m)."""
     scale = beams.real.dtype.type(1 / (beams.shape[1] * n_elements**2))
-    return np.asarray(_summed_power(beams, scale))
+    return np.asarray(_sum_beam_power_over_looks(beams, scale))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _summed_power(beams: np.ndarray, scale: float) -> np.ndarray:
+def _sum_beam_power_over_looks(beams: np.ndarray, scale: float) -> np.ndarray:
     """Sum scaled |beam|^2 over looks, (n, m), in half the time of NumPy."""
     n, n_looks, m = beams.shape
     out = np.zeros((n, m), beams.real.dtype)

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from dechirp.core.checks import check_integer, check_ratios
+from dechirp.core.checks import check_integer, check_non_negative_ratios
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
@@ -53,7 +53,7 @@ class DirectionEstimator(Family):
     ) -> Angles:
         """Estimate the directions in each of n snapshots, in any order; see `find_directions`."""
 
-    def array_findings(self, aperture: Aperture) -> list[Finding]:
+    def array_ambiguity_findings(self, aperture: Aperture) -> list[Finding]:
         """Return findings on directions that the array cannot resolve or confuses."""
         return grating_lobes.grating_lobe_findings(aperture)
 
@@ -89,13 +89,13 @@ class DirectionEstimator(Family):
             For at least as many sources as elements, for arrays of other shapes, and for noise
             that is not finite or below 0.
         """
-        self._check_input(snapshots, aperture, noise_power)
+        self._check_snapshots_and_noise(snapshots, aperture, noise_power)
         is_finite = np.isfinite(snapshots).all(axis=(1, 2))
         snapshots = np.where(is_finite[:, None, None], snapshots, 0)
         has_signal = np.any(snapshots != 0, axis=(1, 2))
         azimuth, elevation = self.find_angles(snapshots, aperture, noise_power)
         azimuth = np.where(has_signal[:, None], azimuth, np.nan)
-        power = likelihood.source_powers(snapshots, aperture, azimuth, elevation)
+        power = likelihood.least_squares_source_powers(snapshots, aperture, azimuth, elevation)
         # Strongest first; NaN sorts last.
         order = np.argsort(-power, axis=1, kind="stable")
         azimuth, elevation, power = (
@@ -107,14 +107,18 @@ class DirectionEstimator(Family):
             3
         )
         std = np.full((*azimuth.shape, 2), np.nan)
-        std[..., list(aperture.resolves)] = np.minimum(bounds, uniform_std[list(aperture.resolves)])
+        std[..., list(aperture.resolves_azimuth_and_elevation)] = np.minimum(
+            bounds, uniform_std[list(aperture.resolves_azimuth_and_elevation)]
+        )
         std[np.isnan(azimuth)] = np.nan
-        for angle, is_resolved in zip((azimuth, elevation), aperture.resolves, strict=True):
+        for angle, is_resolved in zip(
+            (azimuth, elevation), aperture.resolves_azimuth_and_elevation, strict=True
+        ):
             if not is_resolved:
                 angle.fill(np.nan)
         return Directions(azimuth, elevation, std[..., 0], std[..., 1], power)
 
-    def _check_input(
+    def _check_snapshots_and_noise(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> None:
         if snapshots.ndim != 3 or snapshots.shape[2] != aperture.n_elements:
@@ -131,7 +135,7 @@ class DirectionEstimator(Family):
                 expected=f"{snapshots.shape[:1]}: one for each snapshot",
                 fix="give the noise in one element of each",
             )
-        check_ratios("noise_power", noise_power)
+        check_non_negative_ratios("noise_power", noise_power)
         if isinstance(self.n_sources, int) and self.n_sources >= aperture.n_elements:
             raise InvalidSetting(
                 f"{type(self).__name__}.n_sources",
@@ -145,11 +149,11 @@ class DirectionEstimator(Family):
 class SpectralEstimator(DirectionEstimator):
     """Estimator that takes the highest peaks of a spectrum over directions.
 
-    A member computes data from the snapshots once (`prepare_snapshots`) and the spectrum from
+    A member computes data from the snapshots once (`precompute_for_spectrum`) and the spectrum from
     them (`spectrum_at`).
     """
 
-    def prepare_snapshots(
+    def precompute_for_spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Any:
         """Return the data of each snapshot that `spectrum_at` needs; by default the snapshots.
@@ -159,22 +163,24 @@ class SpectralEstimator(DirectionEstimator):
         return snapshots
 
     @abstractmethod
-    def spectrum_at(self, prepared: Any, steering: np.ndarray) -> np.ndarray:
+    def spectrum_at(self, precomputed: Any, steering: np.ndarray) -> np.ndarray:
         """Return the spectrum of each snapshot, (n, m), at m steering vectors.
 
         `steering` is (m, n_elements), common to all, or (n, m, n_elements).
         """
 
-    def grid_spectrum(self, prepared: Any, aperture: Aperture) -> np.ndarray:
+    def spectrum_on_direction_grid(self, precomputed: Any, aperture: Aperture) -> np.ndarray:
         """Return the spectrum at all directions of the grid, (n, n_directions)."""
-        return self.spectrum_at(prepared, aperture.grid.steering)
+        return self.spectrum_at(precomputed, aperture.direction_grid.steering)
 
     def spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
         """Return the spectrum of each snapshot over the grid, (n, n_elevations, n_azimuths)."""
-        prepared = self.prepare_snapshots(snapshots, aperture, noise_power)
-        return self.grid_spectrum(prepared, aperture).reshape(len(snapshots), *aperture.grid.shape)
+        precomputed = self.precompute_for_spectrum(snapshots, aperture, noise_power)
+        return self.spectrum_on_direction_grid(precomputed, aperture).reshape(
+            len(snapshots), *aperture.direction_grid.shape
+        )
 
     def count_sources(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
@@ -190,21 +196,25 @@ class SpectralEstimator(DirectionEstimator):
         """Find the highest local maxima of the spectrum, between grid points."""
         n_sources = self.count_sources(snapshots, aperture, noise_power)
         angles = np.full((2, len(snapshots), int(n_sources.max(initial=1))), np.nan)
-        block_size = max(1, _MAX_BLOCK_VALUES // (snapshots.shape[1] * len(aperture.grid.steering)))
+        block_size = max(
+            1, _MAX_BLOCK_VALUES // (snapshots.shape[1] * len(aperture.direction_grid.steering))
+        )
         for first in range(0, len(snapshots), block_size):
             rows = slice(first, first + block_size)
-            prepared = self.prepare_snapshots(snapshots[rows], aperture, noise_power[rows])
-            spectrum = self.grid_spectrum(prepared, aperture)
-            coarse = spectrum_peaks.find_grid_peaks(
-                spectrum, aperture.grid, n_sources[rows], angles.shape[2]
+            precomputed = self.precompute_for_spectrum(snapshots[rows], aperture, noise_power[rows])
+            spectrum = self.spectrum_on_direction_grid(precomputed, aperture)
+            coarse_angles = spectrum_peaks.find_grid_peak_directions(
+                spectrum, aperture.direction_grid, n_sources[rows], angles.shape[2]
             )
-            angles[:, rows] = self.refine_peaks(snapshots[rows], prepared, aperture, coarse)
+            angles[:, rows] = self.refine_peak_angles(
+                snapshots[rows], precomputed, aperture, coarse_angles
+            )
         return angles[0], angles[1]
 
-    def refine_peaks(
-        self, snapshots: np.ndarray, prepared: Any, aperture: Aperture, coarse: Angles
+    def refine_peak_angles(
+        self, snapshots: np.ndarray, precomputed: Any, aperture: Aperture, coarse_angles: Angles
     ) -> Angles:
         """Refine peaks between grid points by a search with halving steps."""
         return spectrum_peaks.refine_spectrum_peaks(
-            lambda steering: self.spectrum_at(prepared, steering), aperture, *coarse
+            lambda steering: self.spectrum_at(precomputed, steering), aperture, *coarse_angles
         )

@@ -5,16 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.covariance import SlidingWindows
 from dechirp.processing.angle.difference_coarray import (
     DifferenceCoarray,
-    direction_powers,
-    element_coarray,
-    grid_lag_phases,
-    snapshot_direction_powers,
+    cached_grid_lag_phase_factors,
+    difference_coarray_of_elements,
+    quadratic_forms_from_lags,
+    quadratic_forms_per_snapshot,
 )
 from dechirp.processing.angle.smoothed import SmoothedEstimator
 
@@ -52,58 +52,72 @@ class Capon(SmoothedEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive(self, "loading")
+        check_positive_fields(self, "loading")
 
-    def prepare_snapshots(
+    def precompute_for_spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> InverseCovariances:
         """Invert each covariance in double precision: a beam is a small difference of its terms."""
         windows = self.sliding_windows(aperture)
         n, n_looks, _ = snapshots.shape
-        coarray = element_coarray(aperture, _window_elements(windows))
+        coarray = difference_coarray_of_elements(aperture, _first_window_elements(windows))
         lag_sums = np.empty((n, len(coarray.pairs[0])), np.complex128)
-        for rows in windows.detection_blocks(n, n_looks):
+        for rows in windows.memory_limited_slices(n, n_looks):
             x = snapshots[rows].astype(np.complex64)
-            data = windows.real_data(x) if windows.backward else windows.window_data(x)
+            data = (
+                windows.real_valued_data_matrices(x)
+                if windows.backward
+                else windows.window_data_matrices(x)
+            )
             covariance = data @ np.swapaxes(data, 1, 2).conj() / data.shape[2]
-            power = np.einsum("nii->n", covariance).real / windows.size
+            power = np.einsum("nii->n", covariance).real / windows.n_window_points
             # A snapshot of zeros has no direction, but must not raise for the others.
             loading = np.fmax(self.loading * noise_power[rows], _MIN_LOADING * power + 1e-30)
             np.einsum("nii->ni", covariance)[:] += loading[:, None]
-            lag_sums[rows] = coarray.sum_over_lags(_invert_covariances(covariance))
+            lag_sums[rows] = coarray.sum_over_equal_lags(
+                _inverse_covariance_lower_halves(covariance)
+            )
         return InverseCovariances(lag_sums, coarray)
 
-    def spectrum_at(self, prepared: InverseCovariances, steering: np.ndarray) -> np.ndarray:
+    def spectrum_at(self, precomputed: InverseCovariances, steering: np.ndarray) -> np.ndarray:
         """Return the power in the beam towards each direction, as of one element."""
-        lag_sums, coarray = prepared
+        lag_sums, coarray = precomputed
         if steering.ndim == 3:
-            return np.asarray(1 / snapshot_direction_powers(lag_sums, steering, coarray.pairs))
+            return np.asarray(1 / quadratic_forms_per_snapshot(lag_sums, steering, coarray.pairs))
         block_size = max(1, _MAX_BLOCK_VALUES // lag_sums.shape[1])
         parts = [
-            direction_powers(lag_sums, coarray.lag_phases(steering[first : first + block_size]))
+            quadratic_forms_from_lags(
+                lag_sums, coarray.lag_phase_factors(steering[first : first + block_size])
+            )
             for first in range(0, len(steering), block_size)
         ]
         return 1 / np.concatenate(parts, axis=1)
 
-    def grid_spectrum(self, prepared: InverseCovariances, aperture: Aperture) -> np.ndarray:
-        lag_phases = grid_lag_phases(aperture, _window_elements(self.sliding_windows(aperture)))
+    def spectrum_on_direction_grid(
+        self, precomputed: InverseCovariances, aperture: Aperture
+    ) -> np.ndarray:
+        lag_phases = cached_grid_lag_phase_factors(
+            aperture, _first_window_elements(self.sliding_windows(aperture))
+        )
         if lag_phases is not None:
-            return np.asarray(1 / direction_powers(prepared.lag_sums, lag_phases))
-        grid = aperture.grid
+            return np.asarray(1 / quadratic_forms_from_lags(precomputed.lag_sums, lag_phases))
+        grid = aperture.direction_grid
         return np.concatenate(
             [
-                self.spectrum_at(prepared, aperture.steering_vectors(grid.azimuth_rad, elevation))
+                self.spectrum_at(
+                    precomputed, aperture.steering_vectors(grid.azimuth_rad, elevation)
+                )
                 for elevation in grid.elevation_rad
             ],
             axis=1,
         )
 
 
-def _window_elements(windows: SlidingWindows) -> tuple[int, ...]:
-    return tuple(windows.elements.tolist())
+def _first_window_elements(windows: SlidingWindows) -> tuple[int, ...]:
+    return tuple(windows.first_window_elements.tolist())
 
 
-def _invert_covariances(covariances: np.ndarray) -> np.ndarray:
+def _inverse_covariance_lower_halves(covariances: np.ndarray) -> np.ndarray:
     """Return the lower halves of the inverses of Hermitian (n, size, size), in double precision."""
     factor, invert = lapack.dpotrf, lapack.dpotri
     if np.iscomplexobj(covariances):

@@ -31,9 +31,9 @@ class Smoothing:
     def __post_init__(self) -> None:
         check_number("Smoothing.share", self.share, above=0, at_most=1)
 
-    def window_side(self, n: int) -> int:
+    def window_length(self, n_elements: int) -> int:
         """Return the elements of a window along a side of n; at least two to resolve directions."""
-        return max(min(n, 2), round(self.share * n))
+        return max(min(n_elements, 2), round(self.share * n_elements))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,87 +50,93 @@ class SlidingWindows:
     """True if windows are also read backwards, which requires symmetric ones."""
 
     @property
-    def size(self) -> int:
+    def n_window_points(self) -> int:
         """Number of points of a window."""
         return self.points.shape[1]
 
     @property
-    def elements(self) -> np.ndarray:
+    def first_window_elements(self) -> np.ndarray:
         """An element at each point of the first window, (size,)."""
         return np.argmax(self.point_weights[self.points[0]] > 0, axis=1)
 
     @property
-    def n_independent(self) -> float:
+    def n_independent_values_per_look(self) -> float:
         """Independent values in the windows of a look, by the variance of their mean power."""
         use_counts = np.bincount(self.points.ravel(), minlength=len(self.point_weights))
         return float(np.sum(use_counts) ** 2 / np.sum(use_counts**2))
 
-    def max_sources(self, n_looks: int) -> int:
+    def max_separable_sources(self, n_looks: int) -> int:
         """Return the number of sources that the data of n_looks looks can separate."""
         n_columns = n_looks * len(self.points) * (2 if self.backward else 1)
-        return min(self.size - 1, n_columns)
+        return min(self.n_window_points - 1, n_columns)
 
-    def detection_blocks(self, n: int, n_looks: int) -> Iterator[slice]:
+    def memory_limited_slices(self, n_detections: int, n_looks: int) -> Iterator[slice]:
         """Yield slices of n detections whose data and covariance take 16 MB, or one detection."""
         n_columns = n_looks * len(self.points) * 2
-        block_size = max(1, 2**20 // (self.size * (self.size + n_columns)))
-        return (slice(first, first + block_size) for first in range(0, n, block_size))
+        block_size = max(1, 2**20 // (self.n_window_points * (self.n_window_points + n_columns)))
+        return (slice(first, first + block_size) for first in range(0, n_detections, block_size))
 
-    def window_data(self, snapshots: np.ndarray) -> np.ndarray:
+    def window_data_matrices(self, snapshots: np.ndarray) -> np.ndarray:
         """Return the data of each window, (n, size, columns), of (n, n_looks, n_elements).
 
         A column for each look and window; those read backwards follow.
         """
-        forward = self.forward_data(snapshots)
+        forward = self.forward_data_matrices(snapshots)
         if not self.backward:
             return forward
         return np.concatenate([forward, forward[:, ::-1].conj()], axis=2)
 
-    def project_data(self, rows: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
-        """Return rows (n, k, size) times `window_data`, (n, k, columns)."""
-        forward = self.forward_data(snapshots)
+    def multiply_data_matrices_from_left(
+        self, rows: np.ndarray, snapshots: np.ndarray
+    ) -> np.ndarray:
+        """Return rows (n, k, size) times `window_data_matrices`, (n, k, columns)."""
+        forward = self.forward_data_matrices(snapshots)
         if not self.backward:
             return np.asarray(rows @ forward)
         backward = rows[..., ::-1].conj() @ forward
         return np.concatenate([rows @ forward, backward.conj()], axis=2)
 
-    def forward_data(self, snapshots: np.ndarray) -> np.ndarray:
-        """Return the columns of `window_data` that are not read backwards."""
+    def forward_data_matrices(self, snapshots: np.ndarray) -> np.ndarray:
+        """Return the columns of `window_data_matrices` that are not read backwards."""
         point_values = snapshots @ self.point_weights.T.astype(snapshots.real.dtype)
-        columns = point_values[:, :, self.points].reshape(len(snapshots), -1, self.size)
+        columns = point_values[:, :, self.points].reshape(len(snapshots), -1, self.n_window_points)
         return np.swapaxes(columns, 1, 2)
 
-    def real_data(self, snapshots: np.ndarray) -> np.ndarray:
-        """Return real columns with the rotated covariance of forward-backward `window_data`.
+    def real_valued_data_matrices(self, snapshots: np.ndarray) -> np.ndarray:
+        """Return real matrices with the rotated covariance of the forward-backward data matrices.
 
         Sums and differences of elements that mirror each other make it real: a quarter of the
         work (D. A. Linebarger, R. D. DeGroat and E. M. Dowling, IEEE Trans. SP 42(8), 1994).
         """
-        forward = np.swapaxes(self.forward_data(snapshots), 1, 2)  # one window a row, as in memory
-        half = self.size // 2
+        forward = np.swapaxes(
+            self.forward_data_matrices(snapshots), 1, 2
+        )  # one window a row, as in memory
+        half = self.n_window_points // 2
         top, bottom = forward[..., :half], forward[..., : -half - 1 : -1]
-        middle = 2**0.5 * forward[..., half : self.size - half]
+        middle = 2**0.5 * forward[..., half : self.n_window_points - half]
         n_rows = forward.shape[1]
-        rotated = np.empty((len(forward), 2 * n_rows, self.size), forward.real.dtype)
+        rotated = np.empty((len(forward), 2 * n_rows, self.n_window_points), forward.real.dtype)
         real, imaginary = rotated[:, :n_rows], rotated[:, n_rows:]
         sums, differences = top + bottom, bottom - top
         for out, part in ((real, "real"), (imaginary, "imag")):
             out[..., :half] = getattr(sums, part)
-            out[..., half : self.size - half] = getattr(middle, part)
-        real[..., self.size - half :] = -differences.imag
-        imaginary[..., self.size - half :] = differences.real
+            out[..., half : self.n_window_points - half] = getattr(middle, part)
+        real[..., self.n_window_points - half :] = -differences.imag
+        imaginary[..., self.n_window_points - half :] = differences.real
         return np.swapaxes(rotated, 1, 2)
 
-    def to_complex_vectors(self, vectors: np.ndarray) -> np.ndarray:
-        """Convert real vectors over rows of `real_data` to complex ones, (n, size, k)."""
-        half = self.size // 2
-        even, odd = vectors[:, :half], vectors[:, self.size - half :]
+    def complex_vectors_from_real(self, real_vectors: np.ndarray) -> np.ndarray:
+        """Convert vectors of `real_valued_data_matrices` to complex ones, (n, size, k)."""
+        half = self.n_window_points // 2
+        even, odd = real_vectors[:, :half], real_vectors[:, self.n_window_points - half :]
         top = (even + 1j * odd) / 2**0.5
         return np.concatenate(
-            [top, vectors[:, half : self.size - half], top[:, ::-1].conj()], axis=1
+            [top, real_vectors[:, half : self.n_window_points - half], top[:, ::-1].conj()], axis=1
         )
 
-    def noise_variance(self, left_vectors: np.ndarray, right_vectors: np.ndarray) -> np.ndarray:
+    def bilinear_noise_variance(
+        self, left_vectors: np.ndarray, right_vectors: np.ndarray
+    ) -> np.ndarray:
         """Return the variance of Re(left^H W right), (...), with W the data of unit white noise.
 
         `left_vectors` is (..., size), `right_vectors` (..., columns). The noise of an element is in
@@ -142,56 +148,62 @@ class SlidingWindows:
             -1, n_halves, right_vectors.shape[-1] // (n_halves * n_windows), n_windows
         )
         per_point = np.sum(self.point_weights**2, axis=1)
-        rows = np.ascontiguousarray(left_vectors.reshape(-1, self.size))
-        return _noise_variances(rows, columns, self.points, per_point).reshape(
+        rows = np.ascontiguousarray(left_vectors.reshape(-1, self.n_window_points))
+        return _bilinear_noise_variances(rows, columns, self.points, per_point).reshape(
             left_vectors.shape[:-1]
         )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _noise_variances(
-    left_vectors: np.ndarray, right_vectors: np.ndarray, points: np.ndarray, per_point: np.ndarray
+def _bilinear_noise_variances(
+    left_vectors: np.ndarray,
+    right_vectors: np.ndarray,
+    window_points: np.ndarray,
+    variance_per_point: np.ndarray,
 ) -> np.ndarray:
-    """Compute `SlidingWindows.noise_variance` of (m, size) and (m, halves, looks, windows)."""
+    """Compute the bilinear noise variance of (m, size) and (m, halves, looks, windows)."""
     m, n_halves, n_looks, n_windows = right_vectors.shape
     size = left_vectors.shape[1]
     out = np.zeros(m)
     for i in range(m):
         for look in range(n_looks):
-            weights = np.zeros(len(per_point), np.complex128)
+            weights = np.zeros(len(variance_per_point), np.complex128)
             for window in range(n_windows):
                 forward = right_vectors[i, 0, look, window]
                 for e in range(size):
-                    weights[points[window, e]] += forward * np.conj(left_vectors[i, e])
+                    weights[window_points[window, e]] += forward * np.conj(left_vectors[i, e])
                 if n_halves == 2:
                     backward = np.conj(right_vectors[i, 1, look, window])
                     for e in range(size):
-                        weights[points[window, e]] += backward * left_vectors[i, size - 1 - e]
-            for p in range(len(per_point)):
-                out[i] += (weights[p].real ** 2 + weights[p].imag ** 2) * per_point[p] / 2
+                        weights[window_points[window, e]] += (
+                            backward * left_vectors[i, size - 1 - e]
+                        )
+            for p in range(len(variance_per_point)):
+                out[i] += (weights[p].real ** 2 + weights[p].imag ** 2) * variance_per_point[p] / 2
     return out
 
 
 @lru_cache(maxsize=32)
-def array_windows(aperture: Aperture, smoothing: Smoothing) -> SlidingWindows:
+def array_smoothing_windows(aperture: Aperture, smoothing: Smoothing) -> SlidingWindows:
     """Return windows over a uniform line or rectangle; the whole array for any other shape."""
     element_grid = aperture.element_grid
     if element_grid is not None:
         n_left, n_up = element_grid.indices.max(axis=0) + 1
         point = element_grid.indices[:, 1] * n_left + element_grid.indices[:, 0]
         if len(np.unique(point)) == n_left * n_up:
-            size = smoothing.window_side(n_up), smoothing.window_side(n_left)
+            size = smoothing.window_length(n_up), smoothing.window_length(n_left)
             all_elements = np.arange(aperture.n_elements)
             return SlidingWindows(
-                _point_weights(point, all_elements, aperture), _window_points((n_up, n_left), size)
+                _element_weights_of_points(point, all_elements, aperture),
+                _window_point_indices((n_up, n_left), size),
             )
     n = aperture.n_elements
     return SlidingWindows(np.eye(n), np.arange(n)[None], backward=False)
 
 
 @lru_cache(maxsize=32)
-def ula_windows(
-    aperture: Aperture, smoothing: Smoothing, estimator: str
+def longest_ula_windows_and_axis(
+    aperture: Aperture, smoothing: Smoothing, estimator_name: str
 ) -> tuple[SlidingWindows, int]:
     """Return windows over the longest even part of a row or column of elements, and its axis.
 
@@ -200,36 +212,36 @@ def ula_windows(
     Raises
     ------
     InvalidSetting
-        About `estimator`, where no three elements follow each other at even steps.
+        About `estimator_name`, where no three elements follow each other at even steps.
     """
     element_grid = aperture.element_grid
-    runs = [] if element_grid is None else list(_even_runs(element_grid.indices))
+    runs = [] if element_grid is None else list(_evenly_spaced_element_runs(element_grid.indices))
     axis, stride, members, point = max(
         runs, key=lambda run: run[3].max(), default=(0, 1, np.zeros(0, int), np.zeros(1, int))
     )
     n_points = int(point.max()) + 1
     if element_grid is None or n_points < 3:
         raise InvalidSetting(
-            f"{estimator}.kind",
+            f"{estimator_name}.kind",
             value=f"an array of {aperture.n_elements} virtual elements without a uniform line",
             expected="three or more elements at even steps along left or up",
             fix="use maximum-likelihood or iterative-adaptive, which accept any array",
         )
-    points = _window_points((1, n_points), (1, smoothing.window_side(n_points)))
-    share = _point_weights(point, members, aperture)
+    points = _window_point_indices((1, n_points), (1, smoothing.window_length(n_points)))
+    share = _element_weights_of_points(point, members, aperture)
     return SlidingWindows(share, points, spacing=element_grid.spacing[axis] * stride), axis
 
 
-def check_source_count(
-    estimator: str, n_sources: object, windows: SlidingWindows, n_looks: int
+def check_windows_separate_sources(
+    estimator_name: str, n_sources: object, windows: SlidingWindows, n_looks: int
 ) -> None:
     """Check that windows can separate the requested number of sources."""
-    max_sources = windows.max_sources(n_looks)
+    max_sources = windows.max_separable_sources(n_looks)
     if isinstance(n_sources, int) and n_sources > max_sources:
         raise InvalidSetting(
-            f"{estimator}.n_sources",
+            f"{estimator_name}.n_sources",
             value=n_sources,
-            expected=f"at most {max_sources}, for windows of {windows.size} elements in"
+            expected=f"at most {max_sources}, for windows of {windows.n_window_points} elements in"
             f" {len(windows.points)} place{'s' * (len(windows.points) > 1)} and looks: {n_looks}",
             fix="lower n_sources, with smoothing.share near 2/3"
             if windows.backward
@@ -237,15 +249,17 @@ def check_source_count(
         )
 
 
-def _even_runs(indices: np.ndarray) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+def _evenly_spaced_element_runs(
+    grid_indices: np.ndarray,
+) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
     """Yield even parts of rows and columns: axis, step, elements and their points from 0 on.
 
-    `indices` (n_elements, 2) are grid indices; coincident elements share a point.
+    `grid_indices` (n_elements, 2) are grid indices; coincident elements share a point.
     """
     for axis in (0, 1):
-        for row in np.unique(indices[:, 1 - axis]):
-            members = np.flatnonzero(indices[:, 1 - axis] == row)
-            coordinates = indices[members, axis]
+        for row in np.unique(grid_indices[:, 1 - axis]):
+            members = np.flatnonzero(grid_indices[:, 1 - axis] == row)
+            coordinates = grid_indices[members, axis]
             occupied = np.unique(coordinates)
             step = int(np.diff(occupied).min(initial=coordinates.max() + 1))
             for run in np.split(occupied, np.flatnonzero(np.diff(occupied) > step) + 1):
@@ -253,15 +267,19 @@ def _even_runs(indices: np.ndarray) -> Iterator[tuple[int, int, np.ndarray, np.n
                 yield axis, step, members[is_inside], (coordinates[is_inside] - run[0]) // step
 
 
-def _point_weights(point: np.ndarray, members: np.ndarray, aperture: Aperture) -> np.ndarray:
+def _element_weights_of_points(
+    point_of_member: np.ndarray, members: np.ndarray, aperture: Aperture
+) -> np.ndarray:
     """Return the weight of each element in the mean at its point, (n_points, n_elements)."""
-    weights = np.zeros((point.max() + 1, aperture.n_elements))
-    weights[point, members] = 1 / np.bincount(point)[point]
+    weights = np.zeros((point_of_member.max() + 1, aperture.n_elements))
+    weights[point_of_member, members] = 1 / np.bincount(point_of_member)[point_of_member]
     return weights
 
 
-def _window_points(shape: tuple[int, int], size: tuple[int, int]) -> np.ndarray:
+def _window_point_indices(
+    rectangle_shape: tuple[int, int], window_shape: tuple[int, int]
+) -> np.ndarray:
     """Return the points of all windows of a size in a rectangle, (n_windows, points)."""
-    points = np.arange(shape[0] * shape[1]).reshape(shape)
-    windows = np.lib.stride_tricks.sliding_window_view(points, size)
-    return windows.reshape(-1, size[0] * size[1])
+    points = np.arange(rectangle_shape[0] * rectangle_shape[1]).reshape(rectangle_shape)
+    windows = np.lib.stride_tricks.sliding_window_view(points, window_shape)
+    return windows.reshape(-1, window_shape[0] * window_shape[1])

@@ -24,23 +24,29 @@ class DifferenceCoarray(NamedTuple):
     pairs: tuple[np.ndarray, np.ndarray]
     """A pair of array elements with each lag, (n_lags,) each."""
 
-    def lag_phases(self, steering: np.ndarray) -> np.ndarray:
+    def lag_phase_factors(self, steering: np.ndarray) -> np.ndarray:
         """Return a_i conj(a_j) of a pair for each lag, (..., n_lags)."""
         first, second = self.pairs
         return np.asarray(steering[..., first] * steering[..., second].conj())
 
-    def sum_over_lags(self, matrices: np.ndarray) -> np.ndarray:
+    def sum_over_equal_lags(self, hermitian_matrices: np.ndarray) -> np.ndarray:
         """Sum Hermitian (n, N, N) over the pairs of each lag, (n, n_lags).
 
-        Real matrices over the rows of `SlidingWindows.real_data` stand for complex ones. Only the
-        lower half of each matrix is read.
+        Real matrices over the rows of `SlidingWindows.real_valued_data_matrices` stand for complex
+        ones. Only the lower half of each matrix is read.
         """
-        kernel = _sum_over_lags if np.iscomplexobj(matrices) else _sum_over_lags_real
-        return np.asarray(kernel(matrices, self.lag_of_pair, len(self.pairs[0])))
+        kernel = (
+            _sum_matrices_over_equal_lags
+            if np.iscomplexobj(hermitian_matrices)
+            else _sum_real_matrices_over_equal_lags
+        )
+        return np.asarray(kernel(hermitian_matrices, self.lag_of_pair, len(self.pairs[0])))
 
 
 @lru_cache(maxsize=8)
-def element_coarray(aperture: Aperture, elements: tuple[int, ...]) -> DifferenceCoarray:
+def difference_coarray_of_elements(
+    aperture: Aperture, elements: tuple[int, ...]
+) -> DifferenceCoarray:
     """Return the difference co-array of some elements of an array."""
     indices, n = np.array(elements), len(elements)
     if aperture.element_grid is None:
@@ -56,24 +62,28 @@ def element_coarray(aperture: Aperture, elements: tuple[int, ...]) -> Difference
 
 
 @lru_cache(maxsize=4)
-def grid_lag_phases(aperture: Aperture, elements: tuple[int, ...]) -> np.ndarray | None:
+def cached_grid_lag_phase_factors(
+    aperture: Aperture, elements: tuple[int, ...]
+) -> np.ndarray | None:
     """Return the lag phases towards the grid directions, or None if too many to cache."""
-    coarray, grid = element_coarray(aperture, elements), aperture.grid
+    coarray, grid = difference_coarray_of_elements(aperture, elements), aperture.direction_grid
     if len(coarray.pairs[0]) * len(grid.steering) > _MAX_CACHED_VALUES:
         return None
     # The single-precision steering vectors of the grid would not do: the phases of two pairs of one
     # lag would differ by as much as Capon suppresses a strong source.
     steering = aperture.steering_vectors(grid.azimuth_rad, grid.elevation_rad[:, None])
-    return coarray.lag_phases(steering.reshape(-1, aperture.n_elements))
+    return coarray.lag_phase_factors(steering.reshape(-1, aperture.n_elements))
 
 
-def direction_powers(lag_sums: np.ndarray, lag_phases: np.ndarray) -> np.ndarray:
+def quadratic_forms_from_lags(lag_sums: np.ndarray, lag_phase_factors: np.ndarray) -> np.ndarray:
     """Return a^H M a, (n, m), from lag sums (n, n_lags) and lag phases (m, n_lags)."""
-    return np.asarray(lag_sums.real @ lag_phases.real.T + lag_sums.imag @ lag_phases.imag.T)
+    return np.asarray(
+        lag_sums.real @ lag_phase_factors.real.T + lag_sums.imag @ lag_phase_factors.imag.T
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def snapshot_direction_powers(
+def quadratic_forms_per_snapshot(
     lag_sums: np.ndarray, steering: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
     """Return a^H M a, (n, m), towards own directions with steering (n, m, n_elements)."""
@@ -92,7 +102,9 @@ def snapshot_direction_powers(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sum_over_lags(matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int) -> np.ndarray:
+def _sum_matrices_over_equal_lags(
+    matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int
+) -> np.ndarray:
     n, n_elements, _ = matrices.shape
     out = np.zeros((n, n_lags), np.complex128)
     for i in range(n):
@@ -106,7 +118,9 @@ def _sum_over_lags(matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int) -
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sum_over_lags_real(matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int) -> np.ndarray:
+def _sum_real_matrices_over_equal_lags(
+    matrices: np.ndarray, lag_of_pair: np.ndarray, n_lags: int
+) -> np.ndarray:
     """Sum real matrices over rows of 2^0.5 cos, 1 (the middle) and 2^0.5 sin of element phases.
 
     Elements that mirror each other have opposite phases: cos a cos b is half of cos (a - b) and

@@ -16,27 +16,31 @@ class Esprit(UlaEstimator):
     techniques, IEEE Trans. ASSP 37(7), 1989.
     """
 
-    def phase_factors(self, basis: np.ndarray) -> np.ndarray:
+    def candidate_phase_factors(self, signal_basis: np.ndarray) -> np.ndarray:
         """Return the eigenvalues of the rotation."""
-        k = basis.shape[2]
-        both = np.concatenate([basis[:, :-1], basis[:, 1:]], axis=2)
+        k = signal_basis.shape[2]
+        both = np.concatenate([signal_basis[:, :-1], signal_basis[:, 1:]], axis=2)
         # Total least squares: the k directions with the least of both.
         null = np.linalg.eigh(np.swapaxes(both, 1, 2).conj() @ both)[1][:, :, :k]
         # The addition gives snapshots of zeros an eigenvalue.
         first, last = null[:, :k], null[:, k:] + 1e-15 * np.eye(k)
         return np.linalg.eigvals(
-            -np.swapaxes(np.linalg.solve(_transpose(last), _transpose(first)), 1, 2)
+            -np.swapaxes(
+                np.linalg.solve(_transpose_last_axes(last), _transpose_last_axes(first)), 1, 2
+            )
         )
 
-    def left_vectors(self, steering: np.ndarray, phase_factor: np.ndarray) -> np.ndarray:
+    def phase_noise_weights(
+        self, window_steering: np.ndarray, phase_factor: np.ndarray
+    ) -> np.ndarray:
         """Return the left vectors; to first order an eigenvalue changes as under least squares."""
-        inverse = np.linalg.pinv(steering[:, :-1])  # (n, k, size - 1)
-        row = np.zeros(np.swapaxes(steering, 1, 2).shape, complex)
+        inverse = np.linalg.pinv(window_steering[:, :-1])  # (n, k, size - 1)
+        row = np.zeros(np.swapaxes(window_steering, 1, 2).shape, complex)
         row[:, :, 1:] = inverse / phase_factor[..., None]
         row[:, :, :-1] -= inverse
         # Im(change of z / z) = Re(-i change / z).
         return (-1j * row).conj()
 
 
-def _transpose(matrix: np.ndarray) -> np.ndarray:
-    return np.swapaxes(matrix, 1, 2)
+def _transpose_last_axes(matrices: np.ndarray) -> np.ndarray:
+    return np.swapaxes(matrices, 1, 2)

@@ -8,7 +8,7 @@ import scipy.fft
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import likelihood
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.bartlett import beam_power, mean_power
+from dechirp.processing.angle.bartlett import beam_power, mean_beam_power_over_looks
 from dechirp.processing.angle.base import Angles, SpectralEstimator
 from dechirp.processing.angle.element_grid import ElementGrid
 from dechirp.theory.windows import Window, window_weights
@@ -32,7 +32,7 @@ class Fft(SpectralEstimator):
         super().__post_init__()
         window_weights(self.window, 1)  # raises for an unknown name
 
-    def prepare_snapshots(
+    def precompute_for_spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
         """Return the tapered snapshots."""
@@ -40,20 +40,24 @@ class Fft(SpectralEstimator):
             return snapshots
         return snapshots * _element_taper(self.window, aperture).astype(np.float32)
 
-    def spectrum_at(self, prepared: np.ndarray, steering: np.ndarray) -> np.ndarray:
-        return beam_power(prepared, steering)
+    def spectrum_at(self, precomputed: np.ndarray, steering: np.ndarray) -> np.ndarray:
+        return beam_power(precomputed, steering)
 
-    def grid_spectrum(self, prepared: np.ndarray, aperture: Aperture) -> np.ndarray:
+    def spectrum_on_direction_grid(self, precomputed: np.ndarray, aperture: Aperture) -> np.ndarray:
         """Compute the spectrum by a transform where the elements lie on a grid."""
         if aperture.element_grid is None:
-            return self.spectrum_at(prepared, aperture.grid.steering)
-        return _fft_beam_power(prepared, aperture, aperture.element_grid)
+            return self.spectrum_at(precomputed, aperture.direction_grid.steering)
+        return _fft_beam_power(precomputed, aperture, aperture.element_grid)
 
-    def refine_peaks(
-        self, snapshots: np.ndarray, prepared: np.ndarray, aperture: Aperture, coarse: Angles
+    def refine_peak_angles(
+        self,
+        snapshots: np.ndarray,
+        precomputed: np.ndarray,
+        aperture: Aperture,
+        coarse_angles: Angles,
     ) -> Angles:
         """Refine all peaks together, without the taper, to the most likely directions."""
-        return likelihood.maximise_likelihood(snapshots, aperture, *coarse)
+        return likelihood.maximise_direction_likelihood(snapshots, aperture, *coarse_angles)
 
 
 def _fft_beam_power(
@@ -66,12 +70,14 @@ def _fft_beam_power(
     beam.
     """
     n, n_looks, n_elements = snapshots.shape
-    grid = aperture.grid
+    grid = aperture.direction_grid
     elevation_cosines = np.sin(grid.elevation_rad)
     azimuth_cosines = np.cos(grid.elevation_rad)[:, None] * np.sin(grid.azimuth_rad)
     n_bins = [
         round(1 / (step * spacing)) if step else 1
-        for step, spacing in zip(aperture.grid_steps, element_grid.spacing, strict=True)
+        for step, spacing in zip(
+            aperture.direction_grid_sine_steps, element_grid.spacing, strict=True
+        )
     ]
     # Grids finer than a wavelength may have fewer bins than grid points, which then alias.
     padded = np.zeros((n, n_looks, n_bins[1], n_bins[0]), np.complex64)
@@ -87,7 +93,9 @@ def _fft_beam_power(
         np.rint(elevation_cosines * element_grid.spacing[1] * n_bins[1]).astype(int)[:, None]
         % n_bins[1]
     )
-    return mean_power(beams[:, :, up_bins, left_bins].reshape(n, n_looks, -1), n_elements)
+    return mean_beam_power_over_looks(
+        beams[:, :, up_bins, left_bins].reshape(n, n_looks, -1), n_elements
+    )
 
 
 def _element_taper(window: Window, aperture: Aperture) -> np.ndarray:

@@ -18,13 +18,13 @@ _MAX_BLOCK_VALUES = 2**22
 _NEIGHBOURS = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def grating_lobe_separation(aperture: Aperture) -> tuple[float, float] | None:
+def smallest_grating_lobe_separation(aperture: Aperture) -> tuple[float, float] | None:
     """Return the smallest separation of ambiguous directions, in sines of azimuth and elevation.
 
     The first grating lobe within the field of view, less three degrees at its edges; None where
     all directions differ. Elements are taken to have equal depth, elevations to be small.
     """
-    steps = np.array(aperture.grid_steps) / 2
+    steps = np.array(aperture.direction_grid_sine_steps) / 2
     field_of_view = aperture.field_of_view
     limits = 2 * np.sin(
         np.array([field_of_view.azimuth_rad, field_of_view.elevation_rad]) - _EDGE_MARGIN_RAD
@@ -34,18 +34,18 @@ def grating_lobe_separation(aperture: Aperture) -> tuple[float, float] | None:
         for step, limit in zip(steps, limits, strict=True)
     ]
     separations = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    correlation = _steering_correlation(aperture, separations)
+    correlation = _steering_vector_correlation(aperture, separations)
     is_maximum = correlation == maximum_filter(correlation, size=3, mode="nearest")
     lobes = separations[
         is_maximum & (correlation > MIN_CORRELATION - 0.1) & np.any(separations != 0, axis=-1)
     ]
     for halving in range(1, 8):
         neighbours = lobes[:, None] + steps / 2.0**halving * _NEIGHBOURS
-        best = np.argmax(_steering_correlation(aperture, neighbours), axis=1)
+        best = np.argmax(_steering_vector_correlation(aperture, neighbours), axis=1)
         lobes = neighbours[np.arange(len(lobes)), best]
     lobes = lobes[
         np.all(np.abs(lobes) < limits, axis=1)
-        & (_steering_correlation(aperture, lobes) > MIN_CORRELATION)
+        & (_steering_vector_correlation(aperture, lobes) > MIN_CORRELATION)
     ]
     if not len(lobes):
         return None
@@ -55,7 +55,7 @@ def grating_lobe_separation(aperture: Aperture) -> tuple[float, float] | None:
 
 def grating_lobe_findings(aperture: Aperture) -> list[Finding]:
     """Return a finding on ambiguous directions within the field of view, if there are any."""
-    separation = grating_lobe_separation(aperture)
+    separation = smallest_grating_lobe_separation(aperture)
     if separation is None:
         return []
     field_of_view = aperture.field_of_view
@@ -81,12 +81,12 @@ def grating_lobe_findings(aperture: Aperture) -> list[Finding]:
     ]
 
 
-def _steering_correlation(aperture: Aperture, separations: np.ndarray) -> np.ndarray:
+def _steering_vector_correlation(aperture: Aperture, sine_separations: np.ndarray) -> np.ndarray:
     """Return the correlation of steering vectors over separations (..., 2): (...), 0 to 1."""
-    flat = separations.reshape(-1, 2)
+    flat = sine_separations.reshape(-1, 2)
     out = np.empty(len(flat))
     block_size = max(1, _MAX_BLOCK_VALUES // aperture.n_elements)
     for first in range(0, len(flat), block_size):
         phase = 2 * np.pi * (flat[first : first + block_size] @ aperture.positions[:, 1:].T)
         out[first : first + block_size] = np.abs(np.mean(np.exp(1j * phase), axis=1))
-    return out.reshape(separations.shape[:-1])
+    return out.reshape(sine_separations.shape[:-1])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.core.checks import check_count
+from dechirp.core.checks import check_integer_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import difference_coarray, likelihood
 from dechirp.processing.angle.aperture import Aperture
@@ -42,26 +42,33 @@ class IterativeAdaptive(SpectralEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_count(self, "n_iterations", at_most=1000)
+        check_integer_fields(self, "n_iterations", at_most=1000)
 
-    def prepare_snapshots(
+    def precompute_for_spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
         """Return inverse covariances and their products with the looks, (n, N, N + n_looks)."""
         n, n_looks, n_elements = snapshots.shape
         out = np.empty((n, n_elements, n_elements + n_looks), complex)
-        block_size = max(1, _MAX_BLOCK_VALUES // aperture.grid.steering.size)
+        block_size = max(1, _MAX_BLOCK_VALUES // aperture.direction_grid.steering.size)
         for start in range(0, n, block_size):
             block = slice(start, start + block_size)
-            out[block] = self._iterate(snapshots[block], aperture, noise_power[block])
+            out[block] = self._iterate_inverse_covariances(
+                snapshots[block], aperture, noise_power[block]
+            )
         return out
 
-    def _iterate(
+    def _iterate_inverse_covariances(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
-        steering, elements = aperture.grid.steering.astype(complex), _all_elements(aperture)
-        lag_phases = difference_coarray.grid_lag_phases(aperture, elements)
-        lag_of_pair = difference_coarray.element_coarray(aperture, elements).lag_of_pair
+        steering, elements = (
+            aperture.direction_grid.steering.astype(complex),
+            _all_element_indices(aperture),
+        )
+        lag_phases = difference_coarray.cached_grid_lag_phase_factors(aperture, elements)
+        lag_of_pair = difference_coarray.difference_coarray_of_elements(
+            aperture, elements
+        ).lag_of_pair
         columns = np.swapaxes(snapshots, 1, 2)
         power = beam_power(snapshots, steering).astype(float)
         unit = np.eye(snapshots.shape[2])
@@ -76,40 +83,49 @@ class IterativeAdaptive(SpectralEstimator):
             covariance += floor[:, None, None] * unit
             inverse = np.linalg.inv(covariance)
             inverse_and_looks = np.concatenate([inverse, inverse @ columns], axis=2)
-            power = self.grid_spectrum(inverse_and_looks, aperture)
+            power = self.spectrum_on_direction_grid(inverse_and_looks, aperture)
         return inverse_and_looks
 
-    def grid_spectrum(self, prepared: np.ndarray, aperture: Aperture) -> np.ndarray:
+    def spectrum_on_direction_grid(self, precomputed: np.ndarray, aperture: Aperture) -> np.ndarray:
         """Return the power at all directions of the grid, by lags where elements are on a grid."""
-        steering, elements = aperture.grid.steering.astype(complex), _all_elements(aperture)
-        lag_phases = difference_coarray.grid_lag_phases(aperture, elements)
-        if lag_phases is None:
-            return self.spectrum_at(prepared, steering)
-        n_elements = aperture.n_elements
-        amplitudes = steering.conj() @ prepared[..., n_elements:]
-        inverse = difference_coarray.element_coarray(aperture, elements).sum_over_lags(
-            prepared[..., :n_elements]
+        steering, elements = (
+            aperture.direction_grid.steering.astype(complex),
+            _all_element_indices(aperture),
         )
-        return _mean_power(amplitudes, difference_coarray.direction_powers(inverse, lag_phases))
+        lag_phases = difference_coarray.cached_grid_lag_phase_factors(aperture, elements)
+        if lag_phases is None:
+            return self.spectrum_at(precomputed, steering)
+        n_elements = aperture.n_elements
+        amplitudes = steering.conj() @ precomputed[..., n_elements:]
+        inverse = difference_coarray.difference_coarray_of_elements(
+            aperture, elements
+        ).sum_over_equal_lags(precomputed[..., :n_elements])
+        return _mean_power_over_looks(
+            amplitudes, difference_coarray.quadratic_forms_from_lags(inverse, lag_phases)
+        )
 
-    def spectrum_at(self, prepared: np.ndarray, steering: np.ndarray) -> np.ndarray:
+    def spectrum_at(self, precomputed: np.ndarray, steering: np.ndarray) -> np.ndarray:
         """Return the power of each direction, with the others suppressed."""
-        n_elements = prepared.shape[1]
-        responses = steering.conj() @ prepared
+        n_elements = precomputed.shape[1]
+        responses = steering.conj() @ precomputed
         gain = np.einsum("...mi,...mi->...m", responses[..., :n_elements], steering).real
-        return _mean_power(responses[..., n_elements:], gain)
+        return _mean_power_over_looks(responses[..., n_elements:], gain)
 
-    def refine_peaks(
-        self, snapshots: np.ndarray, prepared: np.ndarray, aperture: Aperture, coarse: Angles
+    def refine_peak_angles(
+        self,
+        snapshots: np.ndarray,
+        precomputed: np.ndarray,
+        aperture: Aperture,
+        coarse_angles: Angles,
     ) -> Angles:
         """Refine all peaks together to the most likely directions."""
-        return likelihood.maximise_likelihood(snapshots, aperture, *coarse)
+        return likelihood.maximise_direction_likelihood(snapshots, aperture, *coarse_angles)
 
 
-def _all_elements(aperture: Aperture) -> tuple[int, ...]:
+def _all_element_indices(aperture: Aperture) -> tuple[int, ...]:
     return tuple(range(aperture.n_elements))
 
 
-def _mean_power(amplitudes: np.ndarray, gain: np.ndarray) -> np.ndarray:
+def _mean_power_over_looks(amplitudes: np.ndarray, gains: np.ndarray) -> np.ndarray:
     """Return the mean power over the looks of amplitudes (n, m, n_looks) over gains (n, m)."""
-    return np.asarray(np.mean(np.abs(amplitudes / gain[..., None]) ** 2, axis=-1))
+    return np.asarray(np.mean(np.abs(amplitudes / gains[..., None]) ** 2, axis=-1))

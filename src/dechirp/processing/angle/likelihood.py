@@ -32,14 +32,16 @@ class Search(NamedTuple):
     """Steps of sines at which the search ends, (n_angles,)."""
 
 
-def source_powers(
+def least_squares_source_powers(
     snapshots: np.ndarray, aperture: Aperture, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
 ) -> np.ndarray:
     """Return mean powers over the looks of sources at directions, (n, n_sources), by least squares.
 
     `snapshots` (n, n_looks, n_elements), directions (n, most), NaN where there are fewer.
     """
-    return _powers_and_information(*_to_arrays(snapshots, aperture, azimuth_rad, elevation_rad))[0]
+    return _source_powers_and_fisher_information(
+        *_arrays_for_kernels(snapshots, aperture, azimuth_rad, elevation_rad)
+    )[0]
 
 
 def crlb_standard_errors(
@@ -54,45 +56,50 @@ def crlb_standard_errors(
     (n, n_sources, n_angles) for the resolved angles, azimuth before elevation; see
     `theory.direction_bounds.conditional_information`.
     """
-    _, information = _powers_and_information(
-        *_to_arrays(snapshots, aperture, azimuth_rad, elevation_rad)
+    _, information = _source_powers_and_fisher_information(
+        *_arrays_for_kernels(snapshots, aperture, azimuth_rad, elevation_rad)
     )
-    variance = crlb_variances(information).reshape(*azimuth_rad.shape, sum(aperture.resolves))
+    variance = crlb_variances(information).reshape(
+        *azimuth_rad.shape, sum(aperture.resolves_azimuth_and_elevation)
+    )
     std = np.sqrt(variance * noise_power[:, None, None])
     return np.where(np.isnan(azimuth_rad)[..., None], np.nan, std)
 
 
-def maximise_likelihood(
+def maximise_direction_likelihood(
     snapshots: np.ndarray, aperture: Aperture, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Maximise the likelihood of all sources of a snapshot near given directions.
 
     Levenberg-Marquardt steps on the least-squares residual, in sines of the angles, within the
     field of view. For a single source this is the top of its beam; for several, the sources do
-    not bias each other. Arrays as in `source_powers`; returns azimuths and elevations.
+    not bias each other. Arrays as in `least_squares_source_powers`; returns azimuths and
+    elevations.
     """
-    data, positions, resolved_axes, angles = _to_arrays(
+    data, positions, resolved_axes, angles = _arrays_for_kernels(
         snapshots, aperture, azimuth_rad, elevation_rad
     )
-    limit = np.array(aperture.field_of_view.sines)[resolved_axes]
-    tolerance = _TOLERANCE * np.array(aperture.grid_steps)[resolved_axes]
+    limit = np.array(aperture.field_of_view.max_angle_sines)[resolved_axes]
+    tolerance = _TOLERANCE * np.array(aperture.direction_grid_sine_steps)[resolved_axes]
     angles = np.arcsin(
-        _maximise_all(data, np.sin(angles), Search(positions, resolved_axes, limit, tolerance))
+        _maximise_likelihood_of_detections(
+            data, np.sin(angles), Search(positions, resolved_axes, limit, tolerance)
+        )
     )
     return angles[..., 0], angles[..., 1]
 
 
-def _to_arrays(
+def _arrays_for_kernels(
     snapshots: np.ndarray, aperture: Aperture, azimuth_rad: np.ndarray, elevation_rad: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return snapshots, positions, resolved axes and directions as arrays for compiled code."""
     angles = np.stack([azimuth_rad, elevation_rad], axis=-1)
     data = np.ascontiguousarray(snapshots, complex)
-    return data, aperture.positions, np.flatnonzero(aperture.resolves), angles
+    return data, aperture.positions, np.flatnonzero(aperture.resolves_azimuth_and_elevation), angles
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _powers_and_information(
+def _source_powers_and_fisher_information(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean powers and information on the angles of each detection.
@@ -110,7 +117,7 @@ def _powers_and_information(
             information[i, j, j] = 1.0
         if sources.size == 0:
             continue
-        amplitudes, _, curvature, _ = _fit_amplitudes(
+        amplitudes, _, curvature, _ = _fit_amplitudes_and_derivatives(
             snapshots[i], positions, resolved_axes, angles[i][sources]
         )
         for j in range(sources.size * n_angles):
@@ -125,23 +132,31 @@ def _powers_and_information(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _maximise_all(snapshots: np.ndarray, sines: np.ndarray, search: Search) -> np.ndarray:
+def _maximise_likelihood_of_detections(
+    snapshots: np.ndarray, start_sines: np.ndarray, search: Search
+) -> np.ndarray:
     """Return sines (n, n_sources, 2) after Levenberg-Marquardt steps."""
-    out = sines.copy()
-    for i in range(len(sines)):
-        sources = np.flatnonzero(~np.isnan(sines[i, :, 0]))
+    out = start_sines.copy()
+    for i in range(len(start_sines)):
+        sources = np.flatnonzero(~np.isnan(start_sines[i, :, 0]))
         if sources.size:
-            out[i][sources] = _maximise_one(snapshots[i], sines[i][sources], search)
+            out[i][sources] = _maximise_likelihood_of_detection(
+                snapshots[i], start_sines[i][sources], search
+            )
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _maximise_one(snapshots: np.ndarray, sines: np.ndarray, search: Search) -> np.ndarray:
+def _maximise_likelihood_of_detection(
+    snapshots: np.ndarray, start_sines: np.ndarray, search: Search
+) -> np.ndarray:
     """Return sines (k, 2) of the sources of one detection after Levenberg-Marquardt steps."""
     positions, resolved_axes, limit, tolerance = search
-    current, no_step = sines, np.zeros((len(sines), len(resolved_axes)))
-    current = _apply_step(current, no_step, resolved_axes, limit)
-    gradient, information, residual = _sine_gradient(snapshots, positions, resolved_axes, current)
+    current, no_step = start_sines, np.zeros((len(start_sines), len(resolved_axes)))
+    current = _add_step_within_view(current, no_step, resolved_axes, limit)
+    gradient, information, residual = _gradient_curvature_and_residual(
+        snapshots, positions, resolved_axes, current
+    )
     damping = 1e-3
     for _ in range(_MOST_ITERATIONS):
         damped = information.copy()
@@ -149,14 +164,14 @@ def _maximise_one(snapshots: np.ndarray, sines: np.ndarray, search: Search) -> n
             # The addition keeps a snapshot of zeros in place.
             damped[j, j] = damped[j, j] * (1 + damping) + 1e-300
         step = np.linalg.solve(damped, gradient).reshape(no_step.shape)
-        trial = _apply_step(current, step, resolved_axes, limit)
+        trial = _add_step_within_view(current, step, resolved_axes, limit)
         is_far = False
         for p in range(len(resolved_axes)):
             is_far |= (
                 np.abs(trial[:, resolved_axes[p]] - current[:, resolved_axes[p]]).max()
                 > tolerance[p]
             )
-        trial_fit = _sine_gradient(snapshots, positions, resolved_axes, trial)
+        trial_fit = _gradient_curvature_and_residual(snapshots, positions, resolved_axes, trial)
         damping *= 0.1 if trial_fit[2] <= residual else 10.0
         if trial_fit[2] <= residual:
             current = trial
@@ -167,26 +182,26 @@ def _maximise_one(snapshots: np.ndarray, sines: np.ndarray, search: Search) -> n
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _apply_step(
-    sines: np.ndarray, step: np.ndarray, resolved_axes: np.ndarray, limit: np.ndarray
+def _add_step_within_view(
+    sines: np.ndarray, step: np.ndarray, resolved_axes: np.ndarray, max_sines: np.ndarray
 ) -> np.ndarray:
     """Add a step (k, n_angles) to sines (k, 2), within the field of view."""
     out = sines.copy()
     for j in range(len(sines)):
         for p in range(len(resolved_axes)):
             out[j, resolved_axes[p]] = min(
-                max(sines[j, resolved_axes[p]] + step[j, p], -limit[p]), limit[p]
+                max(sines[j, resolved_axes[p]] + step[j, p], -max_sines[p]), max_sines[p]
             )
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sine_gradient(
+def _gradient_curvature_and_residual(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, sines: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return gradient and curvature of the log-likelihood in the sines, and the residual energy."""
     angles = np.arcsin(sines)
-    _, gradient, information, residual = _fit_amplitudes(
+    _, gradient, information, residual = _fit_amplitudes_and_derivatives(
         snapshots, positions, resolved_axes, angles
     )
     n_angles = len(resolved_axes)
@@ -199,7 +214,7 @@ def _sine_gradient(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _fit_amplitudes(
+def _fit_amplitudes_and_derivatives(
     snapshots: np.ndarray, positions: np.ndarray, resolved_axes: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Fit k sources at directions (k, 2) to one detection, (n_looks, n_elements), by least squares.
@@ -214,7 +229,7 @@ def _fit_amplitudes(
     rows = np.zeros((first_look + n_looks, n + k), np.complex128)
     rows[first_look:, :n] = snapshots
     for j in range(k):
-        _fill_steering_vectors(
+        _write_steering_and_derivatives(
             rows[j], rows[first_slope + j * n_angles :], positions, resolved_axes, angles[j]
         )
         rows[j, n + j] = np.sqrt(_RIDGE * n)
@@ -250,9 +265,9 @@ def _fit_amplitudes(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _fill_steering_vectors(
+def _write_steering_and_derivatives(
     steering: np.ndarray,
-    slopes: np.ndarray,
+    derivatives: np.ndarray,
     positions: np.ndarray,
     resolved_axes: np.ndarray,
     angles: np.ndarray,
@@ -271,7 +286,7 @@ def _fill_steering_vectors(
         for p in range(len(resolved_axes)):
             slope = unit_vector_slopes[resolved_axes[p]]
             phase_slope = -2 * np.pi * (slope[0] * x + slope[1] * y + slope[2] * z)
-            slopes[p, e] = 1j * phase_slope * steering[e]
+            derivatives[p, e] = 1j * phase_slope * steering[e]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})

@@ -30,7 +30,7 @@ class MaximumLikelihood(DirectionEstimator):
 
     It finds one or two sources, coherent or not, on arrays of any shape. `mdl` and `aic` choose
     between one and two by the power that the second explains, see
-    `model_order.has_second_source`.
+    `model_order.snapshots_with_second_source`.
     """
 
     def __post_init__(self) -> None:
@@ -47,24 +47,32 @@ class MaximumLikelihood(DirectionEstimator):
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Angles:
         """Find the most likely direction, or pair of directions, of each snapshot."""
-        is_single = self.n_sources == 1 or not self._can_resolve_two(snapshots.shape[1], aperture)
+        is_single = self.n_sources == 1 or not self._can_resolve_two_sources(
+            snapshots.shape[1], aperture
+        )
         angles = np.full((2, len(snapshots), 1 if is_single else 2), np.nan)
-        n_pairs = len(_PAIR_OFFSETS[sum(aperture.resolves)]) ** (2 * sum(aperture.resolves))
-        largest = max(len(aperture.grid.steering), n_pairs, 25 * aperture.n_elements)
+        n_pairs = len(_PAIR_OFFSETS[sum(aperture.resolves_azimuth_and_elevation)]) ** (
+            2 * sum(aperture.resolves_azimuth_and_elevation)
+        )
+        largest = max(len(aperture.direction_grid.steering), n_pairs, 25 * aperture.n_elements)
         block_size = max(1, _MAX_BLOCK_VALUES // (snapshots.shape[1] * largest))
         for start in range(0, len(snapshots), block_size):
             rows = slice(start, start + block_size)
             x = snapshots[rows].astype(np.complex128)
-            single_source = likelihood.maximise_likelihood(
-                x, aperture, *_strongest_direction(x, aperture)
+            single_source = likelihood.maximise_direction_likelihood(
+                x, aperture, *_strongest_grid_direction(x, aperture)
             )
             if is_single:
                 angles[:, rows] = single_source
                 continue
-            pair, gain = _most_likely_pair(x, single_source, aperture)
+            pair, gain = _most_likely_pair_and_gain(x, single_source, aperture)
             if not isinstance(self.n_sources, int):
-                has_one_source = ~model_order.has_second_source(
-                    gain, noise_power[rows], x.shape, sum(aperture.resolves), self.n_sources
+                has_one_source = ~model_order.snapshots_with_second_source(
+                    gain,
+                    noise_power[rows],
+                    x.shape,
+                    sum(aperture.resolves_azimuth_and_elevation),
+                    self.n_sources,
                 )
                 for angle, strongest in zip(pair, single_source, strict=True):
                     angle[has_one_source, 0], angle[has_one_source, 1] = (
@@ -74,9 +82,9 @@ class MaximumLikelihood(DirectionEstimator):
             angles[:, rows] = pair
         return angles[0], angles[1]
 
-    def _can_resolve_two(self, n_looks: int, aperture: Aperture) -> bool:
+    def _can_resolve_two_sources(self, n_looks: int, aperture: Aperture) -> bool:
         """Return True if two sources have fewer unknowns than the snapshots have values."""
-        n_angles = sum(aperture.resolves)
+        n_angles = sum(aperture.resolves_azimuth_and_elevation)
         min_elements = int(2 + n_angles / n_looks) + 1
         if self.n_sources == 2 and aperture.n_elements < min_elements:
             raise InvalidSetting(
@@ -89,75 +97,88 @@ class MaximumLikelihood(DirectionEstimator):
         return aperture.n_elements >= min_elements
 
 
-def _most_likely_pair(
-    x: np.ndarray, single_source: Angles, aperture: Aperture
+def _most_likely_pair_and_gain(
+    snapshots: np.ndarray, single_source: Angles, aperture: Aperture
 ) -> tuple[Angles, np.ndarray]:
     """Return the most likely pairs, (n, 2) each, and their power beyond one source, (n,)."""
     searched_pair, near_pair = (
-        likelihood.maximise_likelihood(x, aperture, *start)
+        likelihood.maximise_direction_likelihood(snapshots, aperture, *start)
         for start in (
-            _pair_from_search(x, single_source, aperture),
-            _pair_within_beam(x, single_source, aperture),
+            _pair_with_best_grid_partner(snapshots, single_source, aperture),
+            _best_pair_within_beam(snapshots, single_source, aperture),
         )
     )
     by_search, by_pair = (
-        _explained_power(x, aperture, searched_pair),
-        _explained_power(x, aperture, near_pair),
+        _explained_power(snapshots, aperture, searched_pair),
+        _explained_power(snapshots, aperture, near_pair),
     )
     use_near_pair = (by_pair > by_search)[:, None]
     azimuth, elevation = (
         np.where(use_near_pair, b, a) for a, b in zip(searched_pair, near_pair, strict=True)
     )
-    gain = np.maximum(by_search, by_pair) - _explained_power(x, aperture, single_source)
+    gain = np.maximum(by_search, by_pair) - _explained_power(snapshots, aperture, single_source)
     return (azimuth, elevation), gain
 
 
-def _explained_power(x: np.ndarray, aperture: Aperture, angles: Angles) -> np.ndarray:
+def _explained_power(snapshots: np.ndarray, aperture: Aperture, angles: Angles) -> np.ndarray:
     """Return the power of the snapshots within the span of the steering vectors, (n,)."""
     basis = np.linalg.qr(np.swapaxes(aperture.steering_vectors(*angles), 1, 2))[0]
-    return np.sum(np.abs(x @ basis.conj()) ** 2, axis=(1, 2))
+    return np.sum(np.abs(snapshots @ basis.conj()) ** 2, axis=(1, 2))
 
 
-def _strongest_direction(x: np.ndarray, aperture: Aperture) -> Angles:
+def _strongest_grid_direction(snapshots: np.ndarray, aperture: Aperture) -> Angles:
     """Return the direction of the grid that explains most power, (n, 1) each."""
-    return _grid_maximum(np.sum(np.abs(_matched_beams(x, aperture)) ** 2, axis=1), aperture)
+    return _grid_direction_of_maximum(
+        np.sum(np.abs(_beams_to_grid_directions(snapshots, aperture)) ** 2, axis=1), aperture
+    )
 
 
-def _pair_from_search(x: np.ndarray, single_source: Angles, aperture: Aperture) -> Angles:
+def _pair_with_best_grid_partner(
+    snapshots: np.ndarray, single_source: Angles, aperture: Aperture
+) -> Angles:
     """Return one source, and the grid direction of most power beside it, (n, 2) each."""
     steering = aperture.steering_vectors(*single_source)  # (n, 1, n_elements)
-    shared = steering[:, 0].astype(np.complex64) @ aperture.grid.steering.conj().T
+    shared = steering[:, 0].astype(np.complex64) @ aperture.direction_grid.steering.conj().T
     shared /= aperture.n_elements
-    own_beams = x @ np.swapaxes(steering, 1, 2).conj()  # (n, n_looks, 1)
-    power = np.sum(np.abs(_matched_beams(x, aperture) - own_beams * shared[:, None]) ** 2, axis=1)
+    own_beams = snapshots @ np.swapaxes(steering, 1, 2).conj()  # (n, n_looks, 1)
+    power = np.sum(
+        np.abs(_beams_to_grid_directions(snapshots, aperture) - own_beams * shared[:, None]) ** 2,
+        axis=1,
+    )
     remaining = 1 - np.abs(shared) ** 2
     power = np.where(
         remaining > 1 - _MAX_OVERLAP, power / np.maximum(remaining, 1 - _MAX_OVERLAP), -1
     )
-    other = _grid_maximum(power, aperture)
+    other = _grid_direction_of_maximum(power, aperture)
     azimuth, elevation = (
         np.concatenate(both, axis=1) for both in zip(single_source, other, strict=True)
     )
     return azimuth, elevation
 
 
-def _pair_within_beam(x: np.ndarray, single_source: Angles, aperture: Aperture) -> Angles:
+def _best_pair_within_beam(
+    snapshots: np.ndarray, single_source: Angles, aperture: Aperture
+) -> Angles:
     """Return the best of the pairs about one source, (n, 2) each."""
     lengths = np.ptp(aperture.positions[:, 1:], axis=0)
     offsets = np.meshgrid(
         *(
-            _PAIR_OFFSETS[sum(aperture.resolves)] / length if is_resolved else np.zeros(1)
-            for is_resolved, length in zip(aperture.resolves, lengths, strict=True)
+            _PAIR_OFFSETS[sum(aperture.resolves_azimuth_and_elevation)] / length
+            if is_resolved
+            else np.zeros(1)
+            for is_resolved, length in zip(
+                aperture.resolves_azimuth_and_elevation, lengths, strict=True
+            )
         )
     )
     candidates = [
         np.arcsin(np.clip(np.sin(angle) + offset.ravel(), -limit, limit))
         for angle, offset, limit in zip(
-            single_source, offsets, aperture.field_of_view.sines, strict=True
+            single_source, offsets, aperture.field_of_view.max_angle_sines, strict=True
         )
     ]
     steering = aperture.steering_vectors(*candidates)  # (n, places, n_elements)
-    beams = x @ np.swapaxes(steering, 1, 2).conj()
+    beams = snapshots @ np.swapaxes(steering, 1, 2).conj()
     shared = steering.conj() @ np.swapaxes(steering, 1, 2) / aperture.n_elements
     first, second = np.triu_indices(steering.shape[1], 1)
     first_beams, second_beams, overlap = (
@@ -170,7 +191,7 @@ def _pair_within_beam(x: np.ndarray, single_source: Angles, aperture: Aperture) 
     # At the edges of the field of view candidates coincide.
     remaining = 1 - np.abs(overlap) ** 2
     power = np.where(remaining > 1e-3, power.sum(axis=1) / np.maximum(remaining, 1e-3), -1)
-    best, rows = np.argmax(power, axis=1), np.arange(len(x))
+    best, rows = np.argmax(power, axis=1), np.arange(len(snapshots))
     azimuth, elevation = (
         np.stack([candidate[rows, first[best]], candidate[rows, second[best]]], axis=1)
         for candidate in candidates
@@ -178,13 +199,13 @@ def _pair_within_beam(x: np.ndarray, single_source: Angles, aperture: Aperture) 
     return azimuth, elevation
 
 
-def _matched_beams(x: np.ndarray, aperture: Aperture) -> np.ndarray:
+def _beams_to_grid_directions(snapshots: np.ndarray, aperture: Aperture) -> np.ndarray:
     """Return beams matched to each direction of the grid, (n, n_looks, n_directions)."""
-    return x.astype(np.complex64) @ aperture.grid.steering.conj().T
+    return snapshots.astype(np.complex64) @ aperture.direction_grid.steering.conj().T
 
 
-def _grid_maximum(power: np.ndarray, aperture: Aperture) -> Angles:
+def _grid_direction_of_maximum(power: np.ndarray, aperture: Aperture) -> Angles:
     """Return the direction of the greatest power (n, n_directions), (n, 1) each."""
-    grid = aperture.grid
+    grid = aperture.direction_grid
     row, column = np.divmod(np.argmax(power, axis=1), grid.shape[1])
     return grid.azimuth_rad[column][:, None], grid.elevation_rad[row][:, None]

@@ -20,7 +20,7 @@ import numpy as np
 
 from dechirp.processing.angle import subspace
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.covariance import SlidingWindows, Smoothing, array_windows
+from dechirp.processing.angle.covariance import SlidingWindows, Smoothing, array_smoothing_windows
 
 Criterion = Literal["mdl", "aic"]
 
@@ -52,11 +52,11 @@ def estimate_n_sources(
     `windows` are other windows than the usual ones. An array that is not uniform has but one, and
     a single look at it shows one source whatever is there.
     """
-    windows = windows or array_windows(aperture, Smoothing())
-    n_looks, m = snapshots.shape[1], windows.size
-    max_sources = min(MAX_SOURCES, windows.max_sources(n_looks))
-    values, _ = subspace.leading_eigenvectors(windows, snapshots, max_sources)
-    independent = n_looks * windows.n_independent
+    windows = windows or array_smoothing_windows(aperture, Smoothing())
+    n_looks, m = snapshots.shape[1], windows.n_window_points
+    max_sources = min(MAX_SOURCES, windows.max_separable_sources(n_looks))
+    values, _ = subspace.leading_eigenpairs(windows, snapshots, max_sources)
+    independent = n_looks * windows.n_independent_values_per_look
     price = 1.0 if criterion == "aic" else 0.5 * np.log(independent)
     noise = np.fmax(noise_power[:, None], _ROUNDING * values[:, :1] + 1e-300)
     # Eigenvalues below the noise are no sources, though their cost would rise again.
@@ -66,24 +66,24 @@ def estimate_n_sources(
     return np.asarray(np.argmax(gain, axis=1) + 1)
 
 
-def has_second_source(
-    gain: np.ndarray,
+def snapshots_with_second_source(
+    power_gain: np.ndarray,
     noise_power: np.ndarray,
-    shape: tuple[int, ...],
+    snapshots_shape: tuple[int, ...],
     n_angles: int,
     criterion: Criterion,
 ) -> np.ndarray:
     r"""Return True where a second source explains enough of the snapshots, (n,).
 
-    `gain` (n,) is the power that it explains, `shape` that of the snapshots, `n_angles` the
-    angles that the array tells. A source has 2 real numbers a look and its angles. Under mdl,
-    amplitudes cost half the logarithm of the numbers observed each; the direction on a line of
-    n elements, a phase that grows along it, costs 3/2 ln n (P. M. Djuric, IEEE Trans. SP
-    44(7), 1996), and both angles together cost 2 ln n. aic counts an angle as 1: it takes
-    noise for a second source in half of all single ones.
+    `power_gain` (n,) is the power that it explains, `snapshots_shape` that of the snapshots,
+    `n_angles` the angles that the array tells. A source has 2 real numbers a look and its angles.
+    Under mdl, amplitudes cost half the logarithm of the numbers observed each; the direction on a
+    line of n elements, a phase that grows along it, costs 3/2 ln n (P. M. Djuric, IEEE Trans. SP
+    44(7), 1996), and both angles together cost 2 ln n. aic counts an angle as 1: it takes noise for
+    a second source in half of all single ones.
     """
-    _, n_looks, n_elements = shape
+    _, n_looks, n_elements = snapshots_shape
     price = 2.0 * n_looks + n_angles
     if criterion == "mdl":
         price = (n_looks + 1.0 + 0.5 * n_angles) * np.log(n_elements * n_looks)
-    return np.asarray(gain > price * noise_power)
+    return np.asarray(power_gain > price * noise_power)

@@ -71,7 +71,7 @@ class Monopulse(DirectionEstimator):
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Angles:
         """Find the angles of the phases on the most likely branch."""
-        pair_sets = displaced_pairs(aperture)
+        pair_sets = displaced_element_pairs(aperture)
         phases = np.stack(
             [
                 np.angle(
@@ -84,12 +84,12 @@ class Monopulse(DirectionEstimator):
             ],
             axis=-1,
         )
-        branches = _phase_branches(aperture)
-        to_cosines = np.linalg.inv(_displacements(aperture)) / (-2 * np.pi)
+        branches = _phase_ambiguity_cycles(aperture)
+        to_cosines = np.linalg.inv(_pair_displacements(aperture)) / (-2 * np.pi)
         cosines = (phases[:, None] + 2 * np.pi * branches) @ to_cosines.T
-        limits = np.array(aperture.field_of_view.sines)
+        limits = np.array(aperture.field_of_view.max_angle_sines)
         sines = np.zeros((*cosines.shape[:2], 2))
-        sines[..., list(aperture.resolves)] = cosines
+        sines[..., list(aperture.resolves_azimuth_and_elevation)] = cosines
         is_outside = np.any(np.abs(sines) > limits, axis=-1)
         sines[..., 1] = np.clip(sines[..., 1], -limits[1], limits[1])
         sines[..., 0] /= np.sqrt(1 - sines[..., 1] ** 2)
@@ -108,9 +108,9 @@ class Monopulse(DirectionEstimator):
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray, angles: Angles
     ) -> np.ndarray:
         """Return standard errors from the phase noise to first order, through the arc sine."""
-        resolved_axes = np.flatnonzero(aperture.resolves)
-        pair_sets = displaced_pairs(aperture)
-        to_cosines = np.linalg.inv(_displacements(aperture)) / (2 * np.pi)
+        resolved_axes = np.flatnonzero(aperture.resolves_azimuth_and_elevation)
+        pair_sets = displaced_element_pairs(aperture)
+        to_cosines = np.linalg.inv(_pair_displacements(aperture)) / (2 * np.pi)
         weights = np.zeros((len(pair_sets), aperture.n_elements))
         for row, pairs in zip(weights, pair_sets, strict=True):
             np.add.at(row, pairs.second, 1 / len(pairs.second))
@@ -123,7 +123,10 @@ class Monopulse(DirectionEstimator):
         to_angles = np.swapaxes(np.linalg.inv(slopes), 1, 2)
         angle_covariance = to_angles @ cosine_covariance @ np.swapaxes(to_angles, 1, 2)
         with np.errstate(divide="ignore"):
-            snr = likelihood.source_powers(snapshots, aperture, *angles)[:, 0] / noise_power
+            snr = (
+                likelihood.least_squares_source_powers(snapshots, aperture, *angles)[:, 0]
+                / noise_power
+            )
             variance = np.diagonal(angle_covariance, axis1=1, axis2=2) / (
                 2 * snapshots.shape[1] * snr[:, None]
             )
@@ -131,7 +134,7 @@ class Monopulse(DirectionEstimator):
 
 
 @lru_cache(maxsize=8)
-def displaced_pairs(aperture: Aperture) -> tuple[DisplacedPairs, ...]:
+def displaced_element_pairs(aperture: Aperture) -> tuple[DisplacedPairs, ...]:
     """Return the pairs whose phases are evaluated, a set for each resolved angle.
 
     Raises `InvalidSetting` where there are none.
@@ -150,14 +153,14 @@ def displaced_pairs(aperture: Aperture) -> tuple[DisplacedPairs, ...]:
     )
     first, second = np.where(backward, second, first), np.where(backward, first, second)
     displacements[backward] *= -1
-    if all(aperture.resolves):
-        widest = _best_displacement(displacements, np.ones(len(displacements), bool))
+    if all(aperture.resolves_azimuth_and_elevation):
+        widest = _longest_unambiguous_displacement(displacements, np.ones(len(displacements), bool))
         across = np.abs(displacements @ [-widest[1], widest[0]]) >= np.abs(displacements @ widest)
-        displacements_used = [widest, _best_displacement(displacements, across)]
+        displacements_used = [widest, _longest_unambiguous_displacement(displacements, across)]
     else:
-        axis = int(aperture.resolves[1])
+        axis = int(aperture.resolves_azimuth_and_elevation[1])
         displacements_used = [
-            _best_displacement(
+            _longest_unambiguous_displacement(
                 displacements, np.abs(displacements[:, axis]) >= np.abs(displacements[:, 1 - axis])
             )
         ]
@@ -170,20 +173,22 @@ def displaced_pairs(aperture: Aperture) -> tuple[DisplacedPairs, ...]:
     return tuple(sets)
 
 
-def _displacements(aperture: Aperture) -> np.ndarray:
+def _pair_displacements(aperture: Aperture) -> np.ndarray:
     """Return the displacements along the resolved axes, a row for each set of pairs."""
-    return np.array([pairs.displacement for pairs in displaced_pairs(aperture)])[
-        :, list(aperture.resolves)
+    return np.array([pairs.displacement for pairs in displaced_element_pairs(aperture)])[
+        :, list(aperture.resolves_azimuth_and_elevation)
     ]
 
 
-def _phase_branches(aperture: Aperture) -> np.ndarray:
+def _phase_ambiguity_cycles(aperture: Aperture) -> np.ndarray:
     """Return the cycles to add to the phases in the field of view, (n, n_angles), fewest first."""
     max_phase = (
         2
         * np.pi
-        * np.abs(_displacements(aperture))
-        @ np.array(aperture.field_of_view.sines)[list(aperture.resolves)]
+        * np.abs(_pair_displacements(aperture))
+        @ np.array(aperture.field_of_view.max_angle_sines)[
+            list(aperture.resolves_azimuth_and_elevation)
+        ]
     )
     ranges = [
         np.arange(-k, k + 1) for k in np.ceil((max_phase - np.pi) / (2 * np.pi) - 1e-3).astype(int)
@@ -192,7 +197,9 @@ def _phase_branches(aperture: Aperture) -> np.ndarray:
     return np.asarray(turns[np.argsort(np.abs(turns).sum(axis=1), kind="stable")])
 
 
-def _best_displacement(displacements: np.ndarray, is_allowed: np.ndarray) -> np.ndarray:
+def _longest_unambiguous_displacement(
+    displacements: np.ndarray, is_allowed: np.ndarray
+) -> np.ndarray:
     """Return the longest allowed displacement within half a wavelength, or the shortest one.
 
     Among equal ones that of most pairs.

@@ -5,7 +5,7 @@ import numpy as np
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import subspace
 from dechirp.processing.angle.aperture import Aperture
-from dechirp.processing.angle.covariance import check_source_count
+from dechirp.processing.angle.covariance import check_windows_separate_sources
 from dechirp.processing.angle.smoothed import SmoothedEstimator
 
 
@@ -22,7 +22,7 @@ class Music(SmoothedEstimator):
     34(3), 1986.
     """
 
-    def prepare_snapshots(
+    def precompute_for_spectrum(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> np.ndarray:
         """Return a basis of the signal subspace, (n, n_elements, n_sources), in one window.
@@ -30,18 +30,18 @@ class Music(SmoothedEstimator):
         Zero in other elements, and beyond the sources of a detection.
         """
         windows = self.sliding_windows(aperture)
-        check_source_count("Music", self.n_sources, windows, snapshots.shape[1])
+        check_windows_separate_sources("Music", self.n_sources, windows, snapshots.shape[1])
         counts = self.count_sources(snapshots, aperture, noise_power)
         max_count = int(counts.max(initial=1))
-        _, vectors = subspace.leading_eigenvectors(windows, snapshots, max_count)
+        _, vectors = subspace.leading_eigenpairs(windows, snapshots, max_count)
         vectors *= np.arange(max_count) < counts[:, None, None]
         basis = np.zeros((len(snapshots), aperture.n_elements, max_count), np.complex128)
-        basis[:, windows.elements] = vectors / np.sqrt(windows.size)
+        basis[:, windows.first_window_elements] = vectors / np.sqrt(windows.n_window_points)
         return basis
 
-    def spectrum_at(self, prepared: np.ndarray, steering: np.ndarray) -> np.ndarray:
+    def spectrum_at(self, precomputed: np.ndarray, steering: np.ndarray) -> np.ndarray:
         """Return 1 / (1 - part of the steering vector in the subspace)."""
-        projections = steering.conj() @ prepared.astype(steering.dtype)
+        projections = steering.conj() @ precomputed.astype(steering.dtype)
         # Single precision resolves 1e-7.
         distance = 1 - np.sum(projections.real**2 + projections.imag**2, axis=-1)
         return np.asarray(1 / np.maximum(distance, np.finfo(distance.dtype).eps))

@@ -15,13 +15,13 @@ from dechirp.processing.angle.base import Angles
 from dechirp.processing.angle.covariance import SlidingWindows
 
 
-def group_by_source_count(azimuth_rad: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
+def group_detections_by_source_count(azimuth_rad: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
     """Yield the rows of the detections with k sources, and k, for each k present."""
     counts = np.sum(~np.isnan(azimuth_rad), axis=1)
     return ((np.flatnonzero(counts == k), int(k)) for k in np.unique(counts[counts > 0]))
 
 
-def null_spectrum_errors(
+def null_spectrum_standard_errors(
     windows: SlidingWindows,
     snapshots: np.ndarray,
     aperture: Aperture,
@@ -33,30 +33,33 @@ def null_spectrum_errors(
     MUSIC, root-MUSIC and Capon find these zeros. `angles` are (n, n_sources) each, NaN where
     there are fewer.
     """
-    n_angles = sum(aperture.resolves)
+    n_angles = sum(aperture.resolves_azimuth_and_elevation)
     out = np.full((*angles[0].shape, n_angles), np.nan)
-    for rows, k in group_by_source_count(angles[0]):
+    for rows, k in group_detections_by_source_count(angles[0]):
         directions = angles[0][rows, :k], angles[1][rows, :k]
-        steering = np.swapaxes(aperture.steering_vectors(*directions)[..., windows.elements], 1, 2)
+        steering = np.swapaxes(
+            aperture.steering_vectors(*directions)[..., windows.first_window_elements], 1, 2
+        )
         slopes = aperture.steering_derivatives(*directions)[
-            ..., windows.elements
+            ..., windows.first_window_elements
         ]  # (n, k, n_told, size)
         basis = np.linalg.qr(steering)[0][:, None]
         slopes = slopes - (slopes @ basis.conj()) @ np.swapaxes(basis, 2, 3)
         # Newton's step: the inverse of the curvature times the slope caused by noise.
         curvature = np.real(slopes.conj() @ np.swapaxes(slopes, 2, 3))
         left_vectors = np.linalg.pinv(curvature, hermitian=True) @ slopes
-        right_vectors = inverse_amplitudes(windows, snapshots[rows], steering)
+        right_vectors = pseudoinverse_source_amplitudes(windows, snapshots[rows], steering)
         right_vectors = np.broadcast_to(
             right_vectors[:, :, None], (*left_vectors.shape[:3], right_vectors.shape[-1])
         )
         out[rows, :k] = np.sqrt(
-            windows.noise_variance(left_vectors, right_vectors) * noise_power[rows, None, None]
+            windows.bilinear_noise_variance(left_vectors, right_vectors)
+            * noise_power[rows, None, None]
         )
     return out
 
 
-def inverse_amplitudes(
+def pseudoinverse_source_amplitudes(
     windows: SlidingWindows, snapshots: np.ndarray, steering: np.ndarray
 ) -> np.ndarray:
     """Return S^+ as (n, k, columns): inverse amplitudes of the sources in each window.
@@ -66,6 +69,7 @@ def inverse_amplitudes(
     n, n_looks, _ = snapshots.shape
     inverse = np.linalg.pinv(steering).astype(snapshots.dtype)
     amplitudes = [
-        windows.project_data(inverse[i], snapshots[i]) for i in windows.detection_blocks(n, n_looks)
+        windows.multiply_data_matrices_from_left(inverse[i], snapshots[i])
+        for i in windows.memory_limited_slices(n, n_looks)
     ]
     return np.swapaxes(np.linalg.pinv(np.concatenate(amplitudes).astype(complex)), 1, 2)

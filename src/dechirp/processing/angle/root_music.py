@@ -27,29 +27,31 @@ class RootMusic(UlaEstimator):
     zeros of a polynomial simultaneously, Mathematics of Computation 27, 1973.
     """
 
-    def phase_factors(self, basis: np.ndarray) -> np.ndarray:
+    def candidate_phase_factors(self, signal_basis: np.ndarray) -> np.ndarray:
         """Return the roots within the unit circle, the nearest to it first."""
-        size = basis.shape[1]
+        size = signal_basis.shape[1]
         # Sums along the diagonals of the identity less basis basis^H.
-        spectrum = scipy.fft.fft(basis, 2 * size, axis=1)
+        spectrum = scipy.fft.fft(signal_basis, 2 * size, axis=1)
         diagonal_sums = scipy.fft.ifft(np.sum(np.abs(spectrum) ** 2, axis=2), axis=1)[:, :size]
         coefficients = -diagonal_sums.conj()
         coefficients[:, 0] += size
-        roots = _roots_within_circle(coefficients)
+        roots = _polynomial_roots_within_unit_circle(coefficients)
         nearest = np.argsort(-np.abs(roots), axis=1)
         return np.take_along_axis(roots, nearest, axis=1)
 
-    def left_vectors(self, steering: np.ndarray, phase_factor: np.ndarray) -> np.ndarray:
+    def phase_noise_weights(
+        self, window_steering: np.ndarray, phase_factor: np.ndarray
+    ) -> np.ndarray:
         """Return the left vectors of zeros of the null spectrum on the unit circle, as MUSIC."""
-        slopes = 1j * np.arange(steering.shape[1])[:, None] * steering
-        basis = np.linalg.qr(steering)[0]
+        slopes = 1j * np.arange(window_steering.shape[1])[:, None] * window_steering
+        basis = np.linalg.qr(window_steering)[0]
         slopes = slopes - basis @ (np.swapaxes(basis, 1, 2).conj() @ slopes)
         slopes /= np.sum(np.abs(slopes) ** 2, axis=1, keepdims=True)
         return np.swapaxes(slopes, 1, 2)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _roots_within_circle(coefficients: np.ndarray) -> np.ndarray:
+def _polynomial_roots_within_unit_circle(coefficients: np.ndarray) -> np.ndarray:
     """Return the roots within the unit circle of the sum of c_d z^d, d = 1 - size ... size - 1.
 
     `coefficients` (n, size) are those from c_0 on; c_-d = conj(c_d), so that roots come in pairs

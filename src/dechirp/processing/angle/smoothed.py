@@ -6,7 +6,7 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.processing.angle import model_order, perturbation
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.angle.base import Angles, SpectralEstimator
-from dechirp.processing.angle.covariance import SlidingWindows, Smoothing, array_windows
+from dechirp.processing.angle.covariance import SlidingWindows, Smoothing, array_smoothing_windows
 
 
 @frozen_dataclass
@@ -17,7 +17,7 @@ class SmoothedEstimator(SpectralEstimator):
 
     def sliding_windows(self, aperture: Aperture) -> SlidingWindows:
         """Return the windows of an array."""
-        return array_windows(aperture, self.smoothing)
+        return array_smoothing_windows(aperture, self.smoothing)
 
     def count_sources(
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
@@ -34,4 +34,6 @@ class SmoothedEstimator(SpectralEstimator):
     ) -> np.ndarray:
         """Return standard errors by first-order perturbation."""
         sliding = self.sliding_windows(aperture)
-        return perturbation.null_spectrum_errors(sliding, snapshots, aperture, noise_power, angles)
+        return perturbation.null_spectrum_standard_errors(
+            sliding, snapshots, aperture, noise_power, angles
+        )

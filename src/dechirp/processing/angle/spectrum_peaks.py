@@ -11,8 +11,8 @@ from dechirp.processing.angle.aperture import Aperture, DirectionGrid
 _HALVINGS = 8
 
 
-def find_grid_peaks(
-    spectrum: np.ndarray, grid: DirectionGrid, n_sources: np.ndarray, columns: int
+def find_grid_peak_directions(
+    spectrum: np.ndarray, grid: DirectionGrid, n_sources: np.ndarray, max_peaks: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return azimuths and elevations of the highest local maxima, (n, columns) each, highest first.
 
@@ -21,7 +21,7 @@ def find_grid_peaks(
     n_directions).
     """
     maps = spectrum.reshape(-1, *grid.shape)
-    peak_index = _find_peaks_in_maps(np.ascontiguousarray(maps), n_sources, columns)
+    peak_index = _peak_indices_in_maps(np.ascontiguousarray(maps), n_sources, max_peaks)
     row, column = np.divmod(peak_index, grid.shape[1])
     is_peak = peak_index >= 0
     azimuth = np.where(is_peak, grid.azimuth_rad[column], np.nan)
@@ -29,10 +29,10 @@ def find_grid_peaks(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _find_peaks_in_maps(maps: np.ndarray, n_sources: np.ndarray, columns: int) -> np.ndarray:
+def _peak_indices_in_maps(maps: np.ndarray, n_sources: np.ndarray, max_peaks: int) -> np.ndarray:
     """Return flat indices of the highest local maxima in each map, highest first, -1 for none."""
     n, n_rows, n_columns = maps.shape
-    peak_index = np.full((n, columns), -1)
+    peak_index = np.full((n, max_peaks), -1)
     for i in range(n):
         spectrum, n_found = maps[i], 0
         for row in range(n_rows):
@@ -87,7 +87,7 @@ def refine_spectrum_peaks(
     each of n snapshots; directions are (n, n_sources), NaN where there are fewer.
     """
     is_peak = ~np.isnan(azimuth_rad)
-    limit = np.array(aperture.field_of_view.sines)
+    limit = np.array(aperture.field_of_view.max_angle_sines)
     sines = np.sin(np.stack([azimuth_rad, elevation_rad], axis=-1))
     sines[~is_peak] = 0.0
     # Nine points about each, or three where the array resolves one angle.
@@ -95,23 +95,23 @@ def refine_spectrum_peaks(
         np.meshgrid(
             *(
                 np.array([-1, 0, 1]) if is_resolved else np.zeros(1)
-                for is_resolved in aperture.resolves
+                for is_resolved in aperture.resolves_azimuth_and_elevation
             )
         ),
         axis=-1,
     ).reshape(-1, 2)
     # On two axes a ridge may lie askew: two steps of each size.
-    halvings = np.repeat(np.arange(1, _HALVINGS + 1), sum(aperture.resolves))
+    halvings = np.repeat(np.arange(1, _HALVINGS + 1), sum(aperture.resolves_azimuth_and_elevation))
     for halving in halvings:
-        size = np.array(aperture.grid_steps) / 2.0**halving
+        size = np.array(aperture.direction_grid_sine_steps) / 2.0**halving
         candidates = np.clip(sines[:, :, None] + offsets * size, -limit, limit)
-        values = _spectrum_values(spectrum_at, aperture, candidates)
+        values = _spectrum_at_sines(spectrum_at, aperture, candidates)
         best = np.argmax(values, axis=2)[..., None, None]
         sines = np.take_along_axis(candidates, best, axis=2)[:, :, 0]
-    for axis in np.flatnonzero(aperture.resolves):
+    for axis in np.flatnonzero(aperture.resolves_azimuth_and_elevation):
         axis_offsets = np.zeros((3, 2))
         axis_offsets[:, axis] = [-1, 0, 1]
-        values = _spectrum_values(
+        values = _spectrum_at_sines(
             spectrum_at, aperture, np.clip(sines[:, :, None] + axis_offsets * size, -limit, limit)
         )
         curve = values[..., 0] - 2 * values[..., 1] + values[..., 2]
@@ -123,7 +123,7 @@ def refine_spectrum_peaks(
     return azimuth, elevation
 
 
-def _spectrum_values(
+def _spectrum_at_sines(
     spectrum_at: Callable[[np.ndarray], np.ndarray], aperture: Aperture, sines: np.ndarray
 ) -> np.ndarray:
     """Return the spectrum (n, k, m) at sines of azimuth and elevation, (n, k, m, 2)."""

@@ -12,8 +12,8 @@ from dechirp.processing.angle.base import Angles, DirectionEstimator, Directions
 from dechirp.processing.angle.covariance import (
     SlidingWindows,
     Smoothing,
-    check_source_count,
-    ula_windows,
+    check_windows_separate_sources,
+    longest_ula_windows_and_axis,
 )
 
 
@@ -30,22 +30,22 @@ class UlaEstimator(DirectionEstimator):
     smoothing: Smoothing = Smoothing()
 
     @abstractmethod
-    def phase_factors(self, basis: np.ndarray) -> np.ndarray:
+    def candidate_phase_factors(self, signal_basis: np.ndarray) -> np.ndarray:
         """Return candidate factors from element to element, (n, candidates), likeliest first.
 
-        `basis` (n, size, k) spans the subspace of k sources in a window.
+        `signal_basis` (n, size, k) spans the subspace of k sources in a window.
         """
 
-    def sliding_windows(self, aperture: Aperture) -> tuple[SlidingWindows, int]:
+    def sliding_windows_and_axis(self, aperture: Aperture) -> tuple[SlidingWindows, int]:
         """Return windows on the line, and its angle: 0 for azimuth, 1 for elevation."""
-        return ula_windows(aperture, self.smoothing, type(self).__name__)
+        return longest_ula_windows_and_axis(aperture, self.smoothing, type(self).__name__)
 
-    def array_findings(self, aperture: Aperture) -> list[Finding]:
+    def array_ambiguity_findings(self, aperture: Aperture) -> list[Finding]:
         """Warn if the array resolves two angles, of which the line gives one."""
-        findings = super().array_findings(aperture)
-        if not all(aperture.resolves):
+        findings = super().array_ambiguity_findings(aperture)
+        if not all(aperture.resolves_azimuth_and_elevation):
             return findings
-        axis = self.sliding_windows(aperture)[1]
+        axis = self.sliding_windows_and_axis(aperture)[1]
         if axis == 0:
             field = aperture.field_of_view
             elevation = field.elevation_rad
@@ -73,9 +73,9 @@ class UlaEstimator(DirectionEstimator):
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Angles:
         """Find the angles of the likeliest phase factors within the field of view."""
-        windows, axis = self.sliding_windows(aperture)
+        windows, axis = self.sliding_windows_and_axis(aperture)
         n, n_looks, _ = snapshots.shape
-        check_source_count(type(self).__name__, self.n_sources, windows, n_looks)
+        check_windows_separate_sources(type(self).__name__, self.n_sources, windows, n_looks)
         if isinstance(self.n_sources, int):
             counts = np.full(n, self.n_sources)
         else:
@@ -83,12 +83,12 @@ class UlaEstimator(DirectionEstimator):
                 snapshots, aperture, noise_power, self.n_sources, windows
             )
         max_count = int(counts.max(initial=1))
-        _, basis = subspace.leading_eigenvectors(windows, snapshots, max_count)
+        _, basis = subspace.leading_eigenpairs(windows, snapshots, max_count)
         sines = np.full((n, max_count), np.nan)
-        limit = aperture.field_of_view.sines[axis]
+        limit = aperture.field_of_view.max_angle_sines[axis]
         for k in np.unique(counts):
             rows = np.flatnonzero(counts == k)
-            candidates = -np.angle(self.phase_factors(basis[rows, :, :k])) / (
+            candidates = -np.angle(self.candidate_phase_factors(basis[rows, :, :k])) / (
                 2 * np.pi * windows.spacing
             )
             visible = np.argsort(np.abs(candidates) > limit, axis=1, kind="stable")[:, :k]
@@ -104,7 +104,7 @@ class UlaEstimator(DirectionEstimator):
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray
     ) -> Directions:
         """Estimate directions, with NaN for the angle that the line does not resolve."""
-        _, axis = self.sliding_windows(aperture)
+        _, axis = self.sliding_windows_and_axis(aperture)
         directions = super().find_directions(snapshots, aperture, noise_power)
         (directions.elevation_rad if axis == 0 else directions.azimuth_rad).fill(np.nan)
         return directions
@@ -113,21 +113,25 @@ class UlaEstimator(DirectionEstimator):
         self, snapshots: np.ndarray, aperture: Aperture, noise_power: np.ndarray, angles: Angles
     ) -> np.ndarray:
         """Return standard errors by first-order perturbation; NaN for an unresolved angle."""
-        windows, axis = self.sliding_windows(aperture)
+        windows, axis = self.sliding_windows_and_axis(aperture)
         out = np.full((*angles[0].shape, 2), np.nan)
-        for rows, k in perturbation.group_by_source_count(angles[0]):
+        for rows, k in perturbation.group_detections_by_source_count(angles[0]):
             angle = angles[axis][rows, :k]
             phase_factor = np.exp(-2j * np.pi * windows.spacing * np.sin(angle))
-            steering = phase_factor[:, None] ** np.arange(windows.size)[:, None]
-            right = perturbation.inverse_amplitudes(windows, snapshots[rows], steering)
-            variance = windows.noise_variance(self.left_vectors(steering, phase_factor), right)
+            steering = phase_factor[:, None] ** np.arange(windows.n_window_points)[:, None]
+            right = perturbation.pseudoinverse_source_amplitudes(windows, snapshots[rows], steering)
+            variance = windows.bilinear_noise_variance(
+                self.phase_noise_weights(steering, phase_factor), right
+            )
             per_rad = 2 * np.pi * windows.spacing * np.cos(angle)
             out[rows, :k, axis] = np.sqrt(variance * noise_power[rows, None]) / per_rad
-        return out[..., list(aperture.resolves)]
+        return out[..., list(aperture.resolves_azimuth_and_elevation)]
 
     @abstractmethod
-    def left_vectors(self, steering: np.ndarray, phase_factor: np.ndarray) -> np.ndarray:
+    def phase_noise_weights(
+        self, window_steering: np.ndarray, phase_factor: np.ndarray
+    ) -> np.ndarray:
         """Return the effect of window noise on each phase: Re(left^H noise), (n, k, size).
 
-        `steering` is (n, size, k) and `phase_factor` (n, k) that from element to element.
+        `window_steering` is (n, size, k) and `phase_factor` (n, k) that from element to element.
         """

@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from dechirp.core.checks import as_tuple, check_number
+from dechirp.core.checks import as_tuple_or_none, check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.calibration.element_errors import ElementErrors, fit_element_errors
-from dechirp.processing.calibration.findings import calibration_findings, element_name
-from dechirp.processing.calibration.reflector import find_reflector
+from dechirp.processing.calibration.findings import calibration_findings, element_tx_rx_label
+from dechirp.processing.calibration.reflector import measure_static_reflector
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
 
@@ -86,14 +86,14 @@ def calibrate(
     are no redundant values. It is not the error at other angles: channels that depend on the
     angle, by patterns and coupling, are visible only with several angles.
     """
-    _check_radar(radar)
+    _check_several_elements_and_equal_ramps(radar)
     recordings = _pair_recordings_with_positions(cubes, azimuth_rad, elevation_rad, range_m)
     uncalibrated = replace(radar, calibration=None)
     reflectors, indices = [], []
     for index, placed in enumerate(recordings):
         for frame_index, frame in enumerate(_iter_frames(placed.frames)):
             reflectors.append(
-                find_reflector(frame, uncalibrated.for_frame(frame_index), placed.range_m)
+                measure_static_reflector(frame, uncalibrated.for_frame(frame_index), placed.range_m)
             )
             indices.append(index)
     recording = np.array(indices)
@@ -110,11 +110,11 @@ def calibrate(
     snr = np.min(
         [abs(measured.snapshot) ** 2 / measured.noise_power for measured in reflectors], axis=0
     )
-    _check_snr(snr, radar)
+    _check_min_element_snr(snr, radar)
     errors = fit_element_errors(
         np.array([measured.snapshot for measured in reflectors]),
         np.array([measured.noise_power for measured in reflectors]),
-        _expected_snapshots(paths_m, ranges_m, unit_vectors, radar)[recording],
+        _ideal_near_field_snapshots(paths_m, ranges_m, unit_vectors, radar)[recording],
         unit_vectors[recording],
         _wavelength_m(radar),
     )
@@ -151,7 +151,7 @@ def _pair_recordings_with_positions(
     cubes: Frames | Sequence[Frames], azimuth_rad: Any, elevation_rad: Any, range_m: Any
 ) -> list[_PlacedRecording]:
     """Pair each recording with the angles and the range of its reflector."""
-    angles = as_tuple(azimuth_rad)
+    angles = as_tuple_or_none(azimuth_rad)
     recordings: list[Any] = [cubes] if angles is None else list(cubes)
     azimuths = (azimuth_rad,) if angles is None else angles
     if len(recordings) != len(azimuths) or not recordings:
@@ -169,31 +169,37 @@ def _pair_recordings_with_positions(
         _PlacedRecording(
             recordings[index],
             _unit_vector(
-                check_number(_indexed_setting("azimuth_rad", index, n), azimuths[index], **bounds),
                 check_number(
-                    _indexed_setting("elevation_rad", index, n), elevations[index], **bounds
+                    _setting_name_of_recording("azimuth_rad", index, n), azimuths[index], **bounds
+                ),
+                check_number(
+                    _setting_name_of_recording("elevation_rad", index, n),
+                    elevations[index],
+                    **bounds,
                 ),
             ),
             None
             if ranges[index] is None
-            else check_number(_indexed_setting("range_m", index, n), ranges[index], above=0.0),
+            else check_number(
+                _setting_name_of_recording("range_m", index, n), ranges[index], above=0.0
+            ),
         )
         for index in range(n)
     ]
 
 
-def _indexed_setting(name: str, index: int, n: int) -> str:
-    return name if n == 1 else f"{name}.{index}"
+def _setting_name_of_recording(name: str, index: int, n_recordings: int) -> str:
+    return name if n_recordings == 1 else f"{name}.{index}"
 
 
-def _values_per_recording(setting: str, values: Any, n: int) -> tuple[Any, ...]:
-    members = as_tuple(values)
+def _values_per_recording(setting: str, values: Any, n_recordings: int) -> tuple[Any, ...]:
+    members = as_tuple_or_none(values)
     if members is None:
-        return (values,) * n
-    if len(members) != n:
+        return (values,) * n_recordings
+    if len(members) != n_recordings:
         raise InvalidSetting(
             setting,
-            value=f"{len(members)} numbers for {n} recording{'s' * (n != 1)}",
+            value=f"{len(members)} numbers for {n_recordings} recording{'s' * (n_recordings != 1)}",
             expected="one for all recordings, or one for each",
             fix="give them in the order of the recordings",
         )
@@ -226,7 +232,7 @@ def _two_way_paths_m(radar: Radar, positions_m: np.ndarray) -> np.ndarray:
     return np.asarray((outbound_m[:, :, None] + return_m[:, None]).reshape(len(positions_m), -1))
 
 
-def _expected_snapshots(
+def _ideal_near_field_snapshots(
     paths_m: np.ndarray, ranges_m: np.ndarray, unit_vectors: np.ndarray, radar: Radar
 ) -> np.ndarray:
     """Return near-range snapshots of equal channels, (n_positions, n_elements)."""
@@ -257,7 +263,7 @@ def _build_calibration(errors: ElementErrors, radar: Radar, offsets_m: np.ndarra
     )
 
 
-def _check_radar(radar: Radar) -> None:
+def _check_several_elements_and_equal_ramps(radar: Radar) -> None:
     if radar.n_channels < 2:
         raise InvalidSetting(
             "radar.array",
@@ -275,16 +281,17 @@ def _check_radar(radar: Radar) -> None:
         )
 
 
-def _check_snr(snr: np.ndarray, radar: Radar) -> None:
-    if snr.min() >= _MIN_SNR:
+def _check_min_element_snr(element_snr: np.ndarray, radar: Radar) -> None:
+    if element_snr.min() >= _MIN_SNR:
         return
     weak_elements = [
-        element_name(index, radar) for index in np.flatnonzero(snr < _MIN_SNR).tolist()
+        element_tx_rx_label(index, radar)
+        for index in np.flatnonzero(element_snr < _MIN_SNR).tolist()
     ]
     raise InvalidSetting(
         "cube",
-        value=f"a reflector {float(to_decibels(max(snr.min(), 1e-30))):.1f} dB over the noise in"
-        f" element {weak_elements[0]}"
+        value=f"a reflector {float(to_decibels(max(element_snr.min(), 1e-30))):.1f} dB over the"
+        f" noise in element {weak_elements[0]}"
         + (f" and {len(weak_elements) - 1} other weak elements" if weak_elements[1:] else ""),
         expected="at least 10 dB in each element, since a gain would amplify noise",
         fix="record a larger or nearer reflector, or for longer; remove a dead antenna from the"

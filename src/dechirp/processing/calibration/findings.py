@@ -18,7 +18,7 @@ _MAX_RESIDUAL = 0.2
 
 def calibration_findings(
     reflectors: list[MeasuredReflector],
-    recording: np.ndarray,
+    recording_of_reflector: np.ndarray,
     is_range_given: np.ndarray,
     unit_vectors: np.ndarray,
     errors: ElementErrors,
@@ -30,9 +30,9 @@ def calibration_findings(
 
     Parameters
     ----------
-    seen, recording
+    reflectors, recording_of_reflector
         The reflector in each frame, and the recording of that frame.
-    given, towards
+    is_range_given, unit_vectors
         For each recording: True if its range was given, and the unit vector to the reflector.
     errors, snr
         Fitted errors, and the smallest SNR of each element.
@@ -44,20 +44,22 @@ def calibration_findings(
             for finding in _other_echo_findings(
                 [
                     measured
-                    for measured, recording_index in zip(reflectors, recording, strict=True)
+                    for measured, recording_index in zip(
+                        reflectors, recording_of_reflector, strict=True
+                    )
                     if recording_index == index
                 ],
                 bool(is_given),
                 f"recording {index}" if len(is_range_given) > 1 else "the recording",
             )
         ),
-        *_weak_echo_findings(snr, radar),
-        *_direction_findings(reflectors[0], unit_vectors[0], radar, wavelength_m),
-        *_consistency_findings(errors, wavelength_m),
+        *_low_element_snr_findings(snr, radar),
+        *_given_direction_mismatch_findings(reflectors[0], unit_vectors[0], radar, wavelength_m),
+        *_large_residual_or_position_findings(errors, wavelength_m),
     )
 
 
-def element_name(index: int, radar: Radar) -> str:
+def element_tx_rx_label(index: int, radar: Radar) -> str:
     """Return transmitter and receiver of an element, in the form of the files."""
     n_rx = radar.array.n_rx
     return f"[{index // n_rx}, {index % n_rx}]"
@@ -94,22 +96,22 @@ def _other_echo_findings(
         )
 
 
-def _weak_echo_findings(snr: np.ndarray, radar: Radar) -> Iterator[Finding]:
-    if snr.min() < _GOOD_SNR:
-        worst = int(snr.argmin())
-        degrees = np.degrees(1 / np.sqrt(2 * snr[worst]))
+def _low_element_snr_findings(element_snr: np.ndarray, radar: Radar) -> Iterator[Finding]:
+    if element_snr.min() < _GOOD_SNR:
+        worst = int(element_snr.argmin())
+        degrees = np.degrees(1 / np.sqrt(2 * element_snr[worst]))
         yield Finding(
             level="warning",
             setting="cube",
-            value=f"the reflector only {float(to_decibels(snr[worst])):.1f} dB over the noise in"
-            f" element {element_name(worst, radar)}, which leaves {degrees:.1f} degrees of its"
-            " phase unknown",
+            value=f"the reflector only {float(to_decibels(element_snr[worst])):.1f} dB over the"
+            f" noise in element {element_tx_rx_label(worst, radar)}, which leaves"
+            f" {degrees:.1f} degrees of its phase unknown",
             expected="20 dB or more in each element",
             fix="record more chirps, or a larger reflector",
         )
 
 
-def _direction_findings(
+def _given_direction_mismatch_findings(
     measured: MeasuredReflector, unit_vector: np.ndarray, radar: Radar, wavelength_m: float
 ) -> Iterator[Finding]:
     """Report a reflector that a nearly ideal array sees in another direction."""
@@ -141,7 +143,9 @@ def _direction_findings(
         )
 
 
-def _consistency_findings(errors: ElementErrors, wavelength_m: float) -> Iterator[Finding]:
+def _large_residual_or_position_findings(
+    errors: ElementErrors, wavelength_m: float
+) -> Iterator[Finding]:
     """Report directions or positions that one array cannot explain."""
     largest_m = float(abs(errors.position_m).max())
     if errors.residual > max(_MAX_RESIDUAL, 3 * errors.noise):

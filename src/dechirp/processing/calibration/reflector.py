@@ -8,12 +8,16 @@ from scipy.special import gammainccinv, gammaincinv
 
 from dechirp.core.errors import InvalidSetting
 from dechirp.processing.chain import Chain
-from dechirp.processing.peak_interpolation import interpolate_peaks
+from dechirp.processing.peak_interpolation import interpolate_peak_frequencies
 from dechirp.processing.peaks import find_peaks
 from dechirp.processing.range_doppler_map import power_map
 from dechirp.processing.refine import refine_tones
-from dechirp.processing.spectrum import independent_rows, noise_gain
-from dechirp.processing.virtual_array import element_amplitudes, element_noise, split_slots
+from dechirp.processing.spectrum import noise_gain, rows_with_circular_noise
+from dechirp.processing.virtual_array import (
+    element_amplitudes,
+    element_to_channel_noise_ratio,
+    split_chirps_into_slots,
+)
 from dechirp.radar.radar import Radar
 
 _FALSE_ALARM_PROBABILITY = 1e-9  # of noise only, in a cell
@@ -42,7 +46,9 @@ class MeasuredReflector:
     """Its power over the reflector's."""
 
 
-def find_reflector(frame: xr.DataArray, radar: Radar, range_m: float | None) -> MeasuredReflector:
+def measure_static_reflector(
+    frame: xr.DataArray, radar: Radar, range_m: float | None
+) -> MeasuredReflector:
     """Find the strongest static echo near a range, or of all beyond the first three cells.
 
     Static echoes lie in the middle row of the map; noise is estimated from the other rows, so that
@@ -60,12 +66,12 @@ def find_reflector(frame: xr.DataArray, radar: Radar, range_m: float | None) -> 
         If there is no such echo over the noise.
     """
     chain, chirp = Chain(), radar.frame.chirp
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     power = power_map(frame.isel(frame=0), radar, chain).values
     middle = power.shape[0] // 2
-    rows = independent_rows(chirp, noise.range_transform)
-    cell_noise = _cell_noise_power(
-        power[:, rows], noise.doppler_transform.main_lobe_bins, noise.n_channels
+    rows = rows_with_circular_noise(chirp, noise.range_transform)
+    cell_noise = _noise_power_from_moving_rows(
+        power[:, rows], noise.doppler_transform.main_lobe_half_width_bins, noise.n_channels
     )
     threshold = np.full_like(power, np.inf)
     factor = gammainccinv(noise.n_channels, _FALSE_ALARM_PROBABILITY) / noise.n_channels
@@ -76,11 +82,13 @@ def find_reflector(frame: xr.DataArray, radar: Radar, range_m: float | None) -> 
     sample_noise = np.full(len(peaks), max(cell_noise / gain, float(np.finfo(np.float32).tiny)))
     kind = np.complex64 if chirp.sampling == "complex" else np.float32
     samples = np.ascontiguousarray(frame.isel(frame=0).transpose("chirp", "rx", "sample"), kind)
-    slow, fast = interpolate_peaks(power, peaks, noise)
-    tones = refine_tones(split_slots(samples, radar.frame), 0 * slow, fast, sample_noise)
+    slow, fast = interpolate_peak_frequencies(power, peaks, noise)
+    tones = refine_tones(
+        split_chirps_into_slots(samples, radar.frame), 0 * slow, fast, sample_noise
+    )
     ranges_m = tones.fast * chirp.range_m(chirp.sample_rate_hz) / (2 * np.pi)
 
-    reflector_index, others = _choose_echo(
+    reflector_index, others = _choose_reflector_and_rank_others(
         tones.energy, ranges_m, chirp.range_resolution_m, range_m
     )
     reflector_energy = tones.energy[reflector_index]
@@ -93,7 +101,7 @@ def find_reflector(frame: xr.DataArray, radar: Radar, range_m: float | None) -> 
         snapshot=element_amplitudes(tones.amplitude[[reflector_index]], radar.frame, np.zeros(1))[
             0
         ],
-        noise_power=channel_noise * element_noise(radar.frame),
+        noise_power=channel_noise * element_to_channel_noise_ratio(radar.frame),
         range_m=float(ranges_m[reflector_index]),
         neighbour_power=float(tones.energy[is_neighbour].max(initial=0) / reflector_energy),
         next_range_m=float(ranges_m[others[0]]) if others.size else None,
@@ -101,14 +109,16 @@ def find_reflector(frame: xr.DataArray, radar: Radar, range_m: float | None) -> 
     )
 
 
-def _cell_noise_power(power: np.ndarray, main_lobe_bins: float, n_channels: int) -> float:
+def _noise_power_from_moving_rows(
+    power: np.ndarray, main_lobe_bins: float, n_channels: int
+) -> float:
     """Return the mean noise in a cell: by the median of moving rows, or of all if none is free."""
     is_far = abs(np.arange(len(power)) - len(power) // 2) > np.ceil(main_lobe_bins)
     cells = power[is_far] if is_far.any() else power
     return float(np.median(cells) * n_channels / gammaincinv(n_channels, 0.5))
 
 
-def _choose_echo(
+def _choose_reflector_and_rank_others(
     energy: np.ndarray, ranges_m: np.ndarray, cell_m: float, range_m: float | None
 ) -> tuple[int, np.ndarray]:
     """Return the echo of the reflector, and the other candidates, strongest first."""

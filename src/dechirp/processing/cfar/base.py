@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.checks import check_count, check_positive
+from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.values import frozen_dataclass
@@ -34,7 +34,7 @@ class Cells:
     velocity: int
 
     def __post_init__(self) -> None:
-        check_count(self, "range", "velocity", at_least=0)
+        check_integer_fields(self, "range", "velocity", at_least=0)
 
 
 _DEFAULT_TRAINING = Cells(range=10, velocity=8)
@@ -73,29 +73,29 @@ class TrainingWindow:
         return self.n_training.velocity + self.n_guard.velocity
 
     @property
-    def side_counts(self) -> tuple[int, int, int, int]:
+    def training_and_guard_counts(self) -> tuple[int, int, int, int]:
         """Training cells along range and velocity, then guard cells, on each side."""
         training, guard = self.n_training, self.n_guard
         return training.range, training.velocity, guard.range, guard.velocity
 
-    def offsets(self, box_row: int) -> np.ndarray:
+    def training_cell_offsets(self, box_row: int) -> np.ndarray:
         """Return the training cells relative to the cell under test in a box row, (n_training, 2).
 
         Velocity and range; in order of range, then velocity.
         """
-        return _training_offsets(self, box_row)
+        return _training_cell_offsets(self, box_row)
 
-    def guard_rows(self, box_row: int) -> slice:
+    def guard_rows_of_box(self, box_row: int) -> slice:
         """Return the guard rows of the box for the cell under test in a row of it."""
         return slice(max(box_row - self.n_guard.range, 0), box_row + self.n_guard.range + 1)
 
-    def noise_box(self, noise: MapNoise, box_row: int) -> CorrelatedWindow:
+    def noise_covariance_in_box(self, noise: MapNoise, box_row: int) -> CorrelatedWindow:
         """Return the covariance of the noise in the box for the cell under test in a row of it."""
-        guard = self.guard_rows(box_row)
+        guard = self.guard_rows_of_box(box_row)
         n_rows = 2 * self.half_range + 1
         return CorrelatedWindow(
-            range_covariance=noise.range_transform.noise_correlation(n_rows),
-            velocity_covariance=noise.doppler_transform.noise_correlation(
+            range_covariance=noise.range_transform.noise_correlation_of_bins(n_rows),
+            velocity_covariance=noise.doppler_transform.noise_correlation_of_bins(
                 2 * self.half_velocity + 1
             ),
             guard_range=slice(guard.start, min(guard.stop, n_rows)),
@@ -105,13 +105,13 @@ class TrainingWindow:
             cell_under_test=(box_row, self.half_velocity),
         )
 
-    def box_rows(self, n_range: int) -> np.ndarray:
+    def box_row_of_map_rows(self, n_range: int) -> np.ndarray:
         """Return the box row in which each of n_range rows of a map is tested, (n_range,)."""
-        return _box_rows(self.half_range, n_range)
+        return _box_row_of_map_rows(self.half_range, n_range)
 
-    def n_training_cells(self, n_range: int) -> np.ndarray:
+    def n_training_cells_per_row(self, n_range: int) -> np.ndarray:
         """Return the training cells of each of n_range rows, (n_range,): most near the ends."""
-        box_row = self.box_rows(n_range)
+        box_row = self.box_row_of_map_rows(n_range)
         width, guard = 2 * self.half_range + 1, self.n_guard.range
         n_rows = np.minimum(box_row + guard + 1, width) - np.maximum(box_row - guard, 0)
         n_guard = n_rows * (2 * self.n_guard.velocity + 1)
@@ -142,24 +142,24 @@ class TrainingWindow:
 
 
 @lru_cache(maxsize=64)
-def _box_rows(half_range: int, n_range: int) -> np.ndarray:
+def _box_row_of_map_rows(half_range: int, n_range: int) -> np.ndarray:
     rows = np.arange(n_range)
     start = np.clip(rows - half_range, 0, n_range - 1 - 2 * half_range)
-    return _read_only(rows - start)
+    return _make_read_only(rows - start)
 
 
 @lru_cache(maxsize=256)
-def _training_offsets(window: TrainingWindow, box_row: int) -> np.ndarray:
+def _training_cell_offsets(window: TrainingWindow, box_row: int) -> np.ndarray:
     rows = np.arange(2 * window.half_range + 1) - box_row
     columns = np.arange(2 * window.half_velocity + 1) - window.half_velocity
     is_training = (abs(rows)[:, None] > window.n_guard.range) | (
         abs(columns) > window.n_guard.velocity
     )
     row, column = np.nonzero(is_training)
-    return _read_only(np.stack([columns[column], rows[row]], axis=1))
+    return _make_read_only(np.stack([columns[column], rows[row]], axis=1))
 
 
-def _read_only(array: np.ndarray) -> np.ndarray:
+def _make_read_only(array: np.ndarray) -> np.ndarray:
     """Make a cached array read-only."""
     array.setflags(write=False)
     return array
@@ -170,7 +170,7 @@ class NoiseEstimator(Family):
 
     A member must implement `statistic`, and thereby has a calibrated false-alarm law and a
     threshold map by brute force. Faster members override `threshold`; members whose law has a
-    closed form for independent cells override `independent_cells_factor`.
+    closed form for independent cells override `independent_cells_threshold_factor`.
     """
 
     group: ClassVar[str] = "dechirp.cfar"
@@ -183,7 +183,7 @@ class NoiseEstimator(Family):
         under test. The statistic must scale with the power of the cells.
         """
 
-    def check_window(self, window: TrainingWindow) -> None:
+    def check_enough_training_cells(self, window: TrainingWindow) -> None:
         """Check that the window has the training cells that the statistic needs."""
 
     def threshold(
@@ -201,9 +201,9 @@ class NoiseEstimator(Family):
     ) -> np.ndarray:
         """Return the threshold at cells (n, 2), velocity and range: (n,)."""
         levels = np.empty(len(cells), np.float32)
-        box_rows = window.box_rows(power.shape[1])[cells[:, 1]]
+        box_rows = window.box_row_of_map_rows(power.shape[1])[cells[:, 1]]
         for box_row in np.unique(box_rows):
-            offsets = window.offsets(int(box_row))
+            offsets = window.training_cell_offsets(int(box_row))
             indices = np.flatnonzero(box_rows == box_row)
             block_size = max(int(_MAX_GATHERED_MAPS * power.size / len(offsets)), 1)
             for block in np.split(indices, range(block_size, indices.size, block_size)):
@@ -217,13 +217,13 @@ class NoiseEstimator(Family):
         """Return a mask of the cells that exceed their threshold, bool (velocity, range)."""
         return np.asarray(power > self.threshold(power, window, factors))
 
-    def independent_cells_factor(
+    def independent_cells_threshold_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float | None:
         """Return the factor for independent cells, or None without a closed form."""
         return None
 
-    def low_subsets(self, offsets: np.ndarray) -> np.ndarray:
+    def subsets_causing_false_alarms(self, offsets: np.ndarray) -> np.ndarray:
         """Return subsets of training cells whose low power causes false alarms, bool (n_sets, n).
 
         Importance sampling uses them: each subset alone causes a false alarm.
@@ -240,7 +240,7 @@ class NoiseEstimator(Family):
         """
         offsets = box.offsets
         if box.is_white:
-            closed_form = self.independent_cells_factor(
+            closed_form = self.independent_cells_threshold_factor(
                 false_alarm_probability, offsets, n_channels=n_channels
             )
             if closed_form is not None:
@@ -250,7 +250,7 @@ class NoiseEstimator(Family):
             lambda cells: self.statistic(cells, offsets),
             box,
             n_summed=n_channels,
-            low=self.low_subsets(offsets),
+            low=self.subsets_causing_false_alarms(offsets),
         )
 
 
@@ -279,7 +279,7 @@ class Cfar:
                 fix="set the other to null",
             )
         if self.offset is not None:
-            check_positive(self, "offset")
+            check_positive_fields(self, "offset")
         elif not 0 < (self.false_alarm_probability or 0.0) < 1:
             raise InvalidSetting(
                 "Cfar.false_alarm_probability",
@@ -294,7 +294,7 @@ class Cfar:
                 expected="training cells along range or velocity",
                 fix="give at least one",
             )
-        self.estimator.check_window(self.training_window)
+        self.estimator.check_enough_training_cells(self.training_window)
 
     def fit_to_map(self, n_velocity: int, n_range: int) -> "Cfar":
         """Return the detector with smaller default windows if they do not fit into a map.
@@ -332,26 +332,32 @@ class Cfar:
             If the training cells with the guard do not fit into the map, or the guard is
             too small for the window and the zero padding.
         """
-        return self.estimator.threshold(power, self.training_window, self.row_factors(power, noise))
+        return self.estimator.threshold(
+            power, self.training_window, self.threshold_factors_per_row(power, noise)
+        )
 
     def threshold_at_cells(
         self, power: np.ndarray, cells: np.ndarray, noise: MapNoise
     ) -> np.ndarray:
         """Return the threshold at cells (n, 2), velocity and range: (n,)."""
-        factors = self.row_factors(power, noise)
+        factors = self.threshold_factors_per_row(power, noise)
         return self.estimator.threshold_at_cells(power, cells, self.training_window, factors)
 
     def exceeds_threshold(self, power: np.ndarray, noise: MapNoise) -> np.ndarray:
         """Return a mask of the cells that exceed their threshold, bool (velocity, range)."""
         return self.estimator.exceeds_threshold(
-            power, self.training_window, self.row_factors(power, noise)
+            power, self.training_window, self.threshold_factors_per_row(power, noise)
         )
 
-    def false_alarm_error(self, noise: MapNoise) -> float:
+    def false_alarm_probability_error(self, noise: MapNoise) -> float:
         """Return the relative standard error of the false-alarm probability; 0 for an exact law."""
-        return 0.0 if self.offset is not None else _box_row_factors(self, noise)[1]
+        return (
+            0.0
+            if self.offset is not None
+            else _threshold_factors_per_box_row_and_error(self, noise)[1]
+        )
 
-    def row_factors(self, power: np.ndarray, noise: MapNoise) -> np.ndarray:
+    def threshold_factors_per_row(self, power: np.ndarray, noise: MapNoise) -> np.ndarray:
         """Return the factor of each row of a map, (n_range,); only the map's size is used.
 
         Cached: calibration takes seconds.
@@ -360,12 +366,16 @@ class Cfar:
         if self.offset is not None:
             return np.full(power.shape[1], self.offset, np.float32)
         return np.asarray(
-            _box_row_factors(self, noise)[0][self.training_window.box_rows(power.shape[1])]
+            _threshold_factors_per_box_row_and_error(self, noise)[0][
+                self.training_window.box_row_of_map_rows(power.shape[1])
+            ]
         )
 
 
 @lru_cache(maxsize=64)
-def _box_row_factors(cfar: Cfar, noise: MapNoise) -> tuple[np.ndarray, float]:
+def _threshold_factors_per_box_row_and_error(
+    cfar: Cfar, noise: MapNoise
+) -> tuple[np.ndarray, float]:
     """Return the factor for each row of the cell under test in the box, and the largest error."""
     pfa, window = cfar.false_alarm_probability, cfar.training_window
     assert pfa is not None
@@ -373,12 +383,12 @@ def _box_row_factors(cfar: Cfar, noise: MapNoise) -> tuple[np.ndarray, float]:
 
     def calibrate(box_row: int) -> CalibratedFactor:
         return cfar.estimator.threshold_factor(
-            pfa, window.noise_box(noise, box_row), n_channels=noise.n_channels
+            pfa, window.noise_covariance_in_box(noise, box_row), n_channels=noise.n_channels
         )
 
     def independent_factor(box_row: int) -> float:
-        offsets = window.offsets(box_row)
-        closed_form = cfar.estimator.independent_cells_factor(
+        offsets = window.training_cell_offsets(box_row)
+        closed_form = cfar.estimator.independent_cells_threshold_factor(
             pfa, offsets, n_channels=noise.n_channels
         )
         return 1.0 if closed_form is None else closed_form
@@ -388,7 +398,7 @@ def _box_row_factors(cfar: Cfar, noise: MapNoise) -> tuple[np.ndarray, float]:
     if middle.relative_error:
         n_calibrated = int(
             np.clip(
-                _MANY_TRAINING_CELLS / len(window.offsets(last)),
+                _MANY_TRAINING_CELLS / len(window.training_cell_offsets(last)),
                 _MIN_CALIBRATED_ROWS,
                 MAX_CALIBRATED_ROWS,
             )

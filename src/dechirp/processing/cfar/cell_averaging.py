@@ -18,8 +18,8 @@ import numpy as np
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
-from dechirp.processing.cfar.split_window import SplitWindowEstimator, split_halves
-from dechirp.processing.cfar.window_means import exceeds_window_means, window_means
+from dechirp.processing.cfar.split_window import SplitWindowEstimator, half_window_masks
+from dechirp.processing.cfar.window_means import exceeds_scaled_window_means, scaled_window_means
 from dechirp.theory.cfar import cell_averaging_factor, greatest_of_factor, smallest_of_factor
 from dechirp.theory.cfar_calibration import CalibratedFactor
 from dechirp.theory.cfar_correlated_cells import CorrelatedWindow, correlated_factor
@@ -35,15 +35,15 @@ class CellAveraging(NoiseEstimator):
     def threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
-        return window_means(power, factors, *window.side_counts)
+        return scaled_window_means(power, factors, *window.training_and_guard_counts)
 
     def exceeds_threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
         """Compare row by row, without a map of the threshold."""
-        return exceeds_window_means(power, factors, *window.side_counts)
+        return exceeds_scaled_window_means(power, factors, *window.training_and_guard_counts)
 
-    def independent_cells_factor(
+    def independent_cells_threshold_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float:
         """Return the closed form of Finn and Johnson, and its sum for several channels."""
@@ -67,11 +67,11 @@ class GreatestOf(SplitWindowEstimator):
     """Larger mean of the two halves of the training cells."""
 
     select_mean: ClassVar[np.ufunc] = np.maximum
-    halves_factor = staticmethod(greatest_of_factor)
+    halves_threshold_factor = staticmethod(greatest_of_factor)
 
-    def low_subsets(self, offsets: np.ndarray) -> np.ndarray:
+    def subsets_causing_false_alarms(self, offsets: np.ndarray) -> np.ndarray:
         """Return both halves as one set: a false alarm needs both low."""
-        return np.any(split_halves(offsets), axis=0, keepdims=True)
+        return np.any(half_window_masks(offsets), axis=0, keepdims=True)
 
 
 @frozen_dataclass
@@ -79,8 +79,8 @@ class SmallestOf(SplitWindowEstimator):
     """Smaller mean of the two halves of the training cells."""
 
     select_mean: ClassVar[np.ufunc] = np.minimum
-    halves_factor = staticmethod(smallest_of_factor)
+    halves_threshold_factor = staticmethod(smallest_of_factor)
 
-    def low_subsets(self, offsets: np.ndarray) -> np.ndarray:
+    def subsets_causing_false_alarms(self, offsets: np.ndarray) -> np.ndarray:
         """Return each half as a set: either causes false alarms if it is low."""
-        return split_halves(offsets)
+        return half_window_masks(offsets)

@@ -36,7 +36,7 @@ def make_example_map(*, seed: int = 1) -> ExampleMap:
 
 def compare_thresholds(
     power: np.ndarray,
-    row: int,
+    velocity_row: int,
     *,
     n_training: Cells = _TRAINING,
     n_guard: Cells = _GUARD,
@@ -49,7 +49,7 @@ def compare_thresholds(
     """
     white = [Transform(window="rectangular", n_points=n, n_bins=n) for n in power.shape]
     noise = MapNoise(doppler_transform=white[0], range_transform=white[1])
-    cells = np.stack([np.full(power.shape[1], row), np.arange(power.shape[1])], axis=1)
+    cells = np.stack([np.full(power.shape[1], velocity_row), np.arange(power.shape[1])], axis=1)
     thresholds = {}
     for kind, member in NoiseEstimator.members().items():
         if all(field.default is not MISSING for field in fields(member)):

@@ -8,15 +8,15 @@ Rohling, Radar CFAR thresholding in clutter and multiple target situations, IEEE
 import numba
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cfar.rank_kernels import (
     SideCounts,
-    candidate_cells,
+    candidate_detection_cells,
+    cell_count_from_setting,
     order_statistic_map,
-    resolve_cell_count,
 )
 from dechirp.theory.cfar import ordered_statistic_factor
 
@@ -29,7 +29,7 @@ class OrderedStatistic(NoiseEstimator):
     """Rank k of the cell in order of power, 1 for the smallest; below 1, a share of the cells."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "rank")
+        check_positive_fields(self, "rank")
         if self.rank >= 1 and self.rank != int(self.rank):
             raise InvalidSetting(
                 "OrderedStatistic.rank",
@@ -38,9 +38,9 @@ class OrderedStatistic(NoiseEstimator):
                 fix="give 0.75 for the cell that three quarters do not exceed",
             )
 
-    def check_window(self, window: TrainingWindow) -> None:
+    def check_enough_training_cells(self, window: TrainingWindow) -> None:
         """Check that there are as many training cells as the rank."""
-        n_cells = len(window.offsets(window.half_range))
+        n_cells = len(window.training_cell_offsets(window.half_range))
         if self.rank > n_cells:
             raise InvalidSetting(
                 "Cfar.estimator.rank",
@@ -50,14 +50,16 @@ class OrderedStatistic(NoiseEstimator):
             )
 
     def statistic(self, cells: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-        k = int(resolve_cell_count(np.array(cells.shape[-1]), self.rank))
+        k = int(cell_count_from_setting(np.array(cells.shape[-1]), self.rank))
         return np.partition(cells, k - 1, axis=-1)[..., k - 1]
 
     def threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
         threshold = order_statistic_map(
-            power, window.side_counts, self._row_ranks(power, window)[1]
+            power,
+            window.training_and_guard_counts,
+            self._training_counts_and_ranks_per_row(power, window)[1],
         )
         return np.multiply(threshold, factors, out=threshold)
 
@@ -69,39 +71,43 @@ class OrderedStatistic(NoiseEstimator):
         The k-th smallest is no less than the mean of the k smallest, which few cells of noise
         exceed by the factor: training cells are counted only for those.
         """
-        n_cells, ranks = self._row_ranks(power, window)
-        candidates = candidate_cells(power, window.side_counts, factors, n_cells, ranks)
-        return _exceeds_mask(power, candidates, window.side_counts, factors, ranks)
+        n_cells, ranks = self._training_counts_and_ranks_per_row(power, window)
+        candidates = candidate_detection_cells(
+            power, window.training_and_guard_counts, factors, n_cells, ranks
+        )
+        return _mask_of_exceeding_candidates(
+            power, candidates, window.training_and_guard_counts, factors, ranks
+        )
 
-    def independent_cells_factor(
+    def independent_cells_threshold_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float:
         """Return Rohling's product, or its integral for several channels."""
         return ordered_statistic_factor(
             false_alarm_probability,
             n_training=len(offsets),
-            rank=int(resolve_cell_count(np.array(len(offsets)), self.rank)),
+            rank=int(cell_count_from_setting(np.array(len(offsets)), self.rank)),
             n_summed=n_channels,
         )
 
-    def _row_ranks(
+    def _training_counts_and_ranks_per_row(
         self, power: np.ndarray, window: TrainingWindow
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the training cells of each row of a map, and the rank among them, (range,)."""
-        n_cells = window.n_training_cells(power.shape[1])
-        return n_cells, resolve_cell_count(n_cells, self.rank)
+        n_cells = window.n_training_cells_per_row(power.shape[1])
+        return n_cells, cell_count_from_setting(n_cells, self.rank)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _exceeds_mask(
+def _mask_of_exceeding_candidates(
     power: np.ndarray,
     candidates: np.ndarray,
-    sizes: SideCounts,
+    side_counts: SideCounts,
     factors: np.ndarray,
     ranks: np.ndarray,
 ) -> np.ndarray:
     """Return a mask of the candidates that exceed at least `rank` training cells by the factor."""
-    train_r, train_v, guard_r, guard_v = sizes
+    train_r, train_v, guard_r, guard_v = side_counts
     n_v, n_r = power.shape
     half_v, width = train_v + guard_v, 2 * (train_r + guard_r) + 1
     mask = np.zeros((n_v, n_r), np.bool_)

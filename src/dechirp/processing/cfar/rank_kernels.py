@@ -7,7 +7,7 @@ Velocity wraps round; the box stays within the map along range.
 import numba
 import numpy as np
 
-from dechirp.processing.cfar.window_means import window_means
+from dechirp.processing.cfar.window_means import scaled_window_means
 
 SideCounts = tuple[int, int, int, int]
 
@@ -15,18 +15,22 @@ _BLOCK = 32  # columns of the map that share a level
 _SAMPLES = 128  # cells of a block that determine its level: within 4 % of its rank
 
 
-def resolve_cell_count(n_cells: np.ndarray, setting: float) -> np.ndarray:
+def cell_count_from_setting(n_cells: np.ndarray, share_or_count: float) -> np.ndarray:
     """Convert a setting to a number of cells: a share of them below 1, or a number."""
-    number = np.ceil(setting * n_cells - 1e-9) if setting < 1 else np.full_like(n_cells, setting)
+    number = (
+        np.ceil(share_or_count * n_cells - 1e-9)
+        if share_or_count < 1
+        else np.full_like(n_cells, share_or_count)
+    )
     return np.asarray(number, dtype=int)
 
 
-def candidate_cells(
+def candidate_detection_cells(
     power: np.ndarray,
-    sizes: SideCounts,
+    side_counts: SideCounts,
     factors: np.ndarray,
-    n_cells: np.ndarray,
-    n_low: np.ndarray,
+    n_training: np.ndarray,
+    n_smallest: np.ndarray,
 ) -> np.ndarray:
     """Return cells that may exceed factor times the mean of their n_low smallest training cells.
 
@@ -37,24 +41,26 @@ def candidate_cells(
     as each of the largest adds q at most. Sums of clipped cells are as fast as cell averaging,
     and where q is about the largest of the smallest, the bound is tight.
 
-    `n_cells`, N, and `n_low` are of the training cells of each row of the map, (range,).
+    `n_training`, N, and `n_smallest` are of the training cells of each row of the map, (range,).
     """
     highest = np.empty(power.shape[1], np.float32)
-    share = n_low[power.shape[1] // 2] / n_cells[power.shape[1] // 2]
-    means = window_means(
-        _clip_map(power, share, sizes, highest), np.ones(power.shape[1], np.float32), *sizes
+    share = n_smallest[power.shape[1] // 2] / n_training[power.shape[1] // 2]
+    means = scaled_window_means(
+        _clip_map_at_block_quantiles(power, share, side_counts, highest),
+        np.ones(power.shape[1], np.float32),
+        *side_counts,
     )
     # Sums are accurate to 5e-6; lowering the bound by 1e-5 of them keeps it a bound.
-    sum_factors = (factors * n_cells / n_low * (1 - 1e-5)).astype(np.float32)
-    level_offsets = (factors * (n_cells - n_low) / n_low * highest).astype(np.float32)
+    sum_factors = (factors * n_training / n_smallest * (1 - 1e-5)).astype(np.float32)
+    level_offsets = (factors * (n_training - n_smallest) / n_smallest * highest).astype(np.float32)
     return _cells_above_bound(power, means, sum_factors, level_offsets)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _clip_map(
-    power: np.ndarray, share: float, sizes: SideCounts, highest: np.ndarray
+def _clip_map_at_block_quantiles(
+    power: np.ndarray, quantile: float, side_counts: SideCounts, box_clip_levels: np.ndarray
 ) -> np.ndarray:
-    """Clip a map block by block at a quantile; `highest` gets the clip level of each box."""
+    """Clip a map block by block at a quantile; write the clip level of each box."""
     n_v, n_r = power.shape
     n_blocks = (n_r + _BLOCK - 1) // _BLOCK
     levels = np.empty(n_blocks, np.float32)
@@ -67,11 +73,11 @@ def _clip_map(
             index = (i * n) // n_taken
             v = index // (n // n_v)
             sample[i] = power[v, start + (index + v) % (n // n_v)]  # every row, all columns in turn
-        levels[block] = kth_smallest(sample, n_taken, max(int(share * n_taken), 1))
-    width = 2 * (sizes[0] + sizes[2]) + 1
+        levels[block] = kth_smallest(sample, n_taken, max(int(quantile * n_taken), 1))
+    width = 2 * (side_counts[0] + side_counts[2]) + 1
     for j in range(n_r):
         start = min(max(j - width // 2, 0), n_r - width)
-        highest[j] = levels[start // _BLOCK : (start + width - 1) // _BLOCK + 1].max()
+        box_clip_levels[j] = levels[start // _BLOCK : (start + width - 1) // _BLOCK + 1].max()
     clipped = np.empty((n_v, n_r), np.float32)
     for v in range(n_v):
         for block in range(n_blocks):
@@ -111,17 +117,20 @@ def _cells_above_bound(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def gather_training_cells(
-    power: np.ndarray, v: int, j: int, sizes: SideCounts, cells: np.ndarray
+    power: np.ndarray, velocity_row: int, range_row: int, side_counts: SideCounts, cells: np.ndarray
 ) -> int:
     """Copy the training cells of a cell to the start of an array; return their number."""
-    train_r, train_v, guard_r, guard_v = sizes
+    train_r, train_v, guard_r, guard_v = side_counts
     n_v, n_r = power.shape
     half_v, width = train_v + guard_v, 2 * (train_r + guard_r) + 1
-    start = min(max(j - width // 2, 0), n_r - width)
-    guard_start, guard_end = max(j - guard_r, start), min(j + guard_r + 1, start + width)
+    start = min(max(range_row - width // 2, 0), n_r - width)
+    guard_start, guard_end = (
+        max(range_row - guard_r, start),
+        min(range_row + guard_r + 1, start + width),
+    )
     n = 0
     for dv in range(-half_v, half_v + 1):
-        row = power[(v + dv) % n_v]
+        row = power[(velocity_row + dv) % n_v]
         if abs(dv) > guard_v:
             row_guard_start, row_guard_end = start, start
         else:
@@ -160,13 +169,15 @@ def kth_smallest(cells: np.ndarray, n: int, k: int) -> np.float32:
     return cells[target]
 
 
-def order_statistic_map(power: np.ndarray, sizes: SideCounts, ranks: np.ndarray) -> np.ndarray:
+def order_statistic_map(
+    power: np.ndarray, side_counts: SideCounts, ranks: np.ndarray
+) -> np.ndarray:
     """Return the ranks[j]-th smallest training cell of each cell in row j of the range.
 
     An eighth of the range at a time: the order of cells takes four times their memory.
     """
     n_r = power.shape[1]
-    half = sizes[0] + sizes[2]
+    half = side_counts[0] + side_counts[2]
     width = 2 * half + 1
     out = np.empty(power.shape, np.float32)
     step = max(-(-n_r // 8), 2 * width)
@@ -175,18 +186,20 @@ def order_statistic_map(power: np.ndarray, sizes: SideCounts, ranks: np.ndarray)
         # A block includes all cells of its boxes, at the ends of the range as in the whole map.
         low = min(max(first - half, 0), n_r - width)
         high = max(min(last + half, n_r), low + width)
-        block = _order_statistic_block(
-            np.ascontiguousarray(power[:, low:high]), sizes, ranks[low:high]
+        block = _order_statistic_of_range_part(
+            np.ascontiguousarray(power[:, low:high]), side_counts, ranks[low:high]
         )
         out[:, first:last] = block[:, first - low : last - low]
     return out
 
 
-def _order_statistic_block(power: np.ndarray, sizes: SideCounts, ranks: np.ndarray) -> np.ndarray:
+def _order_statistic_of_range_part(
+    power: np.ndarray, side_counts: SideCounts, ranks: np.ndarray
+) -> np.ndarray:
     order = np.argsort(power, axis=None).astype(np.int32)
     rank_of_cell = np.empty(power.shape, np.int32)
     rank_of_cell.ravel()[order] = np.arange(power.size, dtype=np.int32)
-    return _sliding_order_statistics(power, order, rank_of_cell, sizes, ranks)
+    return _sliding_order_statistics(power, order, rank_of_cell, side_counts, ranks)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -194,7 +207,7 @@ def _sliding_order_statistics(
     power: np.ndarray,
     order: np.ndarray,
     rank_of_cell: np.ndarray,
-    sizes: SideCounts,
+    side_counts: SideCounts,
     ranks: np.ndarray,
 ) -> np.ndarray:
     """Slide a window along range and track its order statistic by marks in the cell order.
@@ -203,7 +216,7 @@ def _sliding_order_statistics(
     and G. Y. Tang, A fast two-dimensional median filtering algorithm, IEEE Trans. ASSP 27(1),
     1979, with the order itself in place of classes of power, so that it is exact).
     """
-    train_r, train_v, guard_r, guard_v = sizes
+    train_r, train_v, guard_r, guard_v = side_counts
     n_v, n_r = power.shape
     half_v, width = train_v + guard_v, 2 * (train_r + guard_r) + 1
     marks = np.zeros(power.size // 64 + 1, np.uint64)
@@ -222,22 +235,22 @@ def _sliding_order_statistics(
                 min(j + guard_r + 1, next_start + width),
             )
             if j == 0:
-                n_below += _toggle_marks(
+                n_below += _update_marks_and_count_below(
                     rank_of_cell, marks, counts, v, half_v, (0, width), 1, word
                 )
             elif next_start > start:
                 end = start + width
-                n_below += _toggle_marks(
+                n_below += _update_marks_and_count_below(
                     rank_of_cell, marks, counts, v, half_v, (start, next_start), -1, word
                 )
-                n_below += _toggle_marks(
+                n_below += _update_marks_and_count_below(
                     rank_of_cell, marks, counts, v, half_v, (end, next_start + width), 1, word
                 )
             # One row leaves the guard and one enters, except at the ends of the range.
-            n_below += _toggle_marks(
+            n_below += _update_marks_and_count_below(
                 rank_of_cell, marks, counts, v, guard_v, (first, min(next_first, last)), 1, word
             )
-            n_below += _toggle_marks(
+            n_below += _update_marks_and_count_below(
                 rank_of_cell, marks, counts, v, guard_v, (max(last, 0), next_last), -1, word
             )
             start, first, last = next_start, next_first, next_last
@@ -256,7 +269,7 @@ def _sliding_order_statistics(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _toggle_marks(
+def _update_marks_and_count_below(
     rank_of_cell: np.ndarray,
     marks: np.ndarray,
     counts: np.ndarray,

@@ -15,7 +15,7 @@ import numpy as np
 
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
-from dechirp.processing.cfar.window_means import column_sums, run_sums, slide_column_sums
+from dechirp.processing.cfar.window_means import initial_column_sums, moving_sums, slide_column_sums
 
 
 @frozen_dataclass
@@ -26,7 +26,7 @@ class SplitWindowEstimator(NoiseEstimator):
     """Function that selects one of two means."""
 
     @abstractmethod
-    def halves_factor(
+    def halves_threshold_factor(
         self, false_alarm_probability: float, *, n_training: tuple[int, int], n_summed: int
     ) -> float:
         """Return the factor for independent cells and halves of any size."""
@@ -41,14 +41,16 @@ class SplitWindowEstimator(NoiseEstimator):
         self.select_mean(first, second, out=first)
         return np.multiply(first, factors, out=first)
 
-    def independent_cells_factor(
+    def independent_cells_threshold_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float:
         sizes = half_window_sizes(offsets)
-        return self.halves_factor(false_alarm_probability, n_training=sizes, n_summed=n_channels)
+        return self.halves_threshold_factor(
+            false_alarm_probability, n_training=sizes, n_summed=n_channels
+        )
 
 
-def split_halves(offsets: np.ndarray) -> np.ndarray:
+def half_window_masks(offsets: np.ndarray) -> np.ndarray:
     """Return masks of the training cells in the first and in the second half, (2, n_training)."""
     along_range = np.any(offsets[:, 0] == 0)  # otherwise guard cells fill the whole column
     positions = offsets[:, 1 if along_range else 0]
@@ -58,12 +60,12 @@ def split_halves(offsets: np.ndarray) -> np.ndarray:
 
 def half_window_means(cells: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     """Return the means of both halves of training cells (..., n_training), (2, ...)."""
-    return np.array([cells[..., half].mean(axis=-1) for half in split_halves(offsets)])
+    return np.array([cells[..., half].mean(axis=-1) for half in half_window_masks(offsets)])
 
 
 def half_window_sizes(offsets: np.ndarray) -> tuple[int, int]:
     """Return the number of cells in each half."""
-    first, second = np.count_nonzero(split_halves(offsets), axis=1)
+    first, second = np.count_nonzero(half_window_masks(offsets), axis=1)
     return int(first), int(second)
 
 
@@ -71,29 +73,36 @@ def half_window_mean_maps(
     power: np.ndarray, window: TrainingWindow
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of both halves of the window about each cell of a map (velocity, range)."""
-    train_r, train_v, guard_r, guard_v = window.side_counts
+    train_r, train_v, guard_r, guard_v = window.training_and_guard_counts
     if train_r == 0:
         first, second = _half_means_along_velocity(power, train_v, guard_r, guard_v)
         # At the ends of the range the box has rows beyond the guard, in few columns of the map.
-        box_rows, velocity = window.box_rows(power.shape[1]), np.arange(len(power))[:, None]
+        box_rows, velocity = (
+            window.box_row_of_map_rows(power.shape[1]),
+            np.arange(len(power))[:, None],
+        )
         for j in np.flatnonzero(box_rows != window.half_range):
-            offsets = window.offsets(int(box_rows[j]))
+            offsets = window.training_cell_offsets(int(box_rows[j]))
             cells = power[(velocity + offsets[:, 0]) % len(power), j + offsets[:, 1]]
             first[:, j], second[:, j] = half_window_means(cells, offsets)
         return first, second
     return _half_means_along_range(
-        power, train_r, train_v, guard_r, guard_v, *_half_window_bounds(window)
+        power, train_r, train_v, guard_r, guard_v, *_half_window_splits_and_weights(window)
     )
 
 
 @lru_cache(maxsize=64)
-def _half_window_bounds(window: TrainingWindow) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _half_window_splits_and_weights(
+    window: TrainingWindow,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return box rows where the first half stops and the second starts, and 1 / size of both.
 
     Each for every row of the cell under test in the box, along the last axis. Cached, since they
     take as long as the means of a map.
     """
-    windows = [window.offsets(box_row) for box_row in range(2 * window.half_range + 1)]
+    windows = [
+        window.training_cell_offsets(box_row) for box_row in range(2 * window.half_range + 1)
+    ]
     middles = [np.median(offsets[:, 1]) + box_row for box_row, offsets in enumerate(windows)]
     per_cell = np.array(
         [[1 / size for size in half_window_sizes(offsets)] for offsets in windows]
@@ -117,7 +126,7 @@ def _half_means_along_range(
     half_v, half_r = train_v + guard_v, train_r + guard_r
     width, n_middle = 2 * half_r + 1, n_r - 2 * half_r
     first, second = np.empty((n_v, n_r), np.float32), np.empty((n_v, n_r), np.float32)
-    slide_in, slide_out = column_sums(power, half_v, guard_v)
+    slide_in, slide_out = initial_column_sums(power, half_v, guard_v)
     outer, all_columns = np.empty(n_r, np.float32), np.empty(n_r, np.float32)
     side_sums, near_sums = np.zeros(n_r + 1, np.float32), np.zeros(n_r + 1, np.float32)
     work = np.empty((32, n_r + 1), np.float32)
@@ -128,8 +137,8 @@ def _half_means_along_range(
     cumulative_all, cumulative_guard = np.zeros(width + 1), np.zeros(width + 1)
     for v in range(n_v):
         slide_column_sums(power, v, half_v, guard_v, slide_in, slide_out, outer, all_columns)
-        run_sums(all_columns, train_r, side_sums, work)
-        run_sums(outer, guard_r, near_sums, work)
+        moving_sums(all_columns, train_r, side_sums, work)
+        moving_sums(outer, guard_r, near_sums, work)
         first_row, second_row = first[v, half_r:], second[v, half_r:]
         for j in range(n_middle):
             first_row[j] = (left_sums[j] + left_near[j]) * scale

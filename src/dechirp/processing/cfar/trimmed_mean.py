@@ -7,17 +7,17 @@ of CFAR processors in nonhomogeneous background, IEEE Trans. AES 24(4), 1988.
 import numba
 import numpy as np
 
-from dechirp.core.checks import check_non_negative
+from dechirp.core.checks import check_non_negative_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import NoiseEstimator, TrainingWindow
 from dechirp.processing.cfar.rank_kernels import (
     SideCounts,
-    candidate_cells,
+    candidate_detection_cells,
+    cell_count_from_setting,
     gather_training_cells,
     kth_smallest,
     order_statistic_map,
-    resolve_cell_count,
 )
 from dechirp.theory.cfar_trimmed_mean import trimmed_mean_factor
 
@@ -32,7 +32,7 @@ class TrimmedMean(NoiseEstimator):
     """Number of largest cells trimmed; below 1, a share of the cells."""
 
     def __post_init__(self) -> None:
-        check_non_negative(self, "n_smallest", "n_largest")
+        check_non_negative_fields(self, "n_smallest", "n_largest")
         for name in ("n_smallest", "n_largest"):
             number = getattr(self, name)
             if number >= 1 and number != int(number):
@@ -43,9 +43,9 @@ class TrimmedMean(NoiseEstimator):
                     fix="give 0.25 for a quarter of them",
                 )
 
-    def check_window(self, window: TrainingWindow) -> None:
+    def check_enough_training_cells(self, window: TrainingWindow) -> None:
         """Check that at least one training cell remains."""
-        n_cells = len(window.offsets(window.half_range))
+        n_cells = len(window.training_cell_offsets(window.half_range))
         if sum(self._trim_counts(n_cells)) >= n_cells:
             raise InvalidSetting(
                 "Cfar.estimator.n_largest",
@@ -64,14 +64,14 @@ class TrimmedMean(NoiseEstimator):
     def threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
-        n_cells, n_smallest, n_largest = self._row_trim_counts(power, window)
+        n_cells, n_smallest, n_largest = self._training_and_trim_counts_per_row(power, window)
         if n_smallest.any():
-            lowest = order_statistic_map(power, window.side_counts, n_smallest + 1)
+            lowest = order_statistic_map(power, window.training_and_guard_counts, n_smallest + 1)
         else:
             lowest = np.zeros_like(power)
-        highest = order_statistic_map(power, window.side_counts, n_cells - n_largest)
-        return _trimmed_mean_map(
-            power, window.side_counts, factors, n_smallest, n_largest, lowest, highest
+        highest = order_statistic_map(power, window.training_and_guard_counts, n_cells - n_largest)
+        return _trimmed_mean_thresholds(
+            power, window.training_and_guard_counts, factors, n_smallest, n_largest, lowest, highest
         )
 
     def exceeds_threshold(
@@ -82,13 +82,15 @@ class TrimmedMean(NoiseEstimator):
         The mean without the smallest is no less than with them, which few cells of noise exceed
         by the factor: training cells are put in order only for those.
         """
-        n_cells, n_smallest, n_largest = self._row_trim_counts(power, window)
-        candidates = candidate_cells(
-            power, window.side_counts, factors, n_cells, n_cells - n_largest
+        n_cells, n_smallest, n_largest = self._training_and_trim_counts_per_row(power, window)
+        candidates = candidate_detection_cells(
+            power, window.training_and_guard_counts, factors, n_cells, n_cells - n_largest
         )
-        return _exceeds_mask(power, candidates, window.side_counts, factors, n_smallest, n_largest)
+        return _mask_of_exceeding_candidates(
+            power, candidates, window.training_and_guard_counts, factors, n_smallest, n_largest
+        )
 
-    def independent_cells_factor(
+    def independent_cells_threshold_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float | None:
         """Return Gandhi and Kassam's product; None for several channels."""
@@ -105,26 +107,26 @@ class TrimmedMean(NoiseEstimator):
     def _trim_counts(self, n_cells: int) -> tuple[int, int]:
         """Return the numbers of cells trimmed at both ends."""
         number = np.array(n_cells)
-        return int(resolve_cell_count(number, self.n_smallest)), int(
-            resolve_cell_count(number, self.n_largest)
+        return int(cell_count_from_setting(number, self.n_smallest)), int(
+            cell_count_from_setting(number, self.n_largest)
         )
 
-    def _row_trim_counts(
+    def _training_and_trim_counts_per_row(
         self, power: np.ndarray, window: TrainingWindow
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return training cells and trimmed cells at both ends for each row, (range,)."""
-        n_cells = window.n_training_cells(power.shape[1])
+        n_cells = window.n_training_cells_per_row(power.shape[1])
         return (
             n_cells,
-            resolve_cell_count(n_cells, self.n_smallest),
-            resolve_cell_count(n_cells, self.n_largest),
+            cell_count_from_setting(n_cells, self.n_smallest),
+            cell_count_from_setting(n_cells, self.n_largest),
         )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _trimmed_mean_map(
+def _trimmed_mean_thresholds(
     power: np.ndarray,
-    sizes: SideCounts,
+    side_counts: SideCounts,
     factors: np.ndarray,
     n_smallest: np.ndarray,
     n_largest: np.ndarray,
@@ -132,11 +134,14 @@ def _trimmed_mean_map(
     highest: np.ndarray,
 ) -> np.ndarray:
     """Compute thresholds from the smallest and largest kept cells, in place of the latter."""
-    width, height = 2 * (sizes[0] + sizes[2]) + 1, 2 * (sizes[1] + sizes[3]) + 1
+    width, height = (
+        2 * (side_counts[0] + side_counts[2]) + 1,
+        2 * (side_counts[1] + side_counts[3]) + 1,
+    )
     cells = np.empty(width * height, np.float32)
     for v in range(power.shape[0]):
         for j in range(power.shape[1]):
-            n = gather_training_cells(power, v, j, sizes, cells)
+            n = gather_training_cells(power, v, j, side_counts, cells)
             mean = _trimmed_mean(
                 cells[:n], n_smallest[j], n_largest[j], lowest[v, j], highest[v, j]
             )
@@ -145,22 +150,25 @@ def _trimmed_mean_map(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _exceeds_mask(
+def _mask_of_exceeding_candidates(
     power: np.ndarray,
     candidates: np.ndarray,
-    sizes: SideCounts,
+    side_counts: SideCounts,
     factors: np.ndarray,
     n_smallest: np.ndarray,
     n_largest: np.ndarray,
 ) -> np.ndarray:
     """Return a mask of the candidates that exceed their thresholds."""
-    width, height = 2 * (sizes[0] + sizes[2]) + 1, 2 * (sizes[1] + sizes[3]) + 1
+    width, height = (
+        2 * (side_counts[0] + side_counts[2]) + 1,
+        2 * (side_counts[1] + side_counts[3]) + 1,
+    )
     cells, ordered = np.empty(width * height, np.float32), np.empty(width * height, np.float32)
     mask = np.zeros(power.shape, np.bool_)
     for c in range(len(candidates)):
         v, j = candidates[c, 0], candidates[c, 1]
-        n = gather_training_cells(power, v, j, sizes, cells)
-        if _is_mean_above(cells[:n], n_largest[j], power[v, j] / factors[j]):
+        n = gather_training_cells(power, v, j, side_counts, cells)
+        if _is_mean_without_largest_above(cells[:n], n_largest[j], power[v, j] / factors[j]):
             continue
         ordered[:n] = cells[:n]
         lowest = kth_smallest(ordered, n, n_smallest[j] + 1)
@@ -171,8 +179,8 @@ def _exceeds_mask(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _is_mean_above(cells: np.ndarray, n_largest: int, level: np.float32) -> bool:
-    """Test by the bound of `candidate_cells` if the mean without the largest exceeds a level.
+def _is_mean_without_largest_above(cells: np.ndarray, n_largest: int, level: np.float32) -> bool:
+    """Test if the mean without the largest exceeds a level, as in `candidate_detection_cells`.
 
     A few levels nearly always decide, in a tenth of the time of ordering the cells.
     """

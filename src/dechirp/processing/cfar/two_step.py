@@ -11,7 +11,7 @@ import numpy as np
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.cfar.base import Cells, NoiseEstimator, TrainingWindow
-from dechirp.processing.cfar.window_means import window_means
+from dechirp.processing.cfar.window_means import scaled_window_means
 from dechirp.theory.cfar import greatest_of_factor
 
 
@@ -19,7 +19,7 @@ from dechirp.theory.cfar import greatest_of_factor
 class TwoStep(NoiseEstimator):
     """Larger of the means along range and along velocity through the cell under test."""
 
-    def check_window(self, window: TrainingWindow) -> None:
+    def check_enough_training_cells(self, window: TrainingWindow) -> None:
         """Check that there are training cells along both axes."""
         for axis in ("range", "velocity"):
             if getattr(window.n_training, axis) == 0:
@@ -31,40 +31,46 @@ class TwoStep(NoiseEstimator):
                 )
 
     def statistic(self, cells: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-        return np.maximum(*(cells[..., line].mean(axis=-1) for line in _axis_masks(offsets)))
+        return np.maximum(
+            *(cells[..., line].mean(axis=-1) for line in _range_and_velocity_line_masks(offsets))
+        )
 
     def threshold(
         self, power: np.ndarray, window: TrainingWindow, factors: np.ndarray
     ) -> np.ndarray:
-        along_range = _window_along(window, "range")
-        along_velocity = _window_along(window, "velocity")
-        threshold = window_means(power, factors, *along_range.side_counts)
+        along_range = _window_along_one_axis(window, "range")
+        along_velocity = _window_along_one_axis(window, "velocity")
+        threshold = scaled_window_means(power, factors, *along_range.training_and_guard_counts)
         return np.maximum(
-            threshold, window_means(power, factors, *along_velocity.side_counts), out=threshold
+            threshold,
+            scaled_window_means(power, factors, *along_velocity.training_and_guard_counts),
+            out=threshold,
         )
 
-    def independent_cells_factor(
+    def independent_cells_threshold_factor(
         self, false_alarm_probability: float, offsets: np.ndarray, *, n_channels: int
     ) -> float:
         """Return the factor of the greatest of two halves, here the two lines."""
-        along_range, along_velocity = np.count_nonzero(_axis_masks(offsets), axis=1)
+        along_range, along_velocity = np.count_nonzero(
+            _range_and_velocity_line_masks(offsets), axis=1
+        )
         return greatest_of_factor(
             false_alarm_probability,
             n_training=(int(along_range), int(along_velocity)),
             n_summed=n_channels,
         )
 
-    def low_subsets(self, offsets: np.ndarray) -> np.ndarray:
+    def subsets_causing_false_alarms(self, offsets: np.ndarray) -> np.ndarray:
         """Return both lines as one set: a false alarm needs both low."""
-        return np.any(_axis_masks(offsets), axis=0, keepdims=True)
+        return np.any(_range_and_velocity_line_masks(offsets), axis=0, keepdims=True)
 
 
-def _axis_masks(offsets: np.ndarray) -> np.ndarray:
+def _range_and_velocity_line_masks(offsets: np.ndarray) -> np.ndarray:
     """Return masks of the training cells on the line along range and on that along velocity."""
     return np.array([offsets[:, 0] == 0, offsets[:, 1] == 0])
 
 
-def _window_along(window: TrainingWindow, axis: str) -> TrainingWindow:
+def _window_along_one_axis(window: TrainingWindow, axis: str) -> TrainingWindow:
     """Return the part of the window along one axis."""
     training = Cells(**{"range": 0, "velocity": 0, axis: getattr(window.n_training, axis)})
     guard = Cells(**{"range": 0, "velocity": 0, axis: getattr(window.n_guard, axis)})

@@ -5,7 +5,9 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def column_sums(power: np.ndarray, half_v: int, guard_v: int) -> tuple[np.ndarray, np.ndarray]:
+def initial_column_sums(
+    power: np.ndarray, half_v: int, guard_v: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Sum the columns of the box about the row before the first, as a start for sliding.
 
     One sum over the guard rows with the cell under test, one over the training rows on both
@@ -27,7 +29,7 @@ def column_sums(power: np.ndarray, half_v: int, guard_v: int) -> tuple[np.ndarra
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def slide_column_sums(
     power: np.ndarray,
-    v: int,
+    velocity_row: int,
     half_v: int,
     guard_v: int,
     slide_in: np.ndarray,
@@ -37,8 +39,14 @@ def slide_column_sums(
 ) -> None:
     """Slide column sums to row v; `outer` and `all_columns` receive them in float32."""
     n_v, n_r = power.shape
-    entering, leaving = power[(v + half_v) % n_v], power[(v - 1 - half_v) % n_v]
-    to_guard, from_guard = power[(v + guard_v) % n_v], power[(v - 1 - guard_v) % n_v]
+    entering, leaving = (
+        power[(velocity_row + half_v) % n_v],
+        power[(velocity_row - 1 - half_v) % n_v],
+    )
+    to_guard, from_guard = (
+        power[(velocity_row + guard_v) % n_v],
+        power[(velocity_row - 1 - guard_v) % n_v],
+    )
     for j in range(n_r):
         change = np.float64(to_guard[j]) - np.float64(from_guard[j])
         now_in = slide_in[j] + change
@@ -50,7 +58,7 @@ def slide_column_sums(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def window_means(
+def scaled_window_means(
     power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
 ) -> np.ndarray:
     """Return the mean of the training window about each cell times the factor of its row.
@@ -64,27 +72,33 @@ def window_means(
     """
     n_v, n_r = power.shape
     out = np.empty((n_v, n_r), np.float32)
-    sums = column_sums(power, train_v + guard_v, guard_v)
-    work, scale = _scratch_rows(n_r), _row_scale(factors, train_r, train_v, guard_r, guard_v)
+    sums = initial_column_sums(power, train_v + guard_v, guard_v)
+    work, scale = (
+        _allocate_scratch_rows(n_r),
+        _factors_per_training_cell(factors, train_r, train_v, guard_r, guard_v),
+    )
     for v in range(n_v):
-        _window_mean_row(
+        _window_means_of_row(
             power, v, factors, scale, train_r, train_v, guard_r, guard_v, *sums, work, out[v]
         )
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def exceeds_window_means(
+def exceeds_scaled_window_means(
     power: np.ndarray, factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
 ) -> np.ndarray:
-    """Return a mask of the cells that exceed `window_means`, without a map of those."""
+    """Return a mask of the cells that exceed `scaled_window_means`, without a map of those."""
     n_v, n_r = power.shape
     out = np.empty((n_v, n_r), np.bool_)
     level = np.empty(n_r, np.float32)
-    sums = column_sums(power, train_v + guard_v, guard_v)
-    work, scale = _scratch_rows(n_r), _row_scale(factors, train_r, train_v, guard_r, guard_v)
+    sums = initial_column_sums(power, train_v + guard_v, guard_v)
+    work, scale = (
+        _allocate_scratch_rows(n_r),
+        _factors_per_training_cell(factors, train_r, train_v, guard_r, guard_v),
+    )
     for v in range(n_v):
-        _window_mean_row(
+        _window_means_of_row(
             power, v, factors, scale, train_r, train_v, guard_r, guard_v, *sums, work, level
         )
         row, exceeds = power[v], out[v]
@@ -94,12 +108,12 @@ def exceeds_window_means(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _scratch_rows(n_r: int) -> np.ndarray:
+def _allocate_scratch_rows(n_r: int) -> np.ndarray:
     return np.zeros((36, n_r + 1), np.float32)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _row_scale(
+def _factors_per_training_cell(
     factors: np.ndarray, train_r: int, train_v: int, guard_r: int, guard_v: int
 ) -> np.ndarray:
     """Return factors over the number of cells, for the rows with a complete window."""
@@ -109,7 +123,7 @@ def _row_scale(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _window_mean_row(
+def _window_means_of_row(
     power: np.ndarray,
     v: int,
     factors: np.ndarray,
@@ -135,8 +149,8 @@ def _window_mean_row(
         work[4:],
     )
     slide_column_sums(power, v, half_v, guard_v, slide_in, slide_out, outer, all_columns)
-    run_sums(all_columns, train_r, side_sums, scratch)
-    run_sums(outer, 2 * guard_r + 1, middle, scratch)
+    moving_sums(all_columns, train_r, side_sums, scratch)
+    moving_sums(outer, 2 * guard_r + 1, middle, scratch)
     left_sums, right_sums, centre = (
         side_sums[:n_middle],
         side_sums[half_r + guard_r + 1 :],
@@ -146,11 +160,11 @@ def _window_mean_row(
     for j in range(n_middle):
         line[j] = (left_sums[j] + right_sums[j] + centre[j]) * scale[j]
     near_end, far_end = out[:half_r], out[n_r - half_r :]
-    _end_window_means(
+    _window_means_at_map_end(
         slide_in[:width], outer[:width], near_end, 0, guard_r, guard_v, n_corner, scratch
     )
     first = half_r + 1  # box row of the first cell under test at the far end
-    _end_window_means(
+    _window_means_at_map_end(
         slide_in[-width:], outer[-width:], far_end, first, guard_r, guard_v, n_corner, scratch
     )
     for j in range(half_r):
@@ -159,7 +173,7 @@ def _window_mean_row(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _end_window_means(
+def _window_means_at_map_end(
     inner: np.ndarray,
     outer: np.ndarray,
     out: np.ndarray,
@@ -189,7 +203,7 @@ def _end_window_means(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def run_sums(row: np.ndarray, length: int, out: np.ndarray, work: np.ndarray) -> None:
+def moving_sums(row: np.ndarray, length: int, out: np.ndarray, work: np.ndarray) -> None:
     """Compute out[i] = row[i] + ... + row[i + length - 1] by doubling; the last ones are unused."""
     n = row.size
     if length == 0:

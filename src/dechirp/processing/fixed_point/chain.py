@@ -8,19 +8,19 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.conventions import axis_coordinate
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.cfar import cell_averaging_thresholds
 from dechirp.processing.fixed_point.fft import fft
 from dechirp.processing.fixed_point.lookup_tables import LookupTables, make_lookup_tables
-from dechirp.processing.fixed_point.samples import to_integer_samples
+from dechirp.processing.fixed_point.samples import to_integer_samples_and_step
 from dechirp.processing.fixed_point.word_lengths import (
     ROUNDING_CODES,
     WordLengths,
     saturate,
-    shift_right,
+    shift_right_rounded,
 )
-from dechirp.processing.virtual_array import split_slots
+from dechirp.processing.virtual_array import split_chirps_into_slots
 from dechirp.radar.radar import Radar
 
 __all__ = ["fixed_point_map"]
@@ -50,7 +50,7 @@ def fixed_point_map(
     Parameters
     ----------
     cube : DataArray (chirp, rx, sample), or (chirp, rx, sample, iq)
-        One frame; integers, as from `codes`, or samples, see `to_integer_samples`.
+        One frame; integers, as from `codes`, or samples, see `to_integer_samples_and_step`.
     radar : Radar
         Waveform and receivers of the cube.
     chain : Chain, optional
@@ -85,7 +85,7 @@ def fixed_point_map(
         If the words do not fit into memory.
     """
     plan = make_lookup_tables(radar, (chain or Chain()).fit_to_radar(radar), words or WordLengths())
-    samples, step = to_integer_samples(cube, radar, plan.words)
+    samples, step = to_integer_samples_and_step(cube, radar, plan.words)
     outputs = {
         block.name: block
         if block.name in _RETURNED_OUTPUTS
@@ -96,7 +96,7 @@ def fixed_point_map(
     doppler_exponent = outputs["doppler_shifts"].integers.sum(axis=-1)
     exponent = int(range_exponent.max() + doppler_exponent.max())
     units = "W" if cube.attrs.get("units") == "sqrt(W)" else "full scale squared"
-    scale = {"scale": _power_scale(plan, step, exponent, radar), "units": units}
+    scale = {"scale": _power_per_map_unit(plan, step, exponent, radar), "units": units}
     fraction = {"fraction_bits": plan.words.log_fraction_bits}
     attributes = {"power": scale, "log_power": fraction, "threshold": scale}
     counts = [(block.name, block.overflows) for block in outputs.values()]
@@ -140,19 +140,21 @@ _RETURNED_OUTPUTS = {
 def stage_outputs(samples: np.ndarray, radar: Radar, plan: LookupTables) -> Iterator[StageOutput]:
     """Yield the output of each stage in processing order.
 
-    `samples` (chirp, rx, sample, 2) are those of `to_integer_samples`, `plan` of
+    `samples` (chirp, rx, sample, 2) are those of `to_integer_samples_and_step`, `plan` of
     `make_lookup_tables`. Each output is computed when it is requested.
     """
     words = plan.words
     rounding_code = ROUNDING_CODES[words.rounding]
     n_chirps, n_channels = plan.doppler_transform.n_points, plan.n_channels
     n_rounds, n_samples = len(samples), samples.shape[2]
-    check_memory(
+    check_free_memory(
         "words of one frame",
         needed_bytes=n_chirps * n_channels * plan.range_transform.n_bins * 24.0,
         fix="take fewer range bins, or fewer channels",
     )
-    slot_samples = split_slots(samples.reshape(n_rounds, -1, 2 * n_samples), radar.frame)
+    slot_samples = split_chirps_into_slots(
+        samples.reshape(n_rounds, -1, 2 * n_samples), radar.frame
+    )
     points = slot_samples.reshape(n_chirps, n_channels, n_samples, 2)
     is_complex = radar.frame.chirp.sampling == "complex"
     yield (
@@ -163,8 +165,8 @@ def stage_outputs(samples: np.ndarray, radar: Radar, plan: LookupTables) -> Iter
         )
     )
 
-    shifts = np.broadcast_to(np.int64(plan.range_shift), points.shape[:3])
-    tapered, n_overflows = apply_window(
+    shifts = np.broadcast_to(np.int64(plan.range_product_right_shift), points.shape[:3])
+    tapered, n_overflows = apply_window_and_pad(
         points,
         plan.range_window,
         shifts,
@@ -185,12 +187,12 @@ def stage_outputs(samples: np.ndarray, radar: Radar, plan: LookupTables) -> Iter
     yield StageOutput(
         "range_fft", profiles, axes, words.range_bits, overflows=transformed.overflows
     )
-    yield _shift_output("range_shifts", transformed.shifts, ("chirp", "channel", "stage"))
+    yield _stage_output_of_shifts("range_shifts", transformed.shifts, ("chirp", "channel", "stage"))
 
     # Corner turn: all chirps and channels are aligned to the largest exponent.
-    doppler_shifts = (plan.doppler_shift + exponents.max() - exponents).T[:, None, :]
+    doppler_shifts = (plan.doppler_product_right_shift + exponents.max() - exponents).T[:, None, :]
     shifts = np.broadcast_to(doppler_shifts, (n_channels, plan.n_rows, n_chirps))
-    tapered, n_overflows = apply_window(
+    tapered, n_overflows = apply_window_and_pad(
         profiles.transpose(1, 2, 0, 3),
         plan.doppler_window,
         shifts,
@@ -215,9 +217,11 @@ def stage_outputs(samples: np.ndarray, radar: Radar, plan: LookupTables) -> Iter
         words.doppler_bits,
         overflows=transformed.overflows,
     )
-    yield _shift_output("doppler_shifts", transformed.shifts, ("channel", "range", "stage"))
+    yield _stage_output_of_shifts(
+        "doppler_shifts", transformed.shifts, ("channel", "range", "stage")
+    )
 
-    power_shifts = 2 * (exponents.max() - exponents) - plan.power_shift
+    power_shifts = 2 * (exponents.max() - exponents) - plan.power_left_shift
     power = sum_channel_powers(transformed.points, power_shifts, rounding_code)
     del transformed
     axes = ("velocity", "range")
@@ -233,7 +237,7 @@ def stage_outputs(samples: np.ndarray, radar: Radar, plan: LookupTables) -> Iter
     yield StageOutput("detected", power > threshold, axes, 1, is_signed=False)
 
 
-def _shift_output(name: str, shifts: np.ndarray, axes: _Axes) -> StageOutput:
+def _stage_output_of_shifts(name: str, shifts: np.ndarray, axes: _Axes) -> StageOutput:
     return StageOutput(name, shifts, axes, 2, is_signed=False)
 
 
@@ -243,15 +247,19 @@ def _threshold_map(power: np.ndarray, plan: LookupTables) -> np.ndarray:
     out = np.full(power.shape, largest_word, np.int64)
     searched = power[:, plan.searched_rows]
     n_rows = searched.shape[1]
-    starts = np.arange(n_rows) - plan.training_window.box_rows(n_rows)
+    starts = np.arange(n_rows) - plan.training_window.box_row_of_map_rows(n_rows)
     levels = cell_averaging_thresholds(
-        searched, plan.factors, plan.factor_shift, starts, plan.training_window.side_counts
+        searched,
+        plan.factors,
+        plan.factor_shift,
+        starts,
+        plan.training_window.training_and_guard_counts,
     )
     out[:, plan.searched_rows] = np.minimum(levels, largest_word)
     return out
 
 
-def _power_scale(plan: LookupTables, step: float, exponent: int, radar: Radar) -> float:
+def _power_per_map_unit(plan: LookupTables, step: float, exponent: int, radar: Radar) -> float:
     """Return the power of one unit of the map, such that a tone keeps its power."""
     words = plan.words
     unit_weight = 2.0 ** (words.window_bits - 2)
@@ -260,11 +268,11 @@ def _power_scale(plan: LookupTables, step: float, exponent: int, radar: Radar) -
     amplitude = step / gain * 2.0**-below_point
     # A real tone has half its power at negative frequencies, which are dropped.
     sides = 1 if radar.frame.chirp.sampling == "complex" else 2
-    return float(sides * amplitude**2 / plan.n_channels * 2.0**-plan.power_shift)
+    return float(sides * amplitude**2 / plan.n_channels * 2.0**-plan.power_left_shift)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def apply_window(
+def apply_window_and_pad(
     points: np.ndarray,
     weights: np.ndarray,
     shifts: np.ndarray,
@@ -301,7 +309,7 @@ def apply_window(
             for k in range(n_points):
                 for part in range(2):
                     product = points[a, b, k, part] * weights[k]
-                    word = shift_right(product, shifts[a, b, k], rounding_code)
+                    word = shift_right_rounded(product, shifts[a, b, k], rounding_code)
                     saturated = saturate(word, bits)
                     n_overflows += saturated != word
                     out[a, b, k, part] = saturated
@@ -320,7 +328,9 @@ def sum_channel_powers(spectrum: np.ndarray, shifts: np.ndarray, rounding_code: 
         for row in range(n_range):
             for v in range(n_velocity):
                 re, im = int(spectrum[channel, row, v, 0]), int(spectrum[channel, row, v, 1])
-                out[v, row] += shift_right(re * re + im * im, shifts[channel, row], rounding_code)
+                out[v, row] += shift_right_rounded(
+                    re * re + im * im, shifts[channel, row], rounding_code
+                )
     return out
 
 

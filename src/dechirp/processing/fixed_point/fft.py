@@ -7,16 +7,16 @@ import numpy as np
 
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
-from dechirp.processing.fixed_point.coefficients import INTEGER_BITS, twiddle_factors
+from dechirp.processing.fixed_point.coefficients import INTEGER_BITS, integer_twiddle_factors
 from dechirp.processing.fixed_point.word_lengths import (
     ROUNDING_CODES,
     Scaling,
     WordLengths,
     saturate,
-    shift_right,
+    shift_right_rounded,
 )
 
-_BY_BLOCK = -1  # schedule entry for block scaling
+_BY_BLOCK = -1  # in place of a shift: block scaling
 
 
 class FftResult(NamedTuple):
@@ -65,20 +65,20 @@ def fft(points: np.ndarray, bits: int, words: WordLengths) -> FftResult:
     length in digital filtering and the fast Fourier transform, Proc. IEEE 60(8), 1972.
     """
     check_integer("bits", bits, at_least=4, at_most=24)
-    _check_words(points, bits)
+    _check_points_fit_bits(points, bits)
     *blocks, n, _ = points.shape
     check_power_of_two("points", n, fix="pad them with zeros")
-    twiddles = twiddle_factors(n, words.twiddle_bits)
+    twiddles = integer_twiddle_factors(n, words.twiddle_bits)
     n_stages = n.bit_length() - 1
     shifts = np.empty((*blocks, n_stages), np.int64)
     overflows = np.zeros(n_stages, np.int64)
     out = np.array(points, np.int32)
-    _transform_in_place(
+    _fft_in_place(
         out.reshape(-1, n, 2),
         bit_reversed_order(n),
         twiddles,
-        _stage_growth(twiddles, n, words.twiddle_bits),
-        np.full(n_stages, _shift_schedule(words.scaling)),
+        _max_growth_per_stage(twiddles, n, words.twiddle_bits),
+        np.full(n_stages, _shift_per_stage_or_by_block(words.scaling)),
         np.array([bits, words.twiddle_bits - INTEGER_BITS, ROUNDING_CODES[words.rounding]]),
         shifts.reshape(out.size // (2 * n), n_stages),
         overflows,
@@ -102,11 +102,11 @@ def bit_reversed_order(n: int) -> np.ndarray:
     return order
 
 
-def _shift_schedule(scaling: Scaling) -> int:
+def _shift_per_stage_or_by_block(scaling: Scaling) -> int:
     return {"block": _BY_BLOCK, "halving": 1, "none": 0}[scaling]
 
 
-def _stage_growth(twiddles: np.ndarray, n: int, bits: int) -> np.ndarray:
+def _max_growth_per_stage(twiddles: np.ndarray, n: int, bits: int) -> np.ndarray:
     """Return the largest growth of a part in each stage, in words of W."""
     sizes = np.abs(twiddles).sum(axis=-1)
     halves = 2 ** np.arange(n.bit_length() - 1)
@@ -114,7 +114,7 @@ def _stage_growth(twiddles: np.ndarray, n: int, bits: int) -> np.ndarray:
     return 2 ** (bits - INTEGER_BITS) + np.array(largest, np.int64)
 
 
-def _check_words(points: np.ndarray, bits: int) -> None:
+def _check_points_fit_bits(points: np.ndarray, bits: int) -> None:
     half = 2 ** (bits - 1)
     is_valid = points.dtype.kind in "iu" and points.ndim >= 2 and points.shape[-1] == 2
     if not (is_valid and points.size and points.min() >= -half and points.max() < half):
@@ -127,21 +127,21 @@ def _check_words(points: np.ndarray, bits: int) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _transform_in_place(
+def _fft_in_place(
     points: np.ndarray,
     order: np.ndarray,
     twiddles: np.ndarray,
     growth: np.ndarray,
-    schedule: np.ndarray,
-    word: np.ndarray,
+    shift_per_stage: np.ndarray,
+    bits_and_rounding: np.ndarray,
     shifts: np.ndarray,
     overflows: np.ndarray,
 ) -> None:
     """Transform each block of points, (n_blocks, n, 2), in place.
 
-    `word`: bits of a part, fraction bits of W, and the rounding code.
+    `bits_and_rounding`: bits of a part, fraction bits of W, and the rounding code.
     """
-    bits, fraction, mode = word
+    bits, fraction, mode = bits_and_rounding
     n = points.shape[1]
     top = (np.int64(1) << (bits - 1)) - 1
     re, im = np.empty(n, np.int64), np.empty(n, np.int64)
@@ -151,7 +151,7 @@ def _transform_in_place(
             re[k], im[k] = points[block, order[k], 0], points[block, order[k], 1]
             largest = max(largest, abs(re[k]), abs(im[k]))
         for stage in range(len(growth)):
-            shift = schedule[stage]
+            shift = shift_per_stage[stage]
             if shift == _BY_BLOCK:
                 shift = np.int64(0)
                 while largest * growth[stage] > top << (fraction + shift):
@@ -168,10 +168,10 @@ def _transform_in_place(
                     a_re, a_im = re[a] << fraction, im[a] << fraction
                     b_re, b_im = re[b] * c - im[b] * s, re[b] * s + im[b] * c
                     results = (
-                        shift_right(a_re + b_re, total_shift, mode),
-                        shift_right(a_im + b_im, total_shift, mode),
-                        shift_right(a_re - b_re, total_shift, mode),
-                        shift_right(a_im - b_im, total_shift, mode),
+                        shift_right_rounded(a_re + b_re, total_shift, mode),
+                        shift_right_rounded(a_im + b_im, total_shift, mode),
+                        shift_right_rounded(a_re - b_re, total_shift, mode),
+                        shift_right_rounded(a_im - b_im, total_shift, mode),
                     )
                     re[a], im[a] = saturate(results[0], bits), saturate(results[1], bits)
                     re[b], im[b] = saturate(results[2], bits), saturate(results[3], bits)

@@ -11,15 +11,15 @@ from dechirp.processing.cfar.cell_averaging import CellAveraging
 from dechirp.processing.chain import Chain
 from dechirp.processing.fixed_point.coefficients import (
     INTEGER_BITS,
-    doppler_weights,
-    log2_table,
-    quantise_factors,
-    range_weights,
-    twiddle_factors,
+    integer_doppler_window,
+    integer_log2_table,
+    integer_range_window,
+    integer_twiddle_factors,
+    quantise_factors_with_common_shift,
 )
 from dechirp.processing.fixed_point.fft import check_power_of_two
 from dechirp.processing.fixed_point.word_lengths import WordLengths
-from dechirp.processing.spectrum import Transform, independent_rows
+from dechirp.processing.spectrum import Transform, rows_with_circular_noise
 from dechirp.radar.radar import Radar
 
 
@@ -50,19 +50,19 @@ class LookupTables(NamedTuple):
     factor_shift: int
 
     @property
-    def range_shift(self) -> int:
+    def range_product_right_shift(self) -> int:
         """Bits to shift right the product of a sample and a weight."""
         words = self.words
         return words.window_bits - INTEGER_BITS - (words.range_bits - words.sample_bits)
 
     @property
-    def doppler_shift(self) -> int:
+    def doppler_product_right_shift(self) -> int:
         """Bits to shift right the product of a range profile and a weight."""
         words = self.words
         return words.window_bits - INTEGER_BITS - (words.doppler_bits - words.range_bits)
 
     @property
-    def power_shift(self) -> int:
+    def power_left_shift(self) -> int:
         """Bits to shift left a square of the largest exponent, or right if negative."""
         channel_bits = (self.n_channels - 1).bit_length()
         return self.words.power_bits - 2 * self.words.doppler_bits - channel_bits
@@ -77,8 +77,8 @@ def make_lookup_tables(radar: Radar, chain: Chain, words: WordLengths) -> Lookup
         If a transform length is no power of two, the chain has steps without a fixed-point version
         (detectors other than cell averaging, range walk, falling ramps), or sums need over 63 bits.
     """
-    _check_supported(radar, chain)
-    noise, chirp = chain.map_noise(radar), radar.frame.chirp
+    _check_has_fixed_point_version(radar, chain)
+    noise, chirp = chain.map_noise_statistics(radar), radar.frame.chirp
     range_transform, doppler_transform = noise.range_transform, noise.doppler_transform
     for name, transform in (
         ("n_range_bins", range_transform),
@@ -87,16 +87,16 @@ def make_lookup_tables(radar: Radar, chain: Chain, words: WordLengths) -> Lookup
         check_power_of_two(
             f"Chain.{name}",
             transform.n_bins,
-            fix=f"pad with zeros: set {name} to {_power_of_two(transform.n_points)}",
+            fix=f"pad with zeros: set {name} to {_next_power_of_two(transform.n_points)}",
         )
-    searched_rows = independent_rows(chirp, range_transform)
+    searched_rows = rows_with_circular_noise(chirp, range_transform)
     n_searched = searched_rows.stop - searched_rows.start
     window = chain.cfar.training_window
     # The threshold of a map of ones is the factor.
     unit_map = np.ones((doppler_transform.n_bins, n_searched), np.float32)
-    ratios = chain.cfar.threshold(unit_map, noise)[0] / window.n_training_cells(n_searched)
-    integer_factors, factor_shift = quantise_factors(ratios, words.factor_bits)
-    _check_word_lengths(words, window, factor_shift)
+    ratios = chain.cfar.threshold(unit_map, noise)[0] / window.n_training_cells_per_row(n_searched)
+    integer_factors, factor_shift = quantise_factors_with_common_shift(ratios, words.factor_bits)
+    _check_sums_and_factor_fit(words, window, factor_shift)
     return LookupTables(
         words=words,
         range_transform=range_transform,
@@ -107,11 +107,11 @@ def make_lookup_tables(radar: Radar, chain: Chain, words: WordLengths) -> Lookup
         else range_transform.n_bins // 2 + 1,
         searched_rows=searched_rows,
         training_window=window,
-        range_window=range_weights(range_transform, words.window_bits),
-        doppler_window=doppler_weights(doppler_transform, words.window_bits),
-        range_twiddles=twiddle_factors(range_transform.n_bins, words.twiddle_bits),
-        doppler_twiddles=twiddle_factors(doppler_transform.n_bins, words.twiddle_bits),
-        logarithms=log2_table(words.log_table_bits, words.log_fraction_bits),
+        range_window=integer_range_window(range_transform, words.window_bits),
+        doppler_window=integer_doppler_window(doppler_transform, words.window_bits),
+        range_twiddles=integer_twiddle_factors(range_transform.n_bins, words.twiddle_bits),
+        doppler_twiddles=integer_twiddle_factors(doppler_transform.n_bins, words.twiddle_bits),
+        logarithms=integer_log2_table(words.log_table_bits, words.log_fraction_bits),
         factors=integer_factors,
         factor_shift=factor_shift,
     )
@@ -127,16 +127,16 @@ def pad_to_powers_of_two(chain: Chain, radar: Radar) -> Chain:
 
 
 def _padded_length(requested: int | None, n_points: int) -> int | None:
-    padded = _power_of_two(n_points)
+    padded = _next_power_of_two(n_points)
     return padded if requested is None and padded != n_points else requested
 
 
-def _power_of_two(n: int) -> int:
+def _next_power_of_two(n: int) -> int:
     """Return the smallest power of two that is at least n."""
     return 1 << (n - 1).bit_length()
 
 
-def _check_supported(radar: Radar, chain: Chain) -> None:
+def _check_has_fixed_point_version(radar: Radar, chain: Chain) -> None:
     """Check that the chain has only steps with a fixed-point version."""
     if not isinstance(chain.cfar.estimator, CellAveraging):
         raise InvalidSetting(
@@ -161,7 +161,9 @@ def _check_supported(radar: Radar, chain: Chain) -> None:
         )
 
 
-def _check_word_lengths(words: WordLengths, window: TrainingWindow, factor_shift: int) -> None:
+def _check_sums_and_factor_fit(
+    words: WordLengths, window: TrainingWindow, factor_shift: int
+) -> None:
     """Check that sums need at most 63 bits, and that the factor fits its word."""
     n_box = (2 * window.half_velocity + 1) * (2 * window.half_range + 1)
     max_bits = 63 - (n_box - 1).bit_length()

@@ -7,7 +7,7 @@ import xarray as xr
 
 from dechirp.core.checks import check_integer
 from dechirp.core.errors import InvalidSetting
-from dechirp.processing.fixed_point.coefficients import INTEGER_BITS, twiddle_factors
+from dechirp.processing.fixed_point.coefficients import INTEGER_BITS, integer_twiddle_factors
 from dechirp.processing.fixed_point.fft import FftResult, fft
 from dechirp.processing.fixed_point.word_lengths import WordLengths
 
@@ -65,7 +65,9 @@ def predict_quantisation_noise(
         )
     n_stages = shifts.shape[-1]
     n = 2**n_stages
-    factors = twiddle_factors(n, words.twiddle_bits) / 2.0 ** (words.twiddle_bits - INTEGER_BITS)
+    factors = integer_twiddle_factors(n, words.twiddle_bits) / 2.0 ** (
+        words.twiddle_bits - INTEGER_BITS
+    )
     exact = np.exp(-2j * np.pi * np.arange(n // 2) / n)
     error = np.abs(factors @ np.array([1, 1j]) - exact) ** 2
     noise = np.zeros(shifts.shape[:-1])
@@ -153,7 +155,7 @@ def signal_to_quantisation_noise_over_bits(
     for row, length in enumerate(bits):
         for column, signal in enumerate(signals):
             points = make_full_scale_signal(signal, n_trials, n_points, length, rng)
-            trial_words = _with_twiddles(base, length)
+            trial_words = _with_twiddle_bits(base, length)
             result = fft(points, length, trial_words)
             trial_ratios = signal_to_quantisation_noise(points, result)
             power = np.mean(points.astype(float) ** 2, axis=(1, 2)) * 2 * n_points
@@ -173,5 +175,5 @@ def signal_to_quantisation_noise_over_bits(
     )
 
 
-def _with_twiddles(words: WordLengths, bits: int) -> WordLengths:
+def _with_twiddle_bits(words: WordLengths, bits: int) -> WordLengths:
     return WordLengths(twiddle_bits=bits, scaling=words.scaling, rounding=words.rounding)

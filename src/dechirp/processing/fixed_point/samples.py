@@ -8,7 +8,7 @@ from dechirp.processing.fixed_point.word_lengths import WordLengths
 from dechirp.radar.radar import Radar
 
 
-def to_integer_samples(
+def to_integer_samples_and_step(
     cube: xr.DataArray, radar: Radar, words: WordLengths
 ) -> tuple[np.ndarray, float]:
     """Return the samples of one frame, (chirp, rx, sample, 2) int32, and the amplitude of a step.
@@ -27,7 +27,7 @@ def to_integer_samples(
         into `sample_bits`.
     """
     is_integer = cube.dtype.kind in "iu"
-    _check_frame(cube, radar, is_integer)
+    _check_is_one_frame_of_radar(cube, radar, is_integer)
     axes = [name for name in ("chirp", "rx", "sample", "iq") if name in cube.dims]
     numbers = cube.transpose(*axes).values
     if np.iscomplexobj(numbers):
@@ -64,7 +64,7 @@ def to_integer_samples(
     return out, step
 
 
-def _check_frame(cube: xr.DataArray, radar: Radar, is_integer: bool) -> None:
+def _check_is_one_frame_of_radar(cube: xr.DataArray, radar: Radar, is_integer: bool) -> None:
     frame, chirp = radar.frame, radar.frame.chirp
     is_complex = chirp.sampling == "complex"
     expected = {"chirp": frame.n_chirps_total, "rx": radar.array.n_rx, "sample": chirp.n_samples}

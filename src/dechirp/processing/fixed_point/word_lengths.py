@@ -4,7 +4,7 @@ from typing import Literal, get_args
 
 import numba
 
-from dechirp.core.checks import check_count
+from dechirp.core.checks import check_integer_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
@@ -51,12 +51,12 @@ class WordLengths:
     up; truncate: down."""
 
     def __post_init__(self) -> None:
-        check_count(self, "sample_bits", at_least=2, at_most=24)
+        check_integer_fields(self, "sample_bits", at_least=2, at_most=24)
         for name in ("window_bits", "twiddle_bits", "range_bits", "doppler_bits", "factor_bits"):
-            check_count(self, name, at_least=4, at_most=24)
-        check_count(self, "power_bits", at_least=8, at_most=48)
-        check_count(self, "log_fraction_bits", at_most=10)
-        check_count(self, "log_table_bits", at_most=12)
+            check_integer_fields(self, name, at_least=4, at_most=24)
+        check_integer_fields(self, "power_bits", at_least=8, at_most=48)
+        check_integer_fields(self, "log_fraction_bits", at_most=10)
+        check_integer_fields(self, "log_table_bits", at_most=12)
         for name, choices in (("scaling", get_args(Scaling)), ("rounding", get_args(Rounding))):
             if getattr(self, name) not in choices:
                 raise InvalidSetting(
@@ -79,7 +79,7 @@ _MAX_SHIFT = 62  # of 64-bit words; beyond it only the sign remains
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def shift_right(x: int, shift: int, rounding_code: int) -> int:
+def shift_right_rounded(x: int, shift: int, rounding_code: int) -> int:
     """Return the rounded integer x / 2^shift; x is below 2^61 where the shift is positive."""
     if shift <= 0:
         return x << -shift

@@ -7,7 +7,7 @@ import numpy as np
 
 from dechirp.core.findings import Finding
 from dechirp.core.units import to_decibels
-from dechirp.processing.mitigation.base import Mitigation, check_frame_samples
+from dechirp.processing.mitigation.base import Mitigation, checked_single_precision_samples
 from dechirp.radar.frame import Frame
 
 
@@ -50,15 +50,15 @@ def apply_mitigation(
     InvalidSetting
         As `Mitigation.clean`.
     """
-    current = check_frame_samples(samples, frame)
+    current = checked_single_precision_samples(samples, frame)
     removed = []
     for method in mitigation:
         previous, current = current, method.clean(current, frame)
-        removed.append(_measure_removed(method, previous, current))
+        removed.append(_measure_removed_signal(method, previous, current))
     return MitigatedFrame(samples=current, removed=tuple(removed))
 
 
-def _measure_removed(
+def _measure_removed_signal(
     method: Mitigation, samples_before: np.ndarray, samples_after: np.ndarray
 ) -> RemovedEcho:
     n_chirps = n_samples = 0
@@ -84,10 +84,10 @@ def _measure_removed(
 
 def mitigation_findings(frames: Sequence[Sequence[RemovedEcho]]) -> list[Finding]:
     """Report the signal removed from all frames, one note for each method."""
-    return [_method_finding(of_method) for of_method in zip(*frames, strict=True)]
+    return [_removed_signal_finding(of_method) for of_method in zip(*frames, strict=True)]
 
 
-def _method_finding(removed: Sequence[RemovedEcho]) -> Finding:
+def _removed_signal_finding(removed: Sequence[RemovedEcho]) -> Finding:
     power = float(np.mean([echo.removed_power for echo in removed]))
     remaining_power = float(np.mean([echo.remaining_power for echo in removed]))
     share = float(np.mean([echo.changed_share for echo in removed]))

@@ -9,7 +9,7 @@ from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 from dechirp.core.findings import Finding
 from dechirp.radar.chirp import Chirp
-from dechirp.radar.cube import check_sampling
+from dechirp.radar.cube import check_samples_complex_or_real
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -19,7 +19,7 @@ class Mitigation(Family):
 
     A member must implement `clean`. A member that is linear over the chirps implements
     `filter_chirp_series`, from which `mitigation_noise_gain` derives its effect on noise, and
-    `range_bin_share` if it acts on some ranges only.
+    `filtered_fraction_of_range_bins` if it acts on some ranges only.
     """
 
     group: ClassVar[str] = "dechirp.mitigation"
@@ -46,10 +46,10 @@ class Mitigation(Family):
             If the samples do not match the frame, are not finite, or have too few chirps.
         """
 
-    def check_frame(self, frame: Frame) -> None:
+    def check_frame_suits_method(self, frame: Frame) -> None:
         """Check that a frame is long enough for the method to leave any signal."""
 
-    def doppler_gain(self, doppler_hz: np.ndarray, frame: Frame) -> np.ndarray:
+    def doppler_power_gain(self, doppler_hz: np.ndarray, frame: Frame) -> np.ndarray:
         """Return the power gain for a target of a Doppler frequency, a ratio; of any shape.
 
         Over the whole frame, of a target in all ranges; 1 for methods that do not filter slow
@@ -66,20 +66,22 @@ class Mitigation(Family):
         """True if the method filters all chirps, so that noise depends on velocity."""
         return type(self).filter_chirp_series is not Mitigation.filter_chirp_series
 
-    def range_bin_share(self, weights: np.ndarray, chirp: Chirp, n_bins: int) -> np.ndarray:
+    def filtered_fraction_of_range_bins(
+        self, range_window_weights: np.ndarray, chirp: Chirp, n_bins: int
+    ) -> np.ndarray:
         """Return the share of the noise in each range bin on which the filter acts, (n_bins,).
 
-        `weights` (n_samples,) is the window of the range transform. Bins of the whole transform,
-        also of real samples.
+        `range_window_weights` (n_samples,) is the window of the range transform. Bins of the whole
+        transform, also of real samples.
         """
         return np.ones(n_bins)
 
-    def target_findings(self, radar: Radar) -> list[Finding]:
-        """Return findings on targets that the method weakens, such as static ones."""
+    def limitation_findings(self, radar: Radar) -> list[Finding]:
+        """Return findings on the limitations of the method, such as weakened static targets."""
         return []
 
 
-def check_frame_samples(samples: np.ndarray, frame: Frame) -> np.ndarray:
+def checked_single_precision_samples(samples: np.ndarray, frame: Frame) -> np.ndarray:
     """Return the samples of one frame, contiguous in single precision, or raise an error.
 
     Returns the given array if it already is.
@@ -93,7 +95,7 @@ def check_frame_samples(samples: np.ndarray, frame: Frame) -> np.ndarray:
             expected=f"(chirp, rx, sample) with {expected[0]} chirps and {expected[1]} samples",
             fix="give all chirps of one frame in transmit order, and the matching frame",
         )
-    check_sampling(chirp, np.asarray(samples), where="samples")
+    check_samples_complex_or_real(chirp, np.asarray(samples), setting="samples")
     contiguous = np.ascontiguousarray(
         samples, np.complex64 if np.iscomplexobj(samples) else np.float32
     )
@@ -118,6 +120,6 @@ def check_chirp_count(method: Mitigation, frame: Frame, min_chirps: int) -> None
         )
 
 
-def find_lost_chirps(samples: np.ndarray) -> np.ndarray:
+def all_zero_chirp_mask(samples: np.ndarray) -> np.ndarray:
     """Return a mask of all-zero chirps, (chirp,) bool: readers insert them for lost ones."""
     return np.asarray(~samples.any(axis=(1, 2)))

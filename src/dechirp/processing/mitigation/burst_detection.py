@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from dechirp.processing.mitigation.base import find_lost_chirps
+from dechirp.processing.mitigation.base import all_zero_chirp_mask
 from dechirp.processing.quality.background import Background, estimate_background
 from dechirp.processing.quality.interference_bursts import measure_bursts_over_background
 from dechirp.processing.quality.sample_statistics import SILENT, compute_sample_statistics
@@ -53,9 +53,9 @@ def detect_bursts(samples: np.ndarray, frame: Frame) -> FrameBursts | None:
     Frames with fewer than four chirps of each transmitter or 16 samples are too short for
     detection.
     """
-    is_lost, n_parts = find_lost_chirps(samples), 2 if np.iscomplexobj(samples) else 1
+    is_lost, n_parts = all_zero_chirp_mask(samples), 2 if np.iscomplexobj(samples) else 1
     statistics = compute_sample_statistics(samples.view(np.float32), is_lost, n_parts)
-    scale = statistics.largest
+    scale = statistics.largest_magnitude
     if scale < SILENT:
         return None
     normalised = samples * np.float32(1 / scale)
@@ -104,7 +104,7 @@ def _burst_mask(
     static_samples = background.static_samples.view(samples.dtype)[:, alive]
 
     def error_power(chirp: int) -> np.ndarray:
-        return _prediction_error_power(
+        return _smaller_prediction_error_power(
             samples[chirp, alive] - static_samples[chirp % len(static_samples)],
             background.predictor,
         )
@@ -130,7 +130,7 @@ def _burst_mask(
     return is_burst
 
 
-def _prediction_error_power(moving: np.ndarray, predictor: np.ndarray) -> np.ndarray:
+def _smaller_prediction_error_power(moving: np.ndarray, predictor: np.ndarray) -> np.ndarray:
     """Return the smaller power of the forward and backward prediction errors, (rx, sample).
 
     A burst spoils the prediction of the samples that follow it in either direction.

@@ -12,10 +12,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import solveh_banded
 
-from dechirp.core.checks import check_count
+from dechirp.core.checks import check_integer_fields
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
-from dechirp.processing.mitigation.base import Mitigation, check_frame_samples
+from dechirp.processing.mitigation.base import Mitigation, checked_single_precision_samples
 from dechirp.processing.mitigation.burst_detection import detect_bursts
 from dechirp.processing.quality.background import MIN_CHIRPS, MIN_SAMPLES
 from dechirp.radar.frame import Frame
@@ -41,7 +41,7 @@ class InterferenceRepair(Mitigation):
 
     def clean(self, samples: np.ndarray, frame: Frame) -> np.ndarray:
         """Repair the chirps that have bursts; see `Mitigation.clean`."""
-        checked = check_frame_samples(samples, frame)
+        checked = checked_single_precision_samples(samples, frame)
         bursts = detect_bursts(checked, frame)
         if bursts is None:
             return checked
@@ -54,7 +54,7 @@ class InterferenceRepair(Mitigation):
             )
         return out
 
-    def target_findings(self, radar: Radar) -> list[Finding]:
+    def limitation_findings(self, radar: Radar) -> list[Finding]:
         """Warn about frames with too few chirps or samples for burst detection."""
         frame = radar.frame
         if frame.n_chirps >= MIN_CHIRPS and frame.chirp.n_samples >= MIN_SAMPLES:
@@ -85,7 +85,7 @@ class InterferenceZeroing(InterferenceRepair):
     """Samples on each side of a burst over which moving echoes fade."""
 
     def __post_init__(self) -> None:
-        check_count(self, "n_taper", at_least=0, at_most=1000)
+        check_integer_fields(self, "n_taper", at_least=0, at_most=1000)
 
     def repair_chirp(
         self, moving: np.ndarray, is_burst: np.ndarray, predictor: np.ndarray

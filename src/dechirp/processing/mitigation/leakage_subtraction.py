@@ -10,15 +10,15 @@ from functools import lru_cache
 import numpy as np
 from scipy.signal.windows import dpss
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.mitigation.base import (
     Mitigation,
+    all_zero_chirp_mask,
     check_chirp_count,
-    check_frame_samples,
-    find_lost_chirps,
+    checked_single_precision_samples,
 )
 from dechirp.processing.mitigation.mean_subtraction import MeanSubtraction, tapered_mean
 from dechirp.radar.chirp import Chirp
@@ -44,14 +44,14 @@ class LeakageSubtraction(Mitigation):
     """Range up to which static echoes are removed."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "max_range_m", at_most=1e9)
+        check_positive_fields(self, "max_range_m", at_most=1e9)
 
     def clean(self, samples: np.ndarray, frame: Frame) -> np.ndarray:
         """Subtract the near part of the mean of each channel; see `Mitigation.clean`."""
-        self.check_frame(frame)
-        checked = check_frame_samples(samples, frame)
-        is_kept = ~find_lost_chirps(checked)
-        basis = self._band_basis(frame.chirp)
+        self.check_frame_suits_method(frame)
+        checked = checked_single_precision_samples(samples, frame)
+        is_kept = ~all_zero_chirp_mask(checked)
+        basis = self._near_range_beat_basis(frame.chirp)
         out = checked.copy()
         for slot, ramp in enumerate(frame.ramps):
             slot_is_kept = is_kept[slot :: frame.n_slots]
@@ -70,15 +70,17 @@ class LeakageSubtraction(Mitigation):
         """Filter as mean subtraction, which applies in the nearer ranges."""
         return MeanSubtraction().filter_chirp_series(series)
 
-    def range_bin_share(self, weights: np.ndarray, chirp: Chirp, n_bins: int) -> np.ndarray:
+    def filtered_fraction_of_range_bins(
+        self, range_window_weights: np.ndarray, chirp: Chirp, n_bins: int
+    ) -> np.ndarray:
         """Return the share of each range bin in the nearer ranges."""
-        basis = self._band_basis(chirp)
-        spectra = np.fft.fft(weights * basis, n_bins, axis=1)
-        return np.asarray(np.sum(np.abs(spectra) ** 2, axis=0) / np.sum(weights**2))
+        basis = self._near_range_beat_basis(chirp)
+        spectra = np.fft.fft(range_window_weights * basis, n_bins, axis=1)
+        return np.asarray(np.sum(np.abs(spectra) ** 2, axis=0) / np.sum(range_window_weights**2))
 
-    def target_findings(self, radar: Radar) -> list[Finding]:
+    def limitation_findings(self, radar: Radar) -> list[Finding]:
         """Note the loss of static targets in the nearer ranges."""
-        self.check_frame(radar.frame)
+        self.check_frame_suits_method(radar.frame)
         cell_m = radar.frame.chirp.range_resolution_m
         return [
             Finding(
@@ -92,7 +94,7 @@ class LeakageSubtraction(Mitigation):
             )
         ]
 
-    def check_frame(self, frame: Frame) -> None:
+    def check_frame_suits_method(self, frame: Frame) -> None:
         """Check that a frame has several chirps and that the range limit lies within its ranges."""
         check_chirp_count(self, frame, MeanSubtraction().min_chirps)
         chirp = frame.chirp
@@ -106,16 +108,16 @@ class LeakageSubtraction(Mitigation):
                 fix="use mean-subtraction to clear all ranges, or give the extent of the leakage",
             )
 
-    def _band_basis(self, chirp: Chirp) -> np.ndarray:
+    def _near_range_beat_basis(self, chirp: Chirp) -> np.ndarray:
         """Return orthonormal sequences that span the band, (n, n_samples)."""
         cells = self.max_range_m / chirp.range_resolution_m - _EDGE_CELLS
         return _slepian_sequences(chirp.n_samples, cells, chirp.sampling == "complex")
 
 
 @lru_cache(maxsize=8)
-def _slepian_sequences(n_samples: int, cells: float, is_complex: bool) -> np.ndarray:
-    low = -_CELLS_BELOW_ZERO if is_complex else -max(cells, _CELLS_BELOW_ZERO)
-    high = max(cells, _CELLS_BELOW_ZERO)
+def _slepian_sequences(n_samples: int, n_range_cells: float, is_complex: bool) -> np.ndarray:
+    low = -_CELLS_BELOW_ZERO if is_complex else -max(n_range_cells, _CELLS_BELOW_ZERO)
+    high = max(n_range_cells, _CELLS_BELOW_ZERO)
     half = (high - low) / 2  # time times half the bandwidth
     n = min(round(2 * half) + _EXTRA_SEQUENCES, n_samples)
     slepian = dpss(n_samples, half, n)

@@ -37,17 +37,17 @@ class MeanSubtraction(SlowTimeFilter):
             out[is_kept] = series[is_kept] - tapered_mean(series, is_kept).astype(series.dtype)
         return out
 
-    def doppler_gain(self, doppler_hz: np.ndarray, frame: Frame) -> np.ndarray:
+    def doppler_power_gain(self, doppler_hz: np.ndarray, frame: Frame) -> np.ndarray:
         """Return the mean square of a tone less its tapered mean, over that of the tone.
 
         1 - 2 C D + C^2 with its plain mean D (Dirichlet's kernel) and its tapered one C.
         """
-        self.check_frame(frame)
+        self.check_frame_suits_method(frame)
         n = frame.n_chirps
         cycles = np.asarray(doppler_hz, dtype=float) * frame.repetition_s
         cycles = cycles - np.rint(cycles)
-        plain = _mean_of_tone(cycles, n)
-        neighbours = _mean_of_tone(cycles - 1 / n, n) + _mean_of_tone(cycles + 1 / n, n)
+        plain = _dirichlet_kernel(cycles, n)
+        neighbours = _dirichlet_kernel(cycles - 1 / n, n) + _dirichlet_kernel(cycles + 1 / n, n)
         tapered = plain + neighbours / 2
         return np.asarray(1 - 2 * tapered * plain + tapered**2)
 
@@ -63,7 +63,7 @@ def tapered_mean(series: np.ndarray, is_kept: np.ndarray) -> np.ndarray:
     return np.tensordot(weights / weights.sum(), series[is_kept].astype(dtype), 1)
 
 
-def _mean_of_tone(cycles: np.ndarray, n: int) -> np.ndarray:
+def _dirichlet_kernel(cycles: np.ndarray, n: int) -> np.ndarray:
     """Return Dirichlet's kernel: the mean of n points of a tone, relative to their middle."""
     denominator = np.sin(np.pi * cycles)
     is_integer = abs(denominator) < 1e-9

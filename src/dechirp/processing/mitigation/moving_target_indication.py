@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.checks import check_count
+from dechirp.core.checks import check_integer_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.mitigation.slow_time_filters import SlowTimeFilter
 from dechirp.radar.frame import Frame
@@ -34,7 +34,7 @@ class MovingTargetIndication(SlowTimeFilter):
     )
 
     def __post_init__(self) -> None:
-        check_count(self, "order", at_most=3)
+        check_integer_fields(self, "order", at_most=3)
 
     @property
     def min_chirps(self) -> int:
@@ -46,16 +46,16 @@ class MovingTargetIndication(SlowTimeFilter):
         out = np.zeros_like(series)
         is_complete = np.zeros(len(series), bool)
         is_complete[self.order :] = True
-        for delay, weight in enumerate(self._weights):
+        for delay, weight in enumerate(self._canceller_weights):
             earlier = slice(0, len(series) - delay)
             out[delay:] += series.dtype.type(weight) * series[earlier]
             is_complete[delay:] &= is_kept[earlier]
         out[~is_complete] = 0
         return out
 
-    def doppler_gain(self, doppler_hz: np.ndarray, frame: Frame) -> np.ndarray:
+    def doppler_power_gain(self, doppler_hz: np.ndarray, frame: Frame) -> np.ndarray:
         """Return the gain of the filter, (2 sin pi f T)^2n over the sum of the squared weights."""
-        self.check_frame(frame)
+        self.check_frame_suits_method(frame)
         cycles = np.asarray(doppler_hz, dtype=float) * frame.repetition_s
         # That sum is a binomial coefficient too (Vandermonde).
         return np.asarray(
@@ -63,6 +63,6 @@ class MovingTargetIndication(SlowTimeFilter):
         )
 
     @property
-    def _weights(self) -> np.ndarray:
+    def _canceller_weights(self) -> np.ndarray:
         signed = [(-1) ** k * comb(self.order, k) for k in range(self.order + 1)]
         return np.array(signed) / np.sqrt(comb(2 * self.order, self.order))

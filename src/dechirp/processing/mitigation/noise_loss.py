@@ -32,15 +32,17 @@ def mitigation_noise_gain(
     """Return the noise power in each cell of a map with mitigation over that without.
 
     float32 (velocity, range), velocities ascending and rows of range as
-    `processing.spectrum.range_doppler` gives them. Exact for white noise: the sum over chirps of
-    the squared weights with which each of them, through the filters and the window, contributes
-    to a velocity. In partly filtered ranges the filtered and unfiltered shares add up.
+    `processing.spectrum.range_doppler_spectrum` gives them. Exact for white noise: the sum over
+    chirps of the squared weights with which each of them, through the filters and the window,
+    contributes to a velocity. In partly filtered ranges the filtered and unfiltered shares add up.
     """
-    return _cached_noise_gain(tuple(mitigation), chirp, range_transform, doppler_transform)
+    return _cached_mitigation_noise_gain(
+        tuple(mitigation), chirp, range_transform, doppler_transform
+    )
 
 
 @lru_cache(maxsize=8)
-def _cached_noise_gain(
+def _cached_mitigation_noise_gain(
     mitigation: tuple[Mitigation, ...],
     chirp: Chirp,
     range_transform: Transform,
@@ -48,7 +50,9 @@ def _cached_noise_gain(
 ) -> np.ndarray:
     filters = [method for method in mitigation if method.filters_slow_time]
     shares = [
-        method.range_bin_share(range_transform.weights, chirp, range_transform.n_bins)
+        method.filtered_fraction_of_range_bins(
+            range_transform.weights, chirp, range_transform.n_bins
+        )
         for method in filters
     ]
     everywhere = [np.all(share == 1) for share in shares]
@@ -94,13 +98,13 @@ def _noise_gain_over_velocity(filters: tuple[Mitigation, ...], transform: Transf
     return np.fft.fftshift(power) / np.sum(weights**2)
 
 
-def usable_cells(noise_gain: np.ndarray) -> np.ndarray:
+def sufficient_noise_gain_mask(noise_gain: np.ndarray) -> np.ndarray:
     """Return a mask of the cells whose noise gain allows detection, at least a tenth."""
     return np.asarray(noise_gain >= MIN_NOISE_GAIN)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def equalise(power: np.ndarray, noise_gain: np.ndarray) -> np.ndarray:
+def equalise_map_noise(power: np.ndarray, noise_gain: np.ndarray) -> np.ndarray:
     """Divide a map (velocity, range) by the noise gain, so that white noise is level; float32.
 
     Cells that are not usable get the mean of the nearest usable ones in velocity, so that as

@@ -8,9 +8,9 @@ import numpy as np
 from dechirp.core.findings import Finding
 from dechirp.processing.mitigation.base import (
     Mitigation,
+    all_zero_chirp_mask,
     check_chirp_count,
-    check_frame_samples,
-    find_lost_chirps,
+    checked_single_precision_samples,
 )
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -43,9 +43,9 @@ class SlowTimeFilter(Mitigation):
 
     def clean(self, samples: np.ndarray, frame: Frame) -> np.ndarray:
         """Filter each slot and receiver, sample by sample; see `Mitigation.clean`."""
-        self.check_frame(frame)
-        checked = check_frame_samples(samples, frame)
-        is_kept = ~find_lost_chirps(checked)
+        self.check_frame_suits_method(frame)
+        checked = checked_single_precision_samples(samples, frame)
+        is_kept = ~all_zero_chirp_mask(checked)
         out = np.empty_like(checked)
         for slot in range(frame.n_slots):
             rows = slice(slot, None, frame.n_slots)
@@ -53,20 +53,20 @@ class SlowTimeFilter(Mitigation):
             out[rows] = self.filter_series(series, is_kept[rows]).reshape(out[rows].shape)
         return out
 
-    def check_frame(self, frame: Frame) -> None:
+    def check_frame_suits_method(self, frame: Frame) -> None:
         """Check that a frame has enough chirps."""
         check_chirp_count(self, frame, self.min_chirps)
 
-    def target_findings(self, radar: Radar) -> list[Finding]:
+    def limitation_findings(self, radar: Radar) -> list[Finding]:
         """Report the loss of static targets, and of velocities that lose more than 3 dB.
 
         For lists of intervals, those of the first: other intervals have other ambiguities.
         """
         frame = radar.for_frame(0).frame
-        self.check_frame(frame)
+        self.check_frame_suits_method(frame)
         n = 1 + frame.n_chirps * _FREQUENCIES_PER_BIN // 2
         doppler_hz = np.linspace(0, 0.5 / frame.repetition_s, n)
-        is_passed = self.doppler_gain(doppler_hz, frame) >= 0.5
+        is_passed = self.doppler_power_gain(doppler_hz, frame) >= 0.5
         # A filter may attenuate all frequencies by more than 3 dB: then all are lost.
         lost_share = float(np.argmax(is_passed) / (n - 1)) if is_passed.any() else 1.0
         notch_m_per_s = lost_share * frame.max_velocity_m_per_s

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dechirp.core.findings import Finding
-from dechirp.core.text import format_ranges
+from dechirp.core.text import format_number_ranges
 from dechirp.processing.quality.recording_measures import RecordingMeasures
 
 _FULL_SCALE_END = 1 - 2**-15
@@ -25,32 +25,32 @@ _OFFSET = 0.1
 
 def clipping_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report values at the ends of the converter's range, counted exactly."""
-    counts = _count_clipped(recorded)
+    counts = _count_clipped_values(recorded)
     n_clipped = int(counts.sum())
     if not n_clipped:
         return []
-    n_parts = 2 if recorded.is_complex else 1
-    n_values = np.maximum(recorded.measure("n_numbers") * n_parts, 1)[:, None]
+    n_parts = 2 if recorded.has_complex_samples else 1
+    n_values = np.maximum(recorded.measure_values("n_numbers") * n_parts, 1)[:, None]
     shares = counts / n_values
-    n_total = int(recorded.measure("n_numbers").sum()) * n_parts * counts.shape[1]
+    n_total = int(recorded.measure_values("n_numbers").sum()) * n_parts * counts.shape[1]
     frame, rx = np.unravel_index(np.argmax(shares), shares.shape)
-    noun = "values, I and Q counted separately," if recorded.is_complex else "samples"
+    noun = "values, I and Q counted separately," if recorded.has_complex_samples else "samples"
     frames = recorded.frame_numbers
     return [
         Finding(
             level="warning" if shares.max() > _WARNING_SHARE else "note",
             setting="recording.clipping",
             value=f"{n_clipped} of {n_total} {noun} at an end of the converter's range, in"
-            f" {format_ranges('receiver', np.flatnonzero(counts.any(axis=0)))},"
-            f" {format_ranges('frame', frames[counts.any(axis=1)])}; most in receiver {rx} of frame"
-            f" {frames[frame]}: {shares.max():.3%}",
+            f" {format_number_ranges('receiver', np.flatnonzero(counts.any(axis=0)))},"
+            f" {format_number_ranges('frame', frames[counts.any(axis=1)])}; most in receiver {rx}"
+            f" of frame {frames[frame]}: {shares.max():.3%}",
             expected="echoes within the range, since clipping creates false ranges",
             fix="lower the receivers' gain, or keep strong reflectors out of the near field",
         )
     ]
 
 
-def _count_clipped(recorded: RecordingMeasures) -> np.ndarray:
+def _count_clipped_values(recorded: RecordingMeasures) -> np.ndarray:
     """Count the values at an end of the range, (frame, rx).
 
     An end is the highest or lowest value of a receiver, if it is the end of full scale, or if it
@@ -58,8 +58,11 @@ def _count_clipped(recorded: RecordingMeasures) -> np.ndarray:
     equal values would be less specific: slow echoes have them at their crests, and fast ones have
     none where they are clipped.
     """
-    level, count = recorded.measure("level").astype(np.float64), recorded.measure("count")
-    is_usable = recorded.has_samples[:, None] & ~recorded.is_constant
+    level, count = (
+        recorded.measure_values("level").astype(np.float64),
+        recorded.measure_values("count"),
+    )
+    is_usable = recorded.frames_with_samples[:, None] & ~recorded.constant_receivers_by_frame
     out = np.zeros(is_usable.shape, np.int64)
     for rx in range(is_usable.shape[1]):
         rx_level, rx_count = level[is_usable[:, rx], rx], count[is_usable[:, rx], rx]
@@ -77,36 +80,36 @@ def _count_clipped(recorded: RecordingMeasures) -> np.ndarray:
                 n_at_extreme.sum() >= max(_MIN_PILE, _MIN_PILE_RATIO * n_next)
                 and span >= _MIN_STEPS * (extreme - next_level)
             )  # fmt: skip
-            if is_pile or (recorded.has_full_scale and extreme >= _FULL_SCALE_END):
+            if is_pile or (recorded.is_in_full_scale and extreme >= _FULL_SCALE_END):
                 out[is_usable[:, rx], rx] += n_at_extreme
     return out
 
 
-def offset_findings(recorded: RecordingMeasures) -> list[Finding]:
+def adc_offset_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report the mean of each receiver, if it is large in itself or relative to the rest."""
-    if not recorded.has_samples.any():
+    if not recorded.frames_with_samples.any():
         return []
-    is_usable = ~recorded.is_stuck
-    mean = recorded.measure("mean")[recorded.has_samples].mean(axis=0)
-    rest_rms = np.sqrt(recorded.rest_power)
+    is_usable = ~recorded.stuck_receivers
+    mean = recorded.measure_values("mean")[recorded.frames_with_samples].mean(axis=0)
+    rest_rms = np.sqrt(recorded.receiver_power_about_mean)
     size = np.abs(mean).max(axis=1)
     is_large = is_usable & (np.sqrt((mean**2).sum(axis=1)) > rest_rms)
-    if recorded.has_full_scale:
+    if recorded.is_in_full_scale:
         is_large |= is_usable & (size > _OFFSET)
     if not is_large.any():
         return []
     worst = int(np.argmax(np.where(is_large, size, -1.0)))
     part = int(np.argmax(np.abs(mean[worst])))
-    part_text = f" {'IQ'[part]} of" if recorded.is_complex else ""
-    unit = "of full scale" if recorded.has_full_scale else "sqrt(W)"
-    over_rest = np.abs(mean[worst, part]) / max(rest_rms[worst], 1e-300)
-    is_too_large = recorded.has_full_scale and size[worst] > _LARGE_OFFSET
+    part_text = f" {'IQ'[part]} of" if recorded.has_complex_samples else ""
+    unit = "of full scale" if recorded.is_in_full_scale else "sqrt(W)"
+    over_rest = np.abs(mean[worst, part]) / max(rest_rms[worst], 1e-45)  # smallest float32
+    is_too_large = recorded.is_in_full_scale and size[worst] > _LARGE_OFFSET
     return [
         Finding(
             level="warning" if is_too_large else "note",
             setting="recording.offset",
-            value=f"a non-zero mean in {format_ranges('receiver', np.flatnonzero(is_large))}, the"
-            f" largest in{part_text} receiver {worst}: {mean[worst, part]:.4g} {unit},"
+            value=f"a non-zero mean in {format_number_ranges('receiver', np.flatnonzero(is_large))}"
+            f", the largest in{part_text} receiver {worst}: {mean[worst, part]:.4g} {unit},"
             f" {over_rest:.3g} times the RMS of the rest",
             expected="samples about zero, since an offset reduces the range of the converter and"
             " appears"

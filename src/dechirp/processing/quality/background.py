@@ -59,7 +59,7 @@ def estimate_background(
     usable = np.flatnonzero(~is_lost)
     static_samples = estimate_static_samples(numbers, usable, n_slots, inverse)
     power, _ = _moving_and_total_power(numbers, static_samples, inverse)
-    quiet_chirps = _select_quieter_half(power.sum(axis=1), usable, n_slots)
+    quiet_chirps = _quieter_half_of_chirps(power.sum(axis=1), usable, n_slots)
     # The median selected the chirps; their mean is smoother than the median.
     static_samples = estimate_static_samples(numbers, quiet_chirps, n_slots, inverse, groups=1)
     power, mean_power = _moving_and_total_power(numbers, static_samples, inverse)
@@ -71,7 +71,7 @@ def estimate_background(
     predictor = np.zeros(0)
     if is_alive.any():
         receivers = np.flatnonzero(is_alive)
-        predictor = _fit_predictor(
+        predictor = _fit_linear_predictor(
             samples, static_samples.view(samples.dtype), quiet_chirps, receivers, inverse
         )
     rounding_power = ROUNDING_POWER * float(np.sum(weight * total_power))
@@ -88,7 +88,7 @@ def estimate_static_samples(
     numbers: np.ndarray,
     chirps: np.ndarray,
     n_slots: int,
-    inverse: np.float32,
+    inverse_scale: np.float32,
     *,
     groups: int = _N_GROUPS,
 ) -> np.ndarray:
@@ -104,18 +104,20 @@ def estimate_static_samples(
             slot_chirps, max(1, min(groups, slot_chirps.size))
         )  # zeros for a slot without chirps
         starts = np.cumsum([0, *(part.size for part in parts)])
-        out[slot] = np.median(_group_means(numbers, slot_chirps, starts, inverse), axis=0)
+        out[slot] = np.median(
+            _chirp_group_means(numbers, slot_chirps, starts, inverse_scale), axis=0
+        )
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _group_means(
-    numbers: np.ndarray, chirps: np.ndarray, starts: np.ndarray, inverse: np.float32
+def _chirp_group_means(
+    numbers: np.ndarray, chirps: np.ndarray, starts: np.ndarray, inverse_scale: np.float32
 ) -> np.ndarray:
     """Return means of groups of chirps, (group, rx, value)."""
     out = np.zeros((starts.size - 1, *numbers.shape[1:]), np.float32)
     for group in range(starts.size - 1):
-        share = inverse / np.float32(starts[group + 1] - starts[group])
+        share = inverse_scale / np.float32(starts[group + 1] - starts[group])
         for i in range(starts[group], starts[group + 1]):
             for k in range(numbers.shape[1]):
                 for j in range(numbers.shape[2]):
@@ -125,7 +127,7 @@ def _group_means(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _moving_and_total_power(
-    numbers: np.ndarray, static_samples: np.ndarray, inverse: np.float32
+    numbers: np.ndarray, static_samples: np.ndarray, inverse_scale: np.float32
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean squares of the moving part, and of all, (chirp, rx)."""
     n_chirps, n_rx, n_numbers = numbers.shape
@@ -135,7 +137,7 @@ def _moving_and_total_power(
         for k in range(n_rx):
             moving_sum, total_sum = np.float32(0), np.float32(0)
             for i in range(n_numbers):
-                x = numbers[m, k, i] * inverse
+                x = numbers[m, k, i] * inverse_scale
                 y = x - static_samples[m % static_samples.shape[0], k, i]
                 total_sum += x * x
                 moving_sum += y * y
@@ -143,7 +145,7 @@ def _moving_and_total_power(
     return moving, total
 
 
-def _select_quieter_half(power: np.ndarray, usable: np.ndarray, n_slots: int) -> np.ndarray:
+def _quieter_half_of_chirps(power: np.ndarray, usable: np.ndarray, n_slots: int) -> np.ndarray:
     """Return the chirps with the least moving power, half of each transmitter, ascending."""
     quiet_chirps = []
     for slot in range(n_slots):
@@ -154,12 +156,12 @@ def _select_quieter_half(power: np.ndarray, usable: np.ndarray, n_slots: int) ->
     return np.sort(np.concatenate(quiet_chirps))
 
 
-def _fit_predictor(
+def _fit_linear_predictor(
     samples: np.ndarray,
     static_samples: np.ndarray,
     quiet_chirps: np.ndarray,
     receivers: np.ndarray,
-    inverse: np.float32,
+    inverse_scale: np.float32,
 ) -> np.ndarray:
     """Fit weights of the samples before, (order,), that predict moving echoes, by least squares.
 
@@ -168,10 +170,10 @@ def _fit_predictor(
     order = min(16, samples.shape[2] // 8)
     per_receiver = max(1, _N_FITTED_SAMPLES // (samples.shape[2] * receivers.size))
     fitted_chirps = quiet_chirps[:: -(-quiet_chirps.size // per_receiver)]
-    rows = samples[np.ix_(fitted_chirps, receivers)] * inverse
+    rows = samples[np.ix_(fitted_chirps, receivers)] * inverse_scale
     rows -= static_samples[np.ix_(fitted_chirps % len(static_samples), receivers)]
     rows = rows.astype(np.complex128 if np.iscomplexobj(rows) else np.float64)
-    products = _lag_products(rows.reshape(-1, samples.shape[2]), order)
+    products = _sum_lag_products(rows.reshape(-1, samples.shape[2]), order)
     autocorrelation, cross_correlation = products[:-1, :-1], products[:-1, -1]
     # Diagonal loading: fitting the rounding error at -144 dB would need huge weights.
     autocorrelation = autocorrelation + (1e-12 * np.trace(autocorrelation).real + 1e-300) * np.eye(
@@ -181,7 +183,7 @@ def _fit_predictor(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _lag_products(rows: np.ndarray, order: int) -> np.ndarray:
+def _sum_lag_products(rows: np.ndarray, order: int) -> np.ndarray:
     """Return sums over rows and n of conj(x[n + i]) x[n + j], (order + 1, order + 1).
 
     Only the first row is summed: along a diagonal, sums differ by their first and last terms. (A
@@ -209,13 +211,15 @@ def _lag_products(rows: np.ndarray, order: int) -> np.ndarray:
 @numba.njit(
     cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"}
 )
-def whiten(parts: np.ndarray, predictor: np.ndarray, n_parts: int, white: np.ndarray) -> None:
+def write_prediction_errors(
+    parts: np.ndarray, predictor: np.ndarray, n_parts: int, errors: np.ndarray
+) -> None:
     """Write prediction errors to white (part, sample), in one pass for each weight."""
-    order, n_whole = predictor.shape[1], white.shape[1]
-    white_x, white_y = white[0], white[1]
+    order, n_whole = predictor.shape[1], errors.shape[1]
+    white_x, white_y = errors[0], errors[1]
     for part in range(n_parts):
         for n in range(n_whole):
-            white[part, n] = parts[part, n + order]
+            errors[part, n] = parts[part, n + order]
     for j in range(order):
         real, imaginary = predictor[0, j], predictor[1, j]
         start = order - 1 - j

@@ -35,7 +35,9 @@ class MeanSpectrum:
     n_chirps: int
 
 
-def mean_spectrum(samples: np.ndarray, is_lost: np.ndarray, scale: float) -> MeanSpectrum:
+def mean_spectrum_and_mirror_products(
+    samples: np.ndarray, is_lost: np.ndarray, scale: float
+) -> MeanSpectrum:
     """Return the mean spectrum of samples (chirp, rx, sample) divided by `scale`."""
     n_rx, n_samples = samples.shape[1:]
     is_complex = np.iscomplexobj(samples)
@@ -53,7 +55,9 @@ def mean_spectrum(samples: np.ndarray, is_lost: np.ndarray, scale: float) -> Mea
         for k in range(n_rx):
             tapered = samples[rows, k] * weights
             spectra = scipy.fft.fft(tapered) if is_complex else scipy.fft.rfft(tapered)
-            _accumulate_spectra(spectra, power[k], mirror_product[k], mirror_difference[k])
+            _add_powers_and_mirror_products(
+                spectra, power[k], mirror_product[k], mirror_difference[k]
+            )
     n_chirps = max(kept_chirps.size, 1)
     return MeanSpectrum(
         power=power / n_chirps,
@@ -65,7 +69,7 @@ def mean_spectrum(samples: np.ndarray, is_lost: np.ndarray, scale: float) -> Mea
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _accumulate_spectra(
+def _add_powers_and_mirror_products(
     spectra: np.ndarray, power: np.ndarray, mirror: np.ndarray, mirror_difference: np.ndarray
 ) -> None:
     """Add powers, mirror products and mirror differences of spectra (chirp, bin) to their sums."""
@@ -98,7 +102,7 @@ class SpectrumSides:
     """Bin of that echo; above half the number of samples: at a negative frequency."""
 
 
-def measure_spectrum_sides(spectrum: MeanSpectrum, is_alive: np.ndarray) -> SpectrumSides:
+def measure_echoes_and_mirror_images(spectrum: MeanSpectrum, is_alive: np.ndarray) -> SpectrumSides:
     """Measure the sides of a spectrum from the receivers with a signal, (rx,)."""
     n_rx, n_bins = spectrum.power.shape
     no_result = SpectrumSides(
@@ -116,7 +120,9 @@ def measure_spectrum_sides(spectrum: MeanSpectrum, is_alive: np.ndarray) -> Spec
     if spectrum.n_samples < _MIN_SAMPLES or not spectrum.n_chirps or not is_usable.any():
         return no_result
     power = spectrum.power[is_usable]
-    over_noise = np.mean(power / _noise_level(power[:, is_counted], spectrum.n_chirps), axis=0)
+    over_noise = np.mean(
+        power / _noise_power_per_bin(power[:, is_counted], spectrum.n_chirps), axis=0
+    )
     # Receivers may share their noise, so they count as one: at worst a weak echo is missed.
     threshold = (
         gammainccinv(spectrum.n_chirps, _FALSE_ALARM_PROBABILITY / n_bins) / spectrum.n_chirps
@@ -139,7 +145,7 @@ def measure_spectrum_sides(spectrum: MeanSpectrum, is_alive: np.ndarray) -> Spec
     image = np.full(n_rx, np.nan)
     if over_noise[strongest] > _MIN_IMAGE_RATIO:
         for k in np.flatnonzero(is_usable):
-            image[k] = _image_level(
+            image[k] = _image_to_echo_ratio(
                 spectrum.power[k], spectrum.mirror_product[k], strongest, spectrum.n_chirps
             )
     return SpectrumSides(
@@ -153,7 +159,7 @@ def measure_spectrum_sides(spectrum: MeanSpectrum, is_alive: np.ndarray) -> Spec
     )
 
 
-def _noise_level(power: np.ndarray, n_chirps: int) -> np.ndarray:
+def _noise_power_per_bin(power: np.ndarray, n_chirps: int) -> np.ndarray:
     """Return the mean noise power in a bin, (rx, 1), from the median over bins."""
     median = np.median(power, axis=1, keepdims=True)
     smallest = np.maximum(power.max(axis=1, keepdims=True) * 1e-15, 1e-300)
@@ -175,7 +181,9 @@ def _mirror_similarity(power: np.ndarray, mirror_difference: np.ndarray, n_chirp
     return float(np.mean(1 - mirror_difference[:, pairs - 1].sum(axis=1) / pair_power))
 
 
-def _image_level(power: np.ndarray, mirror: np.ndarray, strongest: int, n_chirps: int) -> float:
+def _image_to_echo_ratio(
+    power: np.ndarray, mirror: np.ndarray, strongest: int, n_chirps: int
+) -> float:
     """Return the power of the image of an echo over the echo's; NaN if there is none.
 
     Errors of the I/Q mixer turn x into x + b conj(x): the value at -k is b times the conjugate of

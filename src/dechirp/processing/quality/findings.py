@@ -3,12 +3,16 @@
 import xarray as xr
 
 from dechirp.core.findings import Finding
-from dechirp.processing.quality.adc import clipping_findings, offset_findings
+from dechirp.processing.quality.adc import adc_offset_findings, clipping_findings
 from dechirp.processing.quality.chirp_findings import interference_findings, outlier_chirp_findings
-from dechirp.processing.quality.iq_mixer import echo_findings, iq_findings
-from dechirp.processing.quality.receivers import order_findings, receiver_findings, silence_findings
+from dechirp.processing.quality.iq_mixer import iq_mixer_findings, missing_echo_findings
+from dechirp.processing.quality.receivers import (
+    faulty_receiver_findings,
+    receiver_order_findings,
+    silent_frame_findings,
+)
 from dechirp.processing.quality.recording_measures import RecordingMeasures
-from dechirp.processing.quality.synchronous_interference import ghost_findings
+from dechirp.processing.quality.synchronous_interference import interference_ghost_findings
 from dechirp.radar.radar import Radar
 
 
@@ -29,15 +33,15 @@ def recording_findings(measures: xr.Dataset, radar: Radar) -> tuple[Finding, ...
     """
     recorded = RecordingMeasures(measures=measures, radar=radar)
     checks = (
-        silence_findings,
-        echo_findings,
-        receiver_findings,
-        order_findings,
-        iq_findings,
+        silent_frame_findings,
+        missing_echo_findings,
+        faulty_receiver_findings,
+        receiver_order_findings,
+        iq_mixer_findings,
         clipping_findings,
-        offset_findings,
+        adc_offset_findings,
         interference_findings,
-        ghost_findings,
+        interference_ghost_findings,
         outlier_chirp_findings,
     )
     return tuple(finding for check in checks for finding in check(recorded))

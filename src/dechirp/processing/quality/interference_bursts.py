@@ -14,7 +14,11 @@ import numba
 import numpy as np
 from scipy.special import betainccinv
 
-from dechirp.processing.quality.background import Background, estimate_background, whiten
+from dechirp.processing.quality.background import (
+    Background,
+    estimate_background,
+    write_prediction_errors,
+)
 
 _FALSE_ALARM_PROBABILITY = 1e-12  # in a chirp of white noise: 1e-7 in 1e5 chirps
 _MIN_STEPS = 3.0  # ADC steps: rounding resembles smaller bursts
@@ -78,13 +82,13 @@ def measure_bursts_over_background(
     if not background.receiver_weight.any():
         excess[~is_lost], share[~is_lost] = 0, 0
         return ChirpBursts(excess=excess, share=share, kurtosis=kurtosis)
-    lengths, limits = _energy_share_limits(
+    lengths, limits = _stretch_lengths_and_energy_limits(
         n_samples - background.predictor.size, n_parts, max_share
     )
     floor = (
         _MIN_STEPS**2 * n_parts / 2 * float(background.receiver_weight.max()) * (step / scale) ** 2
     )
-    _measure_chirps(
+    _measure_chirp_bursts(
         numbers,
         is_lost,
         background.static_samples,
@@ -103,7 +107,7 @@ def measure_bursts_over_background(
 
 
 @lru_cache(maxsize=16)
-def _energy_share_limits(
+def _stretch_lengths_and_energy_limits(
     n_samples: int, n_parts: int, max_share: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return lengths of stretches, and the energy shares that noise exceeds by chance."""
@@ -114,11 +118,11 @@ def _energy_share_limits(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _measure_chirps(
+def _measure_chirp_bursts(
     numbers: np.ndarray,
     is_lost: np.ndarray,
     static_samples: np.ndarray,
-    inverse: np.float32,
+    inverse_scale: np.float32,
     weight: np.ndarray,
     predictor: np.ndarray,
     lengths: np.ndarray,
@@ -151,8 +155,8 @@ def _measure_chirps(
             for part in range(n_parts):
                 for n in range(n_samples):
                     i = n_parts * n + part
-                    parts[part, n] = numbers[m, k, i] * inverse - static_row[i]
-            whiten(parts, predictor, n_parts, white)
+                    parts[part, n] = numbers[m, k, i] * inverse_scale - static_row[i]
+            write_prediction_errors(parts, predictor, n_parts, white)
             squares, fourth_powers = np.float32(0), np.float32(0)
             for n in range(n_predicted):
                 u = weight[k] * (white[0, n] * white[0, n] + white[1, n] * white[1, n])
@@ -162,12 +166,12 @@ def _measure_chirps(
             if squares > 0:
                 largest = max(largest, n_predicted * fourth_powers / (squares * squares))
         kurtosis[m] = largest
-        excess[m] = _strongest_stretch(energy, lengths, limits, floor)
-        share[m] = _burst_sample_share(energy) if excess[m] > 1 else 0
+        excess[m] = _largest_stretch_excess(energy, lengths, limits, floor)
+        share[m] = _fraction_of_burst_samples(energy) if excess[m] > 1 else 0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _strongest_stretch(
+def _largest_stretch_excess(
     energy: np.ndarray, lengths: np.ndarray, limits: np.ndarray, floor: float
 ) -> float:
     """Return the largest share of the energy in a stretch, over the limit of its length."""
@@ -193,7 +197,7 @@ def _strongest_stretch(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _burst_sample_share(energy: np.ndarray) -> float:
+def _fraction_of_burst_samples(energy: np.ndarray) -> float:
     # The median of noise is 0.69 of its mean, and more of receivers summed.
     threshold = _BURST_THRESHOLD * np.median(energy) / 0.69
     return np.count_nonzero(energy > threshold) / energy.size

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dechirp.core.findings import Finding
-from dechirp.core.text import format_ranges
+from dechirp.core.text import format_number_ranges
 from dechirp.core.units import to_decibels
 from dechirp.processing.quality.recording_measures import RecordingMeasures
 
@@ -12,26 +12,27 @@ _MIRRORED = 0.995
 _STRONG_IMAGE = 1e-2  # -20 dB; an uncorrected mixer has -25 to -40 dB
 
 
-def iq_findings(recorded: RecordingMeasures) -> list[Finding]:
+def iq_mixer_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report samples that are real, in the wrong I/Q order, or with an image."""
-    if not recorded.is_complex:
+    if not recorded.has_complex_samples:
         return []
-    mirrored = recorded.measure("mirrored")
+    mirrored = recorded.measure_values("mirrored")
     known_similarity = mirrored[np.isfinite(mirrored)]
     if known_similarity.size and np.median(known_similarity) > _MIRRORED:
         return [_real_samples_finding(recorded, float(np.median(known_similarity)))]
-    return [*_wrong_side_findings(recorded), *_image_findings(recorded)]
+    return [*_wrong_iq_order_findings(recorded), *_iq_image_findings(recorded)]
 
 
-def _real_samples_finding(recorded: RecordingMeasures, mirrored: float) -> Finding:
-    power = recorded.measure("power").sum(axis=(0, 1))
+def _real_samples_finding(recorded: RecordingMeasures, mirror_similarity: float) -> Finding:
+    power = recorded.measure_values("power").sum(axis=(0, 1))
     weaker = int(np.argmin(power))
     is_dead = power[weaker] < 1e-3 * power[1 - weaker]
     reason = f"the {'IQ'[weaker]} part has no signal" if is_dead else "I and Q are proportional"
     return Finding(
         level="warning",
         setting="recording.iq",
-        value=f"complex samples whose spectrum is its own mirror image to {mirrored:.2%}: {reason}",
+        value=f"complex samples whose spectrum is its own mirror image to {mirror_similarity:.2%}:"
+        f" {reason}",
         expected="two parts in quadrature",
         fix="if the radar has one mixer, set radar.frame.chirp.sampling to real, or, where each"
         " channel was turned in phase, use the nearer half of the ranges; else a part was lost on"
@@ -39,8 +40,8 @@ def _real_samples_finding(recorded: RecordingMeasures, mirrored: float) -> Findi
     )
 
 
-def _wrong_side_findings(recorded: RecordingMeasures) -> list[Finding]:
-    positive, negative = recorded.measure("echo_energy").sum(axis=0)
+def _wrong_iq_order_findings(recorded: RecordingMeasures) -> list[Finding]:
+    positive, negative = recorded.measure_values("echo_energy").sum(axis=0)
     if not negative > _WRONG_SIDE * (positive + negative):
         return []
     share = negative / (positive + negative)
@@ -60,9 +61,9 @@ def _wrong_side_findings(recorded: RecordingMeasures) -> list[Finding]:
     ]
 
 
-def _image_findings(recorded: RecordingMeasures) -> list[Finding]:
-    image = recorded.measure("image")
-    is_measured = np.isfinite(recorded.measure("image_range")) & recorded.has_samples
+def _iq_image_findings(recorded: RecordingMeasures) -> list[Finding]:
+    image = recorded.measure_values("image")
+    is_measured = np.isfinite(recorded.measure_values("image_range")) & recorded.frames_with_samples
     has_image = np.isfinite(image[is_measured])
     is_frequent = has_image.sum(axis=0) >= max(1, (has_image.shape[0] + 1) // 2)
     if not is_frequent.any():
@@ -75,10 +76,10 @@ def _image_findings(recorded: RecordingMeasures) -> list[Finding]:
     )
     receivers, levels_db = np.flatnonzero(is_frequent), to_decibels(levels)
     worst = int(np.argmax(levels))
-    range_m = float(np.median(recorded.measure("image_range")[is_measured]))
+    range_m = float(np.median(recorded.measure_values("image_range")[is_measured]))
     others = (
         f" ({levels_db.min():.1f} to {levels_db.max():.1f} dB in"
-        f" {format_ranges('receiver', receivers)})"
+        f" {format_number_ranges('receiver', receivers)})"
         if receivers.size > 1
         else ""
     )
@@ -98,9 +99,9 @@ def _image_findings(recorded: RecordingMeasures) -> list[Finding]:
     ]
 
 
-def echo_findings(recorded: RecordingMeasures) -> list[Finding]:
+def missing_echo_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report samples in which no echo exceeds the noise."""
-    n_echoes = recorded.measure("n_echoes")
+    n_echoes = recorded.measure_values("n_echoes")
     is_known = np.isfinite(n_echoes)
     if not is_known.any() or n_echoes[is_known].any():
         return []

@@ -7,12 +7,16 @@ import xarray as xr
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.processing.quality.beat_spectrum import (
     SpectrumSides,
-    mean_spectrum,
-    measure_spectrum_sides,
+    mean_spectrum_and_mirror_products,
+    measure_echoes_and_mirror_images,
 )
 from dechirp.processing.quality.interference_bursts import measure_bursts
-from dechirp.processing.quality.outlier_chirps import measure_outlier_chirps
-from dechirp.processing.quality.receiver_order import N_CELLS, find_line_order, find_strongest_cells
+from dechirp.processing.quality.outlier_chirps import measure_outlier_chirp_excess
+from dechirp.processing.quality.receiver_order import (
+    N_CELLS,
+    find_receiver_order_on_line,
+    strongest_echo_snapshots_and_snr,
+)
 from dechirp.processing.quality.sample_statistics import (
     SILENT,
     SampleStatistics,
@@ -24,7 +28,7 @@ from dechirp.radar.radar import Radar
 _FALSE_ALARM_PROBABILITY = 1e-9  # false-alarm probability of a range-Doppler map of noise
 
 
-def measure_frame(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
+def measure_frame_quality(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
     """Measure the quality of one frame; concatenate results along `frame` for evaluation.
 
     Parameters
@@ -54,18 +58,18 @@ def measure_frame(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
         is_lost = np.asarray(cube["gap"].values, bool).reshape(n_chirps).copy()
     n_parts = 2 if is_complex else 1
     statistics = compute_sample_statistics(samples.view(np.float32), is_lost, n_parts)
-    is_silent = statistics.largest < SILENT
-    scale = 1.0 if is_silent else statistics.largest
-    is_alive = ~statistics.is_constant & (not is_silent)
+    is_silent = statistics.largest_magnitude < SILENT
+    scale = 1.0 if is_silent else statistics.largest_magnitude
+    is_alive = ~statistics.constant_receivers & (not is_silent)
     kept_samples = samples[~is_lost] if is_lost.any() else samples
     n_slots = radar.frame.n_slots
-    spectrum = mean_spectrum(samples, is_lost, scale)
-    sides = measure_spectrum_sides(spectrum, is_alive)
+    spectrum = mean_spectrum_and_mirror_products(samples, is_lost, scale)
+    sides = measure_echoes_and_mirror_images(spectrum, is_alive)
     n_echoes = sides.n_echoes
     if n_echoes == 0 and _has_doppler_peak(kept_samples, is_alive, scale):
         n_echoes = 1.0
     bursts = measure_bursts(samples, is_lost, n_slots=n_slots, scale=scale, step=statistics.step)
-    outlier_excess = measure_outlier_chirps(
+    outlier_excess = measure_outlier_chirp_excess(
         samples, is_lost, n_slots=n_slots, scale=scale, step=statistics.step
     )
     ghost = find_ghost_track(
@@ -75,12 +79,14 @@ def measure_frame(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
     if (
         is_alive.all()
         and len(radar.array.rx_m) == n_rx
-        and find_line_order(radar.array) is not None
+        and find_receiver_order_on_line(radar.array) is not None
     ):
-        cells, snr = find_strongest_cells(samples, is_lost, spectrum, n_slots=n_slots, scale=scale)
+        cells, snr = strongest_echo_snapshots_and_snr(
+            samples, is_lost, spectrum, n_slots=n_slots, scale=scale
+        )
     measures = {
-        **_receiver_measures(statistics, kept_samples),
-        **_beat_measures(sides, n_echoes, radar),
+        **_receiver_statistics_as_variables(statistics, kept_samples),
+        **_beat_spectrum_measures_as_variables(sides, n_echoes, radar),
         "lost": (("chirp",), is_lost),
         "burst": (("chirp",), bursts.excess),
         "burst_share": (("chirp",), bursts.share),
@@ -101,7 +107,7 @@ def measure_frame(frame: xr.DataArray, radar: Radar) -> xr.Dataset:
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 
-def _receiver_measures(
+def _receiver_statistics_as_variables(
     statistics: SampleStatistics, samples: np.ndarray
 ) -> dict[str, tuple[tuple[str, ...], object]]:
     return {
@@ -110,11 +116,11 @@ def _receiver_measures(
         "power": (("rx", "part"), statistics.power),
         "level": (("rx", "part", "end", "rank"), statistics.level),
         "count": (("rx", "part", "end", "rank"), statistics.count),
-        "copy_of": (("rx",), _find_copied_receivers(statistics, samples)),
+        "copy_of": (("rx",), _first_receiver_with_same_samples(statistics, samples)),
     }
 
 
-def _beat_measures(
+def _beat_spectrum_measures_as_variables(
     sides: SpectrumSides, n_echoes: float, radar: Radar
 ) -> dict[str, tuple[tuple[str, ...], object]]:
     n_samples = radar.frame.chirp.n_samples
@@ -132,12 +138,14 @@ def _beat_measures(
     }
 
 
-def _find_copied_receivers(statistics: SampleStatistics, samples: np.ndarray) -> np.ndarray:
+def _first_receiver_with_same_samples(
+    statistics: SampleStatistics, samples: np.ndarray
+) -> np.ndarray:
     """Return the first receiver with bit-identical samples, (rx,); -1 if there is none."""
     n_rx = samples.shape[1]
     copies = np.full(n_rx, -1)
     for k in range(1, n_rx):
-        if statistics.is_constant[k]:
+        if statistics.constant_receivers[k]:
             continue
         for first in range(k):
             same_sums = np.array_equal(statistics.mean[k], statistics.mean[first])

@@ -12,7 +12,7 @@ _N_SCATTERS = 4.0
 _MEDIAN_LENGTH = 17  # changes of the local median: fewer than motion takes to begin
 
 
-def measure_outlier_chirps(
+def measure_outlier_chirp_excess(
     samples: np.ndarray, is_lost: np.ndarray, *, n_slots: int, scale: float, step: float
 ) -> np.ndarray:
     """Return the power by which each chirp differs from both neighbours, over a limit, (chirp,).
@@ -25,7 +25,7 @@ def measure_outlier_chirps(
     infinite for an all-zero chirp. Parameters as in `measure_bursts`.
     """
     out = np.full(len(samples), np.nan, np.float32)
-    changes, power = _chirp_changes(
+    changes, power = _chirp_changes_and_powers(
         samples.view(np.float32), is_lost, n_slots, np.float32(1 / scale)
     )
     mean_power = float(power[~is_lost].mean()) if not is_lost.all() else 0.0
@@ -51,8 +51,8 @@ def measure_outlier_chirps(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _chirp_changes(
-    numbers: np.ndarray, is_lost: np.ndarray, n_slots: int, inverse: np.float32
+def _chirp_changes_and_powers(
+    numbers: np.ndarray, is_lost: np.ndarray, n_slots: int, inverse_scale: np.float32
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean squares of the change to the transmitter's next chirp, and of each chirp.
 
@@ -67,8 +67,8 @@ def _chirp_changes(
         for k in range(n_rx):
             change, total = np.float32(0), np.float32(0)
             for i in range(n_numbers):
-                x = numbers[m, k, i] * inverse
-                d = numbers[following, k, i] * inverse - x
+                x = numbers[m, k, i] * inverse_scale
+                d = numbers[following, k, i] * inverse_scale - x
                 change += d * d
                 total += x * x
             power[m] += total / (n_rx * n_numbers)

@@ -33,7 +33,7 @@ _MAX_LOSS_RATIO = 0.2  # loss of a better order over that of the given one
 _MAX_CELLS = 200
 
 
-def find_line_order(array: Array) -> np.ndarray | None:
+def find_receiver_order_on_line(array: Array) -> np.ndarray | None:
     """Return the receivers in their order along a uniform line, (rx,); None if there is none."""
     positions = np.array(array.rx_m)
     if len(positions) < _MIN_RECEIVERS:
@@ -50,7 +50,7 @@ def find_line_order(array: Array) -> np.ndarray | None:
     return order
 
 
-def find_strongest_cells(
+def strongest_echo_snapshots_and_snr(
     samples: np.ndarray, is_lost: np.ndarray, spectrum: MeanSpectrum, *, n_slots: int, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the receiver snapshots of the strongest echoes, of the chirps of one transmitter.
@@ -68,7 +68,7 @@ def find_strongest_cells(
     # Lost chirps spread echoes in Doppler: the longest gapless part is used.
     parts = np.split(chirps, np.flatnonzero(np.diff(chirps) > n_slots) + 1)
     chirps = max(parts, key=len)[:_MAX_CHIRPS]
-    bins = _strongest_beats(spectrum)
+    bins = _strongest_beat_bins(spectrum)
     if chirps.size < _MIN_CHIRPS or not bins.size:
         return snapshots, snr
     range_taper = (window_weights("hann", n_samples) / scale).astype(np.float32)
@@ -90,7 +90,7 @@ def find_strongest_cells(
     return snapshots, snr
 
 
-def _strongest_beats(spectrum: MeanSpectrum) -> np.ndarray:
+def _strongest_beat_bins(spectrum: MeanSpectrum) -> np.ndarray:
     """Return the strongest beat frequencies that exceed both neighbours."""
     power = spectrum.power.sum(axis=0)
     is_peak = (power >= np.roll(power, 1)) & (power > np.roll(power, -1))
@@ -113,7 +113,7 @@ class BetterOrder:
     n_cells: int
 
 
-def find_better_order(
+def find_better_receiver_order(
     cells: np.ndarray, snr: np.ndarray, line_order: np.ndarray
 ) -> BetterOrder | None:
     """Return an order that clearly fits cells (cell, rx) better; None if there is none.
@@ -128,15 +128,15 @@ def find_better_order(
     phases cannot cause this: they are equal for all directions, while those of a wrong order grow
     with the angle to either side.
     """
-    distinct_cells = _distinct_directions(cells, snr)
+    distinct_cells = _cells_of_distinct_directions(cells, snr)
     if len(distinct_cells) < _MIN_DIRECTIONS:
         return None
     line_cells = distinct_cells[:, line_order]
-    given_gain = _beam_gain(line_cells)
+    given_gain = _largest_beam_gain(line_cells)
     if given_gain.mean() > _FITTING_GAIN:
         return None
-    orders = _candidate_orders(len(line_order))
-    gains = np.array([_beam_gain(line_cells[:, order]) for order in orders])
+    orders = _candidate_receiver_orders(len(line_order))
+    gains = np.array([_largest_beam_gain(line_cells[:, order]) for order in orders])
     is_better = np.mean((gains > _FITTING_GAIN) & (gains > given_gain), axis=1) >= 0.8
     is_better &= 1 - gains.mean(axis=1) < _MAX_LOSS_RATIO * (1 - given_gain.mean())
     if not is_better.any():
@@ -150,7 +150,7 @@ def find_better_order(
     )
 
 
-def _distinct_directions(cells: np.ndarray, snr: np.ndarray) -> np.ndarray:
+def _cells_of_distinct_directions(cells: np.ndarray, snr: np.ndarray) -> np.ndarray:
     """Return strong cells with distinct directions, the strongest first."""
     strongest = np.argsort(snr)[::-1]
     distinct: list[np.ndarray] = []
@@ -161,7 +161,7 @@ def _distinct_directions(cells: np.ndarray, snr: np.ndarray) -> np.ndarray:
     return np.array(distinct)
 
 
-def _beam_gain(cells: np.ndarray) -> np.ndarray:
+def _largest_beam_gain(cells: np.ndarray) -> np.ndarray:
     """Return the largest beam gain, (cell,), of cells (cell, rx) of unit energy."""
     n_rx = cells.shape[1]
     # 16 beams to a beamwidth: the nearest loses 0.3 % at most.
@@ -169,7 +169,7 @@ def _beam_gain(cells: np.ndarray) -> np.ndarray:
     return np.max(np.abs(beams) ** 2, axis=1) / n_rx
 
 
-def _candidate_orders(n_rx: int) -> list[list[int]]:
+def _candidate_receiver_orders(n_rx: int) -> list[list[int]]:
     """Return all orders other than the given one, without reversed duplicates."""
     if n_rx <= 6:
         all_orders = (list(order) for order in permutations(range(n_rx)) if order[0] < order[-1])

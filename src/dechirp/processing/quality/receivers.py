@@ -3,24 +3,29 @@
 import numpy as np
 
 from dechirp.core.findings import Finding
-from dechirp.core.text import format_ranges
+from dechirp.core.text import format_number_ranges
 from dechirp.core.units import to_decibels
-from dechirp.processing.quality.receiver_order import find_better_order, find_line_order
+from dechirp.processing.quality.receiver_order import (
+    find_better_receiver_order,
+    find_receiver_order_on_line,
+)
 from dechirp.processing.quality.recording_measures import RecordingMeasures
 
 _DEAD_POWER_RATIO = 1e-3  # -30 dB, which no antenna pattern reaches in all directions
 
 
-def silence_findings(recorded: RecordingMeasures) -> list[Finding]:
+def silent_frame_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report frames in which all samples are equal."""
-    is_silent = recorded.is_silent
+    is_silent = recorded.silent_frames
     if not is_silent.any():
         return []
-    level = recorded.measure("level")[is_silent]
+    level = recorded.measure_values("level")[is_silent]
     content = "zero" if not np.any(level[..., 0]) else "the same number in each receiver"
     frames = recorded.frame_numbers[is_silent]
-    n_arrived = int(recorded.has_samples.sum())
-    frame_text = "all frames" if is_silent.sum() == n_arrived else format_ranges("frame", frames)
+    n_arrived = int(recorded.frames_with_samples.sum())
+    frame_text = (
+        "all frames" if is_silent.sum() == n_arrived else format_number_ranges("frame", frames)
+    )
     return [
         Finding(
             level="warning",
@@ -33,55 +38,61 @@ def silence_findings(recorded: RecordingMeasures) -> list[Finding]:
     ]
 
 
-def receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
+def faulty_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report receivers without a signal, or with the samples of another."""
-    if recorded.is_silent[recorded.has_samples].all():
+    if recorded.silent_frames[recorded.frames_with_samples].all():
         return []
-    return [*_stuck_findings(recorded), *_dead_findings(recorded), *_copied_findings(recorded)]
+    return [
+        *_stuck_receiver_findings(recorded),
+        *_dead_receiver_findings(recorded),
+        *_copied_receiver_findings(recorded),
+    ]
 
 
-def _stuck_findings(recorded: RecordingMeasures) -> list[Finding]:
-    is_constant = recorded.is_constant & ~recorded.is_silent[:, None]
+def _stuck_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
+    is_constant = recorded.constant_receivers_by_frame & ~recorded.silent_frames[:, None]
     if not is_constant.any():
         return []
-    is_always = recorded.is_stuck
+    is_always = recorded.stuck_receivers
     is_sometimes = is_constant.any(axis=0) & ~is_always
     texts = []
     if is_always.any():
-        texts.append(f"in {format_ranges('receiver', np.flatnonzero(is_always))}")
+        texts.append(f"in {format_number_ranges('receiver', np.flatnonzero(is_always))}")
     if is_sometimes.any():
         frames = recorded.frame_numbers[is_constant[:, is_sometimes].any(axis=1)]
-        receivers = format_ranges("receiver", np.flatnonzero(is_sometimes))
-        texts.append(f"in {receivers} of {format_ranges('frame', frames)}")
-    return [_receiver_finding(f"the same number always {text}") for text in texts]
+        receivers = format_number_ranges("receiver", np.flatnonzero(is_sometimes))
+        texts.append(f"in {receivers} of {format_number_ranges('frame', frames)}")
+    return [_faulty_receiver_finding(f"the same number always {text}") for text in texts]
 
 
-def _dead_findings(recorded: RecordingMeasures) -> list[Finding]:
-    power, working = recorded.rest_power, np.flatnonzero(~recorded.is_stuck)
+def _dead_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
+    power, working = recorded.receiver_power_about_mean, np.flatnonzero(~recorded.stuck_receivers)
     findings = []
     for rx in working:
         others = np.median(power[working[working != rx]]) if working.size > 1 else 0.0
         if power[rx] < _DEAD_POWER_RATIO * others:
             below_db = float(to_decibels(others / max(power[rx], 1e-30 * others)))
             findings.append(
-                _receiver_finding(f"receiver {rx} {below_db:.1f} dB below the median of the others")
+                _faulty_receiver_finding(
+                    f"receiver {rx} {below_db:.1f} dB below the median of the others"
+                )
             )
     return findings
 
 
-def _receiver_finding(value: str) -> Finding:
+def _faulty_receiver_finding(observed: str) -> Finding:
     return Finding(
         level="warning",
         setting="recording.receivers",
-        value=value,
+        value=observed,
         expected="receivers of about equal power; a dead one corrupts angles",
         fix="check that it was enabled (receiver mask) and connected, or remove it",
     )
 
 
-def _copied_findings(recorded: RecordingMeasures) -> list[Finding]:
-    is_usable = recorded.has_samples & ~recorded.is_silent
-    copies = recorded.measure("copy_of")[is_usable]
+def _copied_receiver_findings(recorded: RecordingMeasures) -> list[Finding]:
+    is_usable = recorded.frames_with_samples & ~recorded.silent_frames
+    copies = recorded.measure_values("copy_of")[is_usable]
     findings = []
     for rx in range(copies.shape[1]):
         first = int(copies[0, rx])
@@ -98,14 +109,16 @@ def _copied_findings(recorded: RecordingMeasures) -> list[Finding]:
     return findings
 
 
-def order_findings(recorded: RecordingMeasures) -> list[Finding]:
+def receiver_order_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report receivers on a line whose order differs from the settings."""
-    line_order = find_line_order(recorded.radar.array)
-    cells = recorded.measure("seen")
+    line_order = find_receiver_order_on_line(recorded.radar.array)
+    cells = recorded.measure_values("seen")
     if line_order is None or cells.shape[2] != line_order.size:
         return []
-    better = find_better_order(
-        cells.reshape(-1, line_order.size), recorded.measure("seen_snr").reshape(-1), line_order
+    better = find_better_receiver_order(
+        cells.reshape(-1, line_order.size),
+        recorded.measure_values("seen_snr").reshape(-1),
+        line_order,
     )
     if better is None:
         return []

@@ -16,17 +16,17 @@ class RecordingMeasures:
     measures: xr.Dataset
     radar: Radar
 
-    def measure(self, name: str) -> np.ndarray:
+    def measure_values(self, name: str) -> np.ndarray:
         """Return the values of a measure, frames first."""
         return np.asarray(self.measures[name].values)
 
     @property
-    def is_complex(self) -> bool:
+    def has_complex_samples(self) -> bool:
         """True if samples have two parts."""
         return bool(self.measures.attrs["is_complex"])
 
     @property
-    def has_full_scale(self) -> bool:
+    def is_in_full_scale(self) -> bool:
         """True if 1 is the end of the converter's range."""
         return self.measures.attrs["units"] == "full scale"
 
@@ -41,33 +41,37 @@ class RecordingMeasures:
         return np.rint(self.measures["frame"].values / period_s).astype(np.int64)
 
     @cached_property
-    def has_samples(self) -> np.ndarray:
+    def frames_with_samples(self) -> np.ndarray:
         """Mask (frame,) of frames with a chirp that was not lost."""
-        return self.measure("n_numbers") > 0
+        return self.measure_values("n_numbers") > 0
 
     @cached_property
-    def is_constant(self) -> np.ndarray:
+    def constant_receivers_by_frame(self) -> np.ndarray:
         """Mask (frame, rx) of constant samples."""
-        level = self.measure("level")
-        return np.all(level[..., 0, 0] == level[..., 1, 0], axis=2) & self.has_samples[:, None]
-
-    @cached_property
-    def is_stuck(self) -> np.ndarray:
-        """Mask (rx,) of receivers whose samples never change within a frame."""
-        always = np.all(self.is_constant | ~self.has_samples[:, None], axis=0)
-        return np.asarray(always & self.has_samples.any())
-
-    @cached_property
-    def is_silent(self) -> np.ndarray:
-        """Mask (frame,) of frames with constant samples in all receivers."""
-        return np.asarray(self.is_constant.all(axis=1))
-
-    @cached_property
-    def rest_power(self) -> np.ndarray:
-        """Mean square about the mean of each frame, over frames with samples, (rx,)."""
-        power = self.measure("power").sum(axis=2)
+        level = self.measure_values("level")
         return (
-            power[self.has_samples].mean(axis=0)
-            if self.has_samples.any()
+            np.all(level[..., 0, 0] == level[..., 1, 0], axis=2) & self.frames_with_samples[:, None]
+        )
+
+    @cached_property
+    def stuck_receivers(self) -> np.ndarray:
+        """Mask (rx,) of receivers whose samples never change within a frame."""
+        always = np.all(
+            self.constant_receivers_by_frame | ~self.frames_with_samples[:, None], axis=0
+        )
+        return np.asarray(always & self.frames_with_samples.any())
+
+    @cached_property
+    def silent_frames(self) -> np.ndarray:
+        """Mask (frame,) of frames with constant samples in all receivers."""
+        return np.asarray(self.constant_receivers_by_frame.all(axis=1))
+
+    @cached_property
+    def receiver_power_about_mean(self) -> np.ndarray:
+        """Mean square about the mean of each frame, over frames with samples, (rx,)."""
+        power = self.measure_values("power").sum(axis=2)
+        return (
+            power[self.frames_with_samples].mean(axis=0)
+            if self.frames_with_samples.any()
             else power[:0].sum(axis=0)
         )

@@ -31,12 +31,12 @@ class SampleStatistics:
     """Number of values of each receiver and part."""
 
     @property
-    def largest(self) -> float:
+    def largest_magnitude(self) -> float:
         """Largest magnitude; 0 without any samples."""
         return float(np.max(np.abs(self.level[..., 0]), initial=0.0)) if self.n_numbers else 0.0
 
     @property
-    def is_constant(self) -> np.ndarray:
+    def constant_receivers(self) -> np.ndarray:
         """Mask (rx,) of receivers with constant samples."""
         return np.all(self.level[:, :, 0, 0] == self.level[:, :, 1, 0], axis=1)
 
@@ -52,13 +52,13 @@ def compute_sample_statistics(
     level = np.empty((n_rx, n_parts, 2, 2), np.float32)
     level[:, :, 0], level[:, :, 1] = -np.inf, np.inf
     count = np.zeros(level.shape, np.int64)
-    step = _find_extreme_levels(numbers, is_lost, n_parts, level, count)
+    step = _write_extreme_levels_and_find_step(numbers, is_lost, n_parts, level, count)
     n_numbers = n_kept * numbers.shape[2] // n_parts
     largest = float(np.max(np.abs(level[..., 0]))) if n_kept else 0.0
     # Differences from an occurring value keep the variance accurate under a large mean; dividing by
     # the largest value avoids overflow of its square in float32.
     origin, inverse = level[:, :, 0, 0], np.float32(1 / max(largest, SILENT))
-    sums = _centred_sums(numbers, is_lost, n_parts, origin, inverse) / max(n_numbers, 1)
+    sums = _centred_sums_and_squares(numbers, is_lost, n_parts, origin, inverse) / max(n_numbers, 1)
     power = np.maximum(sums[..., 1] - sums[..., 0] ** 2, 0.0) / float(inverse) ** 2
     return SampleStatistics(
         mean=(origin + sums[..., 0] / float(inverse)) if n_kept else np.zeros((n_rx, n_parts)),
@@ -71,8 +71,12 @@ def compute_sample_statistics(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _centred_sums(
-    numbers: np.ndarray, is_lost: np.ndarray, n_parts: int, origin: np.ndarray, inverse: np.float32
+def _centred_sums_and_squares(
+    numbers: np.ndarray,
+    is_lost: np.ndarray,
+    n_parts: int,
+    origin: np.ndarray,
+    inverse_scale: np.float32,
 ) -> np.ndarray:
     """Return sums of differences from the origin, in units of 1 / inverse, and of their squares."""
     n_chirps, n_rx, n_numbers = numbers.shape
@@ -83,9 +87,9 @@ def _centred_sums(
         for k in range(n_rx):
             for part in range(n_parts):
                 total, squares = np.float32(0), np.float32(0)
-                start = origin[k, part] * inverse
+                start = origin[k, part] * inverse_scale
                 for i in range(part, n_numbers, n_parts):
-                    x = numbers[m, k, i] * inverse - start
+                    x = numbers[m, k, i] * inverse_scale - start
                     total += x
                     squares += x * x
                 out[k, part, 0] += total
@@ -94,7 +98,7 @@ def _centred_sums(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nnan", "nsz"})
-def _find_extreme_levels(
+def _write_extreme_levels_and_find_step(
     numbers: np.ndarray, is_lost: np.ndarray, n_parts: int, level: np.ndarray, count: np.ndarray
 ) -> np.float32:
     """Fill levels and their counts; return the smallest step."""
@@ -106,16 +110,16 @@ def _find_extreme_levels(
         for k in range(n_rx):
             row = numbers[m, k]
             for part in range(n_parts):
-                _update_levels(row, part, n_parts, level[k, part], count[k, part])
+                _update_extreme_levels(row, part, n_parts, level[k, part], count[k, part])
             if m < _N_STEP_CHIRPS:
-                step = min(step, _smallest_difference(row[:-n_parts], row[n_parts:]))
+                step = min(step, _smallest_nonzero_difference(row[:-n_parts], row[n_parts:]))
             if 0 < m < _N_STEP_CHIRPS and not is_lost[m - 1]:
-                step = min(step, _smallest_difference(row, numbers[m - 1, k]))
+                step = min(step, _smallest_nonzero_difference(row, numbers[m - 1, k]))
     return step
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nnan", "nsz"})
-def _smallest_difference(row: np.ndarray, other: np.ndarray) -> np.float32:
+def _smallest_nonzero_difference(row: np.ndarray, other: np.ndarray) -> np.float32:
     """Return the smallest non-zero difference; branch-free, so that eight are vectorised."""
     smallest = np.float32(_NO_STEP)
     for i in range(row.size):
@@ -125,7 +129,7 @@ def _smallest_difference(row: np.ndarray, other: np.ndarray) -> np.float32:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _update_levels(
+def _update_extreme_levels(
     row: np.ndarray, part: int, n_parts: int, level: np.ndarray, count: np.ndarray
 ) -> None:
     """Update the two highest and the two lowest distinct values, and their counts.
@@ -136,15 +140,15 @@ def _update_levels(
     for i in range(part, row.size, n_parts):
         x = row[i]
         if x >= high:
-            _insert_level(x, x > level[0, 0], level[0], count[0])
+            _insert_extreme_level(x, x > level[0, 0], level[0], count[0])
             high = level[0, 1]
         if x <= low:
-            _insert_level(x, x < level[1, 0], level[1], count[1])
+            _insert_extreme_level(x, x < level[1, 0], level[1], count[1])
             low = level[1, 1]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _insert_level(x: float, is_beyond: bool, level: np.ndarray, count: np.ndarray) -> None:
+def _insert_extreme_level(x: float, is_beyond: bool, level: np.ndarray, count: np.ndarray) -> None:
     if is_beyond:
         level[1], count[1] = level[0], count[0]
         level[0], count[0] = x, 1

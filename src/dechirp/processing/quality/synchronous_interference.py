@@ -16,7 +16,7 @@ import numpy as np
 import scipy.fft
 
 from dechirp.core.findings import Finding
-from dechirp.core.text import format_ranges
+from dechirp.core.text import format_number_ranges
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.processing.quality.background import estimate_static_samples
 from dechirp.processing.quality.recording_measures import RecordingMeasures
@@ -69,21 +69,25 @@ def find_ghost_track(
     chirps = np.flatnonzero(~is_lost & np.tile(is_rising, frame.n_chirps))
     if chirps.size < _MIN_CHIRPS or samples.shape[2] < _MIN_SAMPLES:
         return GhostTrack()
-    beats = _strongest_beats(samples, chirps, frame.n_slots, scale)
+    beats = _strongest_moving_beats(samples, chirps, frame.n_slots, scale)
     # From here on in range cells, and cells per second.
     cell_m = frame.chirp.range_resolution_m
     times = frame.chirp_starts_s[chirps]
     min_slope = MAX_ECHO_SPEED_M_PER_S / cell_m
-    start, slope = _find_line(
+    start, slope = _find_line_through_most_beats(
         times, beats, min_slope, max(1, chirps.size // _MAX_STARTS), _MAX_DEVIATION_CELLS
     )
     if not np.isfinite(slope):
         return GhostTrack()
-    indices = _densest_stretch(np.abs(beats - start - slope * times) <= _MAX_DEVIATION_CELLS)
+    indices = _chirps_of_densest_stretch(
+        np.abs(beats - start - slope * times) <= _MAX_DEVIATION_CELLS
+    )
     if indices.size < _MIN_CHIRPS:
         return GhostTrack()
     slope, start = np.polyfit(times[indices], beats[indices], 1)
-    indices = _densest_stretch(np.abs(beats - start - slope * times) <= _MAX_DEVIATION_CELLS)
+    indices = _chirps_of_densest_stretch(
+        np.abs(beats - start - slope * times) <= _MAX_DEVIATION_CELLS
+    )
     if (
         indices.size < _MIN_CHIRPS
         or abs(slope) < min_slope
@@ -98,7 +102,7 @@ def find_ghost_track(
     )
 
 
-def _strongest_beats(
+def _strongest_moving_beats(
     samples: np.ndarray, chirps: np.ndarray, n_slots: int, scale: float
 ) -> np.ndarray:
     """Return the strongest moving beat of chirps, interpolated between bins, (n,)."""
@@ -116,11 +120,11 @@ def _strongest_beats(
         tapered = moving * weights
         spectra = scipy.fft.fft(tapered) if np.iscomplexobj(samples) else scipy.fft.rfft(tapered)
         power = np.sum(np.abs(spectra) ** 2, axis=1)
-        beats[first : first + block.size] = _interpolate_peaks(power)
+        beats[first : first + block.size] = _interpolated_row_peaks(power)
     return beats
 
 
-def _interpolate_peaks(power: np.ndarray) -> np.ndarray:
+def _interpolated_row_peaks(power: np.ndarray) -> np.ndarray:
     """Return the peak of each row by a parabola through logarithms: 0.02 bins off under Hann."""
     rows, top = np.arange(len(power)), np.argmax(power, axis=1)
     neighbours = np.stack([power[rows, (top + k) % power.shape[1]] for k in (-1, 0, 1)])
@@ -130,7 +134,7 @@ def _interpolate_peaks(power: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _find_line(
+def _find_line_through_most_beats(
     times: np.ndarray, beats: np.ndarray, min_slope: float, step: int, tolerance: float
 ) -> tuple[float, float]:
     """Return start and slope of the line through two chirps with the most chirps on it.
@@ -154,7 +158,7 @@ def _find_line(
     return start, slope
 
 
-def _densest_stretch(is_on_line: np.ndarray) -> np.ndarray:
+def _chirps_of_densest_stretch(is_on_line: np.ndarray) -> np.ndarray:
     """Return the chirps of the stretch in which at least three quarters are on the line.
 
     A chirp on the line scores 1, and one off it -3: the stretch with the largest sum.
@@ -166,26 +170,25 @@ def _densest_stretch(is_on_line: np.ndarray) -> np.ndarray:
     return first + np.flatnonzero(is_on_line[first : last + 1])
 
 
-def ghost_findings(recorded: RecordingMeasures) -> list[Finding]:
+def interference_ghost_findings(recorded: RecordingMeasures) -> list[Finding]:
     """Report echoes that move through range faster than any road user."""
-    velocity = recorded.measure("walk_velocity")
+    velocity = recorded.measure_values("walk_velocity")
     frames = np.flatnonzero(np.isfinite(velocity))
     if not frames.size:
         return []
     worst = frames[np.argmax(np.abs(velocity[frames]))]
     speed = float(velocity[worst])
-    first, last = recorded.measure("walk_chirps")[worst]
+    first, last = recorded.measure_values("walk_chirps")[worst]
     clock = abs(speed) * 2 / SPEED_OF_LIGHT
     return [
         Finding(
             level="warning",
             setting="recording.ghost",
             value=f"an apparent echo that moves by {speed:+.0f} m/s, from"
-            f" {recorded.measure('walk_range')[worst]:.4g} m on, in chirps {first} to {last} of"
-            " frame"
-            f" {recorded.frame_numbers[worst]}"
+            f" {recorded.measure_values('walk_range')[worst]:.4g} m on, in chirps {first} to {last}"
+            f" of frame {recorded.frame_numbers[worst]}"
             + (
-                f", and in {format_ranges('frame', recorded.frame_numbers[frames])}"
+                f", and in {format_number_ranges('frame', recorded.frame_numbers[frames])}"
                 if frames.size > 1
                 else ""
             ),

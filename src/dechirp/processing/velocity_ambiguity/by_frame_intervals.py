@@ -8,7 +8,10 @@ import numpy as np
 
 from dechirp.processing.velocity_ambiguity.hypotheses import AmbiguityHypotheses
 from dechirp.radar.frame import Frame
-from dechirp.radar.velocity_ambiguity import range_shift_m, unambiguous_span_m_per_s
+from dechirp.radar.velocity_ambiguity import (
+    range_shift_per_ambiguity_m,
+    unambiguous_velocity_span_m_per_s,
+)
 
 # Standard deviation of the change of the radial velocity between frames, per second: braking and
 # turning cars.
@@ -55,7 +58,7 @@ def ambiguity_probabilities(
 
     Parameters
     ----------
-    frames : sequence of Alone
+    frames : sequence of FrameEstimates
         In any order; neighbours are compared by number.
     frame : Frame
         With its intervals and several chirps; the number of hypotheses is
@@ -76,15 +79,15 @@ def ambiguity_probabilities(
     resolved = []
     for estimates in frames:
         own_frame = frame.for_frame(estimates.number)
-        span = unambiguous_span_m_per_s(estimates.range_m, own_frame)
+        span = unambiguous_velocity_span_m_per_s(estimates.range_m, own_frame)
         cycles = estimates.velocity_m_per_s / span
-        numbers = _ambiguity_numbers(
+        numbers = _ambiguity_numbers_near_zero(
             cycles, frame.n_resolvable_ambiguities_across_frames(estimates.number)
         )
-        range_m = estimates.range_m[:, None] - range_shift_m(own_frame) * numbers
+        range_m = estimates.range_m[:, None] - range_shift_per_ambiguity_m(own_frame) * numbers
         velocity = estimates.velocity_m_per_s[:, None] + span[:, None] * numbers
         log_p = np.log(
-            _prior_probability(
+            _own_frame_probability(
                 estimates.hypotheses,
                 numbers,
                 None if own_frame.has_falling_ramps else own_frame.n_resolvable_ambiguities,
@@ -96,14 +99,14 @@ def ambiguity_probabilities(
             other = by_number.get(number)
             if number == estimates.number or other is None or not other.range_m.size:
                 continue
-            other_span = unambiguous_span_m_per_s(other.range_m, frame.for_frame(number))
-            log_p += _log_evidence(
+            other_span = unambiguous_velocity_span_m_per_s(other.range_m, frame.for_frame(number))
+            log_p += _log_evidence_from_other_frame(
                 range_m,
                 velocity,
-                _estimate_rows(estimates),
-                _estimate_rows(other),
+                _stack_estimates(estimates),
+                _stack_estimates(other),
                 other_span,
-                range_shift_m(frame.for_frame(number)),
+                range_shift_per_ambiguity_m(frame.for_frame(number)),
                 other.range_m.size / (frame.chirp.range_bins_m()[-1] * other_span.mean()),
             )
         p = np.exp(log_p - log_p.max(axis=1, keepdims=True))
@@ -111,19 +114,19 @@ def ambiguity_probabilities(
     return resolved
 
 
-def _estimate_rows(estimates: FrameEstimates) -> np.ndarray:
-    """Stack the estimates of a frame, (5, n), see `_log_evidence`."""
+def _stack_estimates(estimates: FrameEstimates) -> np.ndarray:
+    """Stack the estimates of a frame, (5, n), see `_log_evidence_from_other_frame`."""
     time_s = np.full(estimates.range_m.size, estimates.time_s)
     variances = estimates.range_std_m**2, estimates.velocity_std_m_per_s**2
     return np.array([time_s, estimates.range_m, estimates.velocity_m_per_s, *variances])
 
 
-def _ambiguity_numbers(cycles: np.ndarray, n_folds: int) -> np.ndarray:
+def _ambiguity_numbers_near_zero(velocity_in_spans: np.ndarray, n_numbers: int) -> np.ndarray:
     """Return the numbers nearest to zero velocity, (n, n_folds), for velocities in spans, (n,)."""
-    return np.asarray(np.ceil(-n_folds / 2 - cycles)[:, None] + np.arange(n_folds))
+    return np.asarray(np.ceil(-n_numbers / 2 - velocity_in_spans)[:, None] + np.arange(n_numbers))
 
 
-def _prior_probability(
+def _own_frame_probability(
     hypotheses: AmbiguityHypotheses, numbers: np.ndarray, n_folds: int | None
 ) -> np.ndarray:
     """Return the probability of each hypothesis from its own frame, (n, n_numbers).
@@ -138,42 +141,47 @@ def _prior_probability(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _log_evidence(
+def _log_evidence_from_other_frame(
     range_m: np.ndarray,
     velocity: np.ndarray,
     estimates: np.ndarray,
-    other: np.ndarray,
+    other_estimates: np.ndarray,
     span: np.ndarray,
     coupling_m: float,
     density: float,
 ) -> np.ndarray:
     """Compute the log likelihood of each hypothesis from another frame, (n, n_folds).
 
-    `estimates` and `other`, (5, n): times, ranges, velocities, and the variances of those two. For
-    each span added to the velocity of the others, `span` adds to it, and `range_shift_m` decreases
-    their range.
+    `estimates` and `other_estimates`, (5, n): times, ranges, velocities, and the variances of those
+    two. For each span added to the velocity of the others, `span` adds to it, and `coupling_m`
+    decreases their range.
     """
     out = np.empty(range_m.shape)
     for i in range(range_m.shape[0]):
         for h in range(range_m.shape[1]):
             likelihood = 0.0
-            for j in range(other.shape[1]):
-                late_s = other[0, j] - estimates[0, i]
+            for j in range(other_estimates.shape[1]):
+                late_s = other_estimates[0, j] - estimates[0, i]
                 changed = (_ACCELERATION * late_s) ** 2
-                var_v = estimates[4, i] + other[4, j] + changed
+                var_v = estimates[4, i] + other_estimates[4, j] + changed
                 var_r = (
                     estimates[3, i]
-                    + other[3, j]
+                    + other_estimates[3, j]
                     + changed * late_s**2 / 4
                     + estimates[4, i] * late_s**2
                 )
-                dv = other[2, j] - velocity[i, h]
+                dv = other_estimates[2, j] - velocity[i, h]
                 folds = np.round(dv / span[j])  # by which the other one is out
                 dv -= folds * span[j]
                 z = dv * dv / var_v
                 if z > 50.0:
                     continue
-                dr = other[1, j] + folds * coupling_m - range_m[i, h] - velocity[i, h] * late_s
+                dr = (
+                    other_estimates[1, j]
+                    + folds * coupling_m
+                    - range_m[i, h]
+                    - velocity[i, h] * late_s
+                )
                 z += dr * dr / var_r
                 likelihood += np.exp(-z / 2) / (2 * np.pi * np.sqrt(var_v * var_r))
             out[i, h] = np.log(

@@ -5,9 +5,9 @@ from scipy.special import gammaincinv, logsumexp
 
 from dechirp.processing.velocity_ambiguity.hypotheses import (
     AmbiguityHypotheses,
-    ambiguity_numbers,
+    resolvable_ambiguity_numbers,
 )
-from dechirp.processing.virtual_array import slot_phases
+from dechirp.processing.virtual_array import slot_phase_factors
 from dechirp.radar.frame import Frame
 from dechirp.theory.bounds import frequency_variance
 
@@ -72,7 +72,7 @@ def ambiguity_probabilities(
     noise.
     """
     n, n_slots = len(doppler_hz), frame.n_slots
-    numbers = ambiguity_numbers(frame, doppler_hz)
+    numbers = resolvable_ambiguity_numbers(frame, doppler_hz)
     by_slot = amplitudes.reshape(n, n_slots, amplitudes.shape[1] // n_slots)
     chirp = frame.chirp
     error_s = [ramp.shift_hz / chirp.slope_hz_per_s for ramp in frame.ramps]
@@ -83,7 +83,9 @@ def ambiguity_probabilities(
     power = np.empty((n, numbers.shape[1], len(errors)))
     for place, error in enumerate(errors):
         error_phase = np.exp(-2j * np.pi * error * beat_std[:, None] * np.array(error_s))
-        compensation = slot_phases(frame, doppler_hz[:, None] + numbers / frame.repetition_s).conj()
+        compensation = slot_phase_factors(
+            frame, doppler_hz[:, None] + numbers / frame.repetition_s
+        ).conj()
         beams = np.einsum("nhl,nlr->nhr", compensation * error_phase[:, None], by_slot)
         power[:, :, place] = np.sum(abs(beams) ** 2, axis=2) / n_slots
     residual_freedom = amplitudes.shape[1] * (1 - 1 / n_slots)

@@ -17,9 +17,9 @@ from scipy.special import gammaincinv
 from dechirp.processing.angle.aperture import Aperture
 from dechirp.processing.velocity_ambiguity.hypotheses import (
     AmbiguityHypotheses,
-    ambiguity_numbers,
+    resolvable_ambiguity_numbers,
 )
-from dechirp.processing.virtual_array import slot_phases
+from dechirp.processing.virtual_array import slot_phase_factors
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
@@ -48,25 +48,27 @@ def channel_responses(radar: Radar, aperture: Aperture) -> ChannelResponses:
 
     The response of an element is its steering over its calibration factor.
     """
-    return _channel_responses(radar.frame.weights, radar.calibration, radar.array.n_rx, aperture)
+    return _cached_channel_responses(
+        radar.frame.weights, radar.calibration, radar.array.n_rx, aperture
+    )
 
 
 @lru_cache(maxsize=4)
-def _channel_responses(
+def _cached_channel_responses(
     weights: tuple[tuple[complex, ...], ...],
     calibration: Calibration | None,
     n_rx: int,
     aperture: Aperture,
 ) -> ChannelResponses:
     code = np.array(weights)
-    elements = aperture.grid.steering
+    elements = aperture.direction_grid.steering
     if calibration is not None:
         elements = elements / calibration.element_corrections()
     by_tx = elements.reshape(len(elements), code.shape[1], n_rx)
     channels = np.einsum("lt,gtr->glr", code, by_tx).reshape(len(elements), -1)
     lengths = np.linalg.norm(channels, axis=1, keepdims=True)
     unit = channels / np.maximum(lengths, np.finfo(np.float32).tiny)
-    return ChannelResponses(unit.astype(np.complex64), len(aperture.grid.azimuth_rad))
+    return ChannelResponses(unit.astype(np.complex64), len(aperture.direction_grid.azimuth_rad))
 
 
 def ambiguity_probabilities(
@@ -92,12 +94,12 @@ def ambiguity_probabilities(
     Parameters
     ----------
     amplitudes : array (n, n_slots * n_rx), complex
-        See `processing.virtual_array.split_slots`.
+        See `processing.virtual_array.split_chirps_into_slots`.
     frame : Frame
         Its code and times.
     doppler_hz : array (n,)
         Principal values, within half a cycle a repetition of zero.
-    responses : Responses
+    responses : ChannelResponses
         Of the channels.
     noise_power : array (n,)
         E|w|^2 in one amplitude.
@@ -117,13 +119,15 @@ def ambiguity_probabilities(
     empty sub-bands F. Jansen, Automotive radar Doppler division MIMO, EuRAD 2019.
     """
     n, n_channels = amplitudes.shape
-    numbers = ambiguity_numbers(frame, doppler_hz)
-    compensation = slot_phases(frame, (doppler_hz[:, None] + numbers / frame.repetition_s)).conj()
+    numbers = resolvable_ambiguity_numbers(frame, doppler_hz)
+    compensation = slot_phase_factors(
+        frame, (doppler_hz[:, None] + numbers / frame.repetition_s)
+    ).conj()
     n_rx = n_channels // frame.n_slots
     by_slot = amplitudes.reshape(n, 1, frame.n_slots, n_rx) * compensation[..., None]
     compensated = by_slot.reshape(*numbers.shape, n_channels).astype(np.complex64)
     total = np.sum(np.abs(amplitudes) ** 2, axis=1)
-    max_residual = _residual_limit(n_channels)
+    max_residual = _max_noise_residual(n_channels)
     model_error = _MODEL_ERROR**2 / n_channels
     is_plane = 1 < responses.n_azimuths < len(responses.unit)
     grid_error = max(model_error, _GRID_LOSS) if is_plane else model_error
@@ -132,7 +136,7 @@ def ambiguity_probabilities(
     for start in range(0, n, block):
         rows = slice(start, start + block)
         beams = compensated[rows] @ responses.unit.conj().T
-        log_evidence[rows] = _log_evidence(
+        log_evidence[rows] = _log_evidence_over_directions(
             beams,
             responses.n_azimuths,
             total[rows],
@@ -146,14 +150,14 @@ def ambiguity_probabilities(
 
 
 @lru_cache
-def _residual_limit(n_channels: int) -> float:
+def _max_noise_residual(n_channels: int) -> float:
     """Return the residual of the best beam that noise exceeds with probability 0.001."""
     # One amplitude and at most two angles are fitted.
     return float(gammaincinv(max(n_channels - 2.0, 1.0), 0.999))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _log_evidence(
+def _log_evidence_over_directions(
     beams: np.ndarray,
     n_azimuths: int,
     total: np.ndarray,

@@ -21,7 +21,7 @@ class AmbiguityHypotheses(NamedTuple):
     """(n, n_hypotheses), integers: the Doppler frequency is principal + number / repetition."""
 
     @property
-    def certain_number(self) -> np.ndarray:
+    def certain_numbers(self) -> np.ndarray:
         """Likeliest ambiguity number, NaN where its probability is below 0.99, (n,)."""
         best = self.probability.argmax(axis=1)[:, None]
         number = np.take_along_axis(self.number, best, axis=1)[:, 0]
@@ -54,12 +54,12 @@ class FramePeaks(NamedTuple):
     resolved: ResolvedPeaks
 
 
-def unresolved(n: int) -> AmbiguityHypotheses:
+def unresolved_hypotheses(n_peaks: int) -> AmbiguityHypotheses:
     """Return the hypotheses of n peaks whose ambiguity number is unknown."""
-    return AmbiguityHypotheses(*np.full((2, n, 1), np.nan))
+    return AmbiguityHypotheses(*np.full((2, n_peaks, 1), np.nan))
 
 
-def ambiguity_numbers(frame: Frame, doppler_hz: np.ndarray) -> np.ndarray:
+def resolvable_ambiguity_numbers(frame: Frame, doppler_hz: np.ndarray) -> np.ndarray:
     """Return the ambiguity numbers that a round resolves, (n, n_folds): nearest to zero velocity.
 
     Slots at even steps of the interval resolve one number per slot: those whose Doppler

@@ -6,12 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from dechirp.processing.angle.aperture import FieldOfView
-from dechirp.processing.direction_finding import can_resolve_directions, direction_aperture
+from dechirp.processing.direction_finding import can_resolve_directions, checked_direction_aperture
 from dechirp.processing.estimates import principal_doppler_hz, range_velocity_estimates
 from dechirp.processing.refine import RefinedPeaks
 from dechirp.processing.velocity_ambiguity import by_frame_intervals, by_ramps, by_transmitters
-from dechirp.processing.velocity_ambiguity.hypotheses import FramePeaks, ResolvedPeaks, unresolved
-from dechirp.processing.velocity_ambiguity.triangular_pairing import pair_ramps
+from dechirp.processing.velocity_ambiguity.hypotheses import (
+    FramePeaks,
+    ResolvedPeaks,
+    unresolved_hypotheses,
+)
+from dechirp.processing.velocity_ambiguity.triangular_pairing import pair_rising_and_falling_peaks
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 
@@ -33,11 +37,11 @@ def resolve_velocity_ambiguity(
     frame = radar.frame
     if frame.has_falling_ramps:
         rising, falling = peaks
-        return pair_ramps(rising, falling, frame)
+        return pair_rising_and_falling_peaks(rising, falling, frame)
     (map_peaks,) = peaks
     tones, noise = map_peaks.tones, map_peaks.amplitude_noise
     doppler_hz = principal_doppler_hz(tones, frame)
-    hypotheses = unresolved(len(doppler_hz))
+    hypotheses = unresolved_hypotheses(len(doppler_hz))
     if frame.n_slots == 1 or frame.n_chirps == 1:
         return ResolvedPeaks(map_peaks, doppler_hz, hypotheses)
     if frame.modulation is not None:
@@ -48,12 +52,12 @@ def resolve_velocity_ambiguity(
         )
     elif can_resolve_directions(radar):
         responses = by_transmitters.channel_responses(
-            radar, direction_aperture(radar, field_of_view)
+            radar, checked_direction_aperture(radar, field_of_view)
         )
         hypotheses = by_transmitters.ambiguity_probabilities(
             tones.amplitude, frame, doppler_hz, responses, noise
         )
-    doppler_hz = doppler_hz + np.nan_to_num(hypotheses.certain_number) / frame.repetition_s
+    doppler_hz = doppler_hz + np.nan_to_num(hypotheses.certain_numbers) / frame.repetition_s
     return ResolvedPeaks(map_peaks._replace(tones=tones), doppler_hz, hypotheses)
 
 
@@ -65,7 +69,7 @@ def resolve_across_frames(frames: Sequence[FramePeaks], frame: Frame) -> Iterato
     estimates, at_principal = [], []
     for frame_peaks in frames:
         own_frame = frame_peaks.radar.frame
-        resolved = _at_doppler(
+        resolved = _with_other_doppler(
             frame_peaks.resolved,
             principal_doppler_hz(frame_peaks.resolved.peaks.tones, own_frame),
             own_frame,
@@ -93,14 +97,16 @@ def resolve_across_frames(frames: Sequence[FramePeaks], frame: Frame) -> Iterato
     probabilities = by_frame_intervals.ambiguity_probabilities(estimates, frame)
     for frame_peaks, resolved, hypotheses in zip(frames, at_principal, probabilities, strict=True):
         own_frame = frame_peaks.radar.frame
-        number = np.nan_to_num(hypotheses.certain_number)
-        unambiguous = _at_doppler(
+        number = np.nan_to_num(hypotheses.certain_numbers)
+        unambiguous = _with_other_doppler(
             resolved, resolved.doppler_hz + number / own_frame.repetition_s, own_frame
         )
         yield frame_peaks._replace(resolved=unambiguous._replace(hypotheses=hypotheses))
 
 
-def _at_doppler(resolved: ResolvedPeaks, doppler_hz: np.ndarray, frame: Frame) -> ResolvedPeaks:
+def _with_other_doppler(
+    resolved: ResolvedPeaks, doppler_hz: np.ndarray, frame: Frame
+) -> ResolvedPeaks:
     """Return peaks with other Doppler frequencies; the beats of triangles keep their ranges."""
     peaks = resolved.peaks
     if frame.has_falling_ramps:

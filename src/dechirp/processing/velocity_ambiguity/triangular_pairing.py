@@ -30,7 +30,9 @@ class PeakPairs(NamedTuple):
     """(n,): probability that the two belong to one target."""
 
 
-def pair_ramps(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> ResolvedPeaks:
+def pair_rising_and_falling_peaks(
+    up: RefinedPeaks, down: RefinedPeaks, frame: Frame
+) -> ResolvedPeaks:
     r"""Pair the peaks of rising and falling ramps, and resolve range and velocity.
 
     The beat frequencies of the n-th pair are S tau + f_D and S tau - f_D: half their sum gives
@@ -39,24 +41,24 @@ def pair_ramps(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> ResolvedPe
 
     Parameters
     ----------
-    up, down : Peaks
-        Of the rising ramps; of the falling ones, reversed by `split_slots`.
+    up, down : RefinedPeaks
+        Of the rising ramps; of the falling ones, reversed by `split_chirps_into_slots`.
     frame : Frame
         With triangular modulation.
 
     Returns
     -------
-    Unfolded
+    ResolvedPeaks
         Peaks without a partner are dropped, as noise has none. Probabilities include that of the
         pair.
     """
-    pairs = _assign_pairs(up, down, frame)
+    pairs = _assign_peak_pairs(up, down, frame)
     u, d = pairs.up, pairs.down
     chirp, slope = frame.chirp, frame.chirp.slope_hz_per_s
     beat_up, beat_down = (_beat_frequencies_hz(peaks.tones.fast, frame) for peaks in (up, down))
     up_hz = chirp.mean_sampled_frequency_hz
-    down_hz = up_hz - _frequency_drop_hz(frame)
-    coarse = _doppler_over_c(beat_up[u] - beat_down[d], frame)
+    down_hz = up_hz - _falling_ramp_frequency_drop_hz(frame)
+    coarse = _doppler_over_c_from_beats(beat_up[u] - beat_down[d], frame)
     delay_s = (beat_up[u] + beat_down[d] - coarse * (up_hz - down_hz)) / (2 * slope * (1 - coarse))
     echo_hz = up_hz - slope * delay_s
     doppler_hz, repetition_s = coarse * echo_hz, frame.repetition_s
@@ -65,13 +67,17 @@ def pair_ramps(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> ResolvedPe
     if frame.n_chirps > 1:
         turn = 2 * np.pi * repetition_s
         as_up = (
-            down.tones.slow[d] + _doppler_drop_hz(coarse, beat_up[u] + beat_down[d], frame) * turn
+            down.tones.slow[d]
+            + _falling_ramp_doppler_drop_hz(coarse, beat_up[u] + beat_down[d], frame) * turn
         )
         slow = np.angle(np.exp(1j * up.tones.slow[u]) + np.exp(1j * as_up))
         fine_hz = slow / turn
         numbers = np.round((doppler_hz - fine_hz) * repetition_s)[:, None] + np.arange(-2, 3)
         off = (doppler_hz - fine_hz)[:, None] - numbers / repetition_s
-        variance = (_beat_variance(up.snr[u], frame) + _beat_variance(down.snr[d], frame)) / 4
+        variance = (
+            _beat_frequency_variance(up.snr[u], frame)
+            + _beat_frequency_variance(down.snr[d], frame)
+        ) / 4
         conditional = np.exp(
             -(off**2 - np.min(off**2, axis=1, keepdims=True)) / (2 * variance[:, None])
         )
@@ -84,7 +90,7 @@ def pair_ramps(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> ResolvedPe
         delay_s /= 2 * slope * (1 - coarse)
     hypotheses = AmbiguityHypotheses(conditional * pairs.probability[:, None], numbers)
     if frame.n_chirps > 1:
-        doppler_hz = np.where(np.isnan(hypotheses.certain_number), fine_hz, doppler_hz)
+        doppler_hz = np.where(np.isnan(hypotheses.certain_numbers), fine_hz, doppler_hz)
     up_amplitude, down_amplitude = up.tones.amplitude[u], down.tones.amplitude[d]
     correlation = np.sum(up_amplitude * down_amplitude.conj(), axis=1)
     down_amplitude = down_amplitude * np.exp(1j * np.angle(correlation))[:, None]
@@ -100,7 +106,7 @@ def pair_ramps(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> ResolvedPe
     )
 
 
-def _assign_pairs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> PeakPairs:
+def _assign_peak_pairs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> PeakPairs:
     """Find the likeliest assignment, and the probability of each of its pairs."""
     # A peak without a partner costs as much as a pair at the limit.
     unpaired_cost = float(gammainccinv(_degrees_of_freedom(up, frame) / 2, _REJECTION_PROBABILITY))
@@ -114,17 +120,22 @@ def _assign_pairs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> PeakPai
 
 
 def _pair_probability(
-    costs: np.ndarray, unpaired_cost: float, u: np.ndarray, d: np.ndarray
+    costs: np.ndarray, unpaired_cost: float, rising_index: np.ndarray, falling_index: np.ndarray
 ) -> np.ndarray:
     """Compute the probability of each pair against assignments one exchange away.
 
     Exchanges of partners with another pair, of one partner for an unpaired peak, or for none.
     """
-    pair_cost = costs[u, d]
-    exchanged = costs[np.ix_(u, d)] + costs[np.ix_(u, d)].T - pair_cost[:, None] - pair_cost
+    pair_cost = costs[rising_index, falling_index]
+    exchanged = (
+        costs[np.ix_(rising_index, falling_index)]
+        + costs[np.ix_(rising_index, falling_index)].T
+        - pair_cost[:, None]
+        - pair_cost
+    )
     np.fill_diagonal(exchanged, np.inf)
-    free_up = np.delete(costs, u, axis=0)[:, d] - pair_cost
-    free_down = np.delete(costs, d, axis=1)[u] - pair_cost[:, None]
+    free_up = np.delete(costs, rising_index, axis=0)[:, falling_index] - pair_cost
+    free_down = np.delete(costs, falling_index, axis=1)[rising_index] - pair_cost[:, None]
     others = np.exp(pair_cost - unpaired_cost) + np.exp(-exchanged).sum(axis=1)
     others += np.exp(-free_up).sum(axis=0) + np.exp(-free_down).sum(axis=1)
     return 1 / (1 + others)
@@ -152,14 +163,16 @@ def _pair_costs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> np.ndarra
     beats = _beat_frequencies_hz(up.tones.fast, frame)[:, None] - _beat_frequencies_hz(
         down.tones.fast, frame
     )
-    over_c = _doppler_over_c(beats, frame)
+    over_c = _doppler_over_c_from_beats(beats, frame)
     if frame.n_chirps > 1:
         turn = 2 * np.pi * frame.repetition_s
         both = _beat_frequencies_hz(up.tones.fast, frame)[:, None] + _beat_frequencies_hz(
             down.tones.fast, frame
         )
         doppler_difference = (
-            up.tones.slow[:, None] - down.tones.slow - _doppler_drop_hz(over_c, both, frame) * turn
+            up.tones.slow[:, None]
+            - down.tones.slow
+            - _falling_ramp_doppler_drop_hz(over_c, both, frame) * turn
         )
         doppler_difference = (doppler_difference + np.pi) % (2 * np.pi) - np.pi
         slow_variance = frequency_variance(snr=up.snr, n_points=frame.n_chirps)[
@@ -169,7 +182,9 @@ def _pair_costs(up: RefinedPeaks, down: RefinedPeaks, frame: Frame) -> np.ndarra
         doppler_error = over_c * frame.chirp.mean_sampled_frequency_hz * turn
         doppler_error = doppler_error - up.tones.slow[:, None] + doppler_difference / 2
         doppler_error = (doppler_error + np.pi) % (2 * np.pi) - np.pi
-        variance = _beat_variance(up.snr, frame)[:, None] + _beat_variance(down.snr, frame)
+        variance = _beat_frequency_variance(up.snr, frame)[:, None] + _beat_frequency_variance(
+            down.snr, frame
+        )
         costs += doppler_error**2 / (2 * (variance / 4 * turn**2 + slow_variance / 4))
     return np.where(abs(over_c) < 2 * _MAX_SPEED / SPEED_OF_LIGHT, costs, np.inf)
 
@@ -178,28 +193,30 @@ def _beat_frequencies_hz(fast: np.ndarray, frame: Frame) -> np.ndarray:
     return fast * frame.chirp.sample_rate_hz / (2 * np.pi)
 
 
-def _doppler_over_c(beats_hz: np.ndarray, frame: Frame) -> np.ndarray:
+def _doppler_over_c_from_beats(beat_difference_hz: np.ndarray, frame: Frame) -> np.ndarray:
     """Return 2 v / c from the difference of the beats, with the motion between the ramps."""
     chirp, (_, fall) = frame.chirp, frame.ramps
     both_hz = 2 * chirp.start_frequency_hz + fall.shift_hz
-    return beats_hz / (both_hz - chirp.slope_hz_per_s * frame.slot_starts_s[1])
+    return beat_difference_hz / (both_hz - chirp.slope_hz_per_s * frame.slot_starts_s[1])
 
 
-def _frequency_drop_hz(frame: Frame) -> float:
+def _falling_ramp_frequency_drop_hz(frame: Frame) -> float:
     """Return the decrease of the mean sampled frequency of falling ramps."""
     chirp, (_, fall) = frame.chirp, frame.ramps
     return 2 * chirp.slope_hz_per_s * chirp.mid_window_s - fall.shift_hz
 
 
-def _doppler_drop_hz(over_c: np.ndarray, beats_hz: np.ndarray, frame: Frame) -> np.ndarray:
+def _falling_ramp_doppler_drop_hz(
+    over_c: np.ndarray, beat_sum_hz: np.ndarray, frame: Frame
+) -> np.ndarray:
     """Return the decrease of Doppler frequencies of falling ramps, from the sum of the beats.
 
     The echo of a rising ramp is S tau below the transmitted frequency, that of a falling one above.
     """
-    return over_c * (_frequency_drop_hz(frame) - beats_hz)
+    return over_c * (_falling_ramp_frequency_drop_hz(frame) - beat_sum_hz)
 
 
-def _beat_variance(snr: np.ndarray, frame: Frame) -> np.ndarray:
+def _beat_frequency_variance(snr: np.ndarray, frame: Frame) -> np.ndarray:
     """Return the Cramer-Rao bound of the beat frequency of a peak, Hz^2."""
     chirp = frame.chirp
     variance = frequency_variance(snr=snr, n_points=chirp.n_samples)

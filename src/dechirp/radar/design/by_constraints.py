@@ -12,7 +12,7 @@ from dechirp.core.units import SPEED_OF_LIGHT, to_decibels
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.design.common import (
     check_chirp_count,
-    check_ramp_bandwidth,
+    check_ramp_fits_band,
     required_n_chirps,
     start_frequency_hz,
 )
@@ -57,7 +57,9 @@ def _design_frame_from_start(
     )
     if sampled_s is None:
         return None
-    n_samples = max(2, math.ceil(_n_beat_periods(requirements) / limits.usable_band - 1e-9))
+    n_samples = max(
+        2, math.ceil(_max_beat_periods_while_sampling(requirements) / limits.usable_band - 1e-9)
+    )
     ramp_s = adc_start_s + sampled_s + limits.ramp_end_margin_s
     chirp = Chirp(
         start_frequency_hz=start_hz,
@@ -74,7 +76,7 @@ def _design_frame_from_start(
     return Frame(chirp=chirp, n_chirps=n_chirps, interval_s=interval_s)
 
 
-def _n_beat_periods(requirements: Requirements) -> float:
+def _max_beat_periods_while_sampling(requirements: Requirements) -> float:
     # The highest beat frequency has one period for each range bin while sampling, and the
     # Doppler frequency at most half a period, since an interval has at most half a period.
     periods = requirements.max_range_m / requirements.range_resolution_m + 0.5
@@ -111,7 +113,7 @@ def find_broken_limits(
     """Return the limits that requirements break."""
     frame = design_frame(requirements, limits=limits, speed_of_light_m_per_s=speed_of_light_m_per_s)
     if frame is None:
-        return [_no_sampling_time(requirements, limits, speed_of_light_m_per_s)]
+        return [_broken_limit_without_sampling_time(requirements, limits, speed_of_light_m_per_s)]
     radar, chirp = Radar(frame=frame), frame.chirp
     max_sample_rate_hz = limits.max_sample_rate_hz * (1 if chirp.sampling == "complex" else 2)
     checks = (
@@ -127,7 +129,7 @@ def find_broken_limits(
         ),
         ("max_cube", "a cube", cube_bytes(radar), limits.max_cube_bytes, 2**20, "MiB"),
     )
-    broken_limits = check_ramp_bandwidth(requirements, chirp.ramp_bandwidth_hz) + check_chirp_count(
+    broken_limits = check_ramp_fits_band(requirements, chirp.ramp_bandwidth_hz) + check_chirp_count(
         requirements, frame
     )
     return broken_limits + [
@@ -141,7 +143,9 @@ def find_broken_limits(
     ]
 
 
-def _no_sampling_time(requirements: Requirements, limits: Limits, c: float) -> BrokenLimit:
+def _broken_limit_without_sampling_time(
+    requirements: Requirements, limits: Limits, c: float
+) -> BrokenLimit:
     unsampled_s = (
         limits.idle_s
         + limits.settling_s
@@ -177,7 +181,7 @@ def eirp_findings(radar: Radar, limits: Limits) -> tuple[Finding, ...]:
     )
 
 
-def derived_values(
+def values_chosen_by_rule(
     requirements: Requirements, frame: Frame, *, limits: Limits, speed_of_light_m_per_s: float
 ) -> tuple[DerivedValue, ...]:
     """Return the values that the rule chooses, in the order of its choices."""

@@ -7,7 +7,7 @@ from dechirp.radar.chirp import Chirp
 from dechirp.radar.design.common import (
     DEFAULT_N_CHIRPS,
     check_chirp_count,
-    check_ramp_bandwidth,
+    check_ramp_fits_band,
     required_n_chirps,
     start_frequency_hz,
 )
@@ -50,7 +50,7 @@ def find_broken_limits(
     """Return the limits that requirements break: velocity, chirps of a frame, the band."""
     frame = design_frame(requirements, speed_of_light_m_per_s=speed_of_light_m_per_s)
     scale = speed_of_light_m_per_s / SPEED_OF_LIGHT
-    broken_limits = check_ramp_bandwidth(requirements, frame.chirp.ramp_bandwidth_hz)
+    broken_limits = check_ramp_fits_band(requirements, frame.chirp.ramp_bandwidth_hz)
     broken_limits += check_chirp_count(requirements, frame)
     if frame.max_velocity_m_per_s * scale < requirements.max_velocity_m_per_s * (1 - 1e-9):
         longest_s = frame.chirp.wavelength_m * scale / (4 * requirements.max_velocity_m_per_s)
@@ -65,7 +65,7 @@ def find_broken_limits(
     return broken_limits
 
 
-def derived_values(
+def values_chosen_by_rule(
     requirements: Requirements, frame: Frame, *, speed_of_light_m_per_s: float
 ) -> tuple[DerivedValue, ...]:
     """Return the values that the rule chooses, in the order of its choices."""

@@ -21,7 +21,7 @@ def start_frequency_hz(requirements: Requirements, ramp_bandwidth_hz: float) -> 
     return requirements.carrier_hz if is_inside else low_hz
 
 
-def check_ramp_bandwidth(requirements: Requirements, ramp_bandwidth_hz: float) -> list[BrokenLimit]:
+def check_ramp_fits_band(requirements: Requirements, ramp_bandwidth_hz: float) -> list[BrokenLimit]:
     """Return the band as a broken limit if the ramp is wider than the band.
 
     Without a band, a carrier from 76 to 81 GHz has the 5 GHz of both automotive bands.

@@ -1,6 +1,6 @@
 """Derived values of a design, each with its formula."""
 
-from dechirp.core.text import format_number, format_quantity, format_si
+from dechirp.core.text import format_number, format_quantity, format_with_si_prefix
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.design.requirements import Requirements
@@ -22,7 +22,7 @@ class DerivedValue:
     """Values or definitions of the symbols in the formula, where needed."""
 
     @property
-    def text(self) -> str:
+    def value_with_unit(self) -> str:
         """The value with its unit, such as 150 MHz."""
         if self.unit == "1":
             return format_number(self.value, 6)
@@ -30,7 +30,7 @@ class DerivedValue:
             return format_quantity(self.value, "hz_per_s", 6)
         if self.unit == "m/s":
             return format_quantity(self.value, "m_per_s", 6)
-        return format_si(self.value, self.unit, 6)
+        return format_with_si_prefix(self.value, self.unit, 6)
 
 
 def cube_bytes(radar: Radar) -> int:
@@ -51,7 +51,7 @@ def mean_eirp_w(radar: Radar) -> float:
     return radar.require_hardware().eirp_w * frame.chirp.ramp_duration_s / frame.single_interval_s
 
 
-def derive_values(
+def derive_radar_values(
     radar: Radar, requirements: Requirements, *, speed_of_light_m_per_s: float
 ) -> tuple[DerivedValue, ...]:
     """Return all values that follow from a radar, under either design rule."""
@@ -104,7 +104,13 @@ def derive_values(
             middle,
         ),
         ("frame_duration", frame.duration_s, "s", "M T", ""),
-        ("integration_gain", radar.integration_gain, "1", _gain_formula(radar), "no windows"),
+        (
+            "integration_gain",
+            radar.integration_gain,
+            "1",
+            _integration_gain_formula(radar),
+            "no windows",
+        ),
         ("data_rate", data_rate_bits_per_s(radar), "bit/s", "8 cube / M T", "16-bit words"),
         ("cube_memory", cube_bytes(radar), "byte", size_formula, "16-bit words"),
         ("eirp", radar.require_hardware().eirp_w, "W", "P Gt", "while the ramp lasts"),
@@ -116,5 +122,5 @@ def derive_values(
     )
 
 
-def _gain_formula(radar: Radar) -> str:
+def _integration_gain_formula(radar: Radar) -> str:
     return "N M n_rx" if radar.frame.chirp.sampling == "complex" else "N M n_rx / 2"

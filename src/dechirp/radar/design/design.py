@@ -6,12 +6,12 @@ from typing import Any, Literal
 
 from dechirp.core.display import Displayable, Table
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.findings import Finding, findings_table
+from dechirp.core.findings import Finding, findings_display_table
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.design import by_constraints, by_round_trips
-from dechirp.radar.design.derived import DerivedValue, derive_values
-from dechirp.radar.design.detection_range import detection_range_budget
+from dechirp.radar.design.derived import DerivedValue, derive_radar_values
+from dechirp.radar.design.detection_range import detection_range_budget_and_findings
 from dechirp.radar.design.relaxation import relax_requirements
 from dechirp.radar.design.requirements import Limits, Requirements
 from dechirp.radar.hardware import Hardware
@@ -38,12 +38,15 @@ class Design(Displayable):
         """True if every requirement is met and every limit is kept."""
         return not any(finding.level == "error" for finding in self.findings)
 
-    def _summary(self) -> str:
-        return f"{'' if self.is_met else 'nearest, not all is met: '}{self.radar._summary()}"
+    def _display_line(self) -> str:
+        return f"{'' if self.is_met else 'nearest, not all is met: '}{self.radar._display_line()}"
 
-    def _tables(self) -> Iterable[Table]:
-        yield findings_table(self.findings)
-        rows = [(item.name.replace("_", " "), item.text, item.formula) for item in self.derived]
+    def _display_tables(self) -> Iterable[Table]:
+        yield findings_display_table(self.findings)
+        rows = [
+            (item.name.replace("_", " "), item.value_with_unit, item.formula)
+            for item in self.derived
+        ]
         yield Table("What follows", rows)
 
 
@@ -81,15 +84,15 @@ def design(
         For requirements that are invalid, given twice or missing; for limits that no radar can
         keep.
     """
-    requested = _merge_requirements(requirements, fields)
-    _check_options(rule, speed_of_light_m_per_s)
+    requested = _requirements_from_value_or_fields(requirements, fields)
+    _check_rule_and_speed_of_light(rule, speed_of_light_m_per_s)
     c = speed_of_light_m_per_s
     if rule == "round-trips":
         relaxed, findings = relax_requirements(
             requested, partial(by_round_trips.find_broken_limits, speed_of_light_m_per_s=c)
         )
         frame = by_round_trips.design_frame(relaxed, speed_of_light_m_per_s=c)
-        rule_values = by_round_trips.derived_values(relaxed, frame, speed_of_light_m_per_s=c)
+        rule_values = by_round_trips.values_chosen_by_rule(relaxed, frame, speed_of_light_m_per_s=c)
         radar = Radar(frame=frame, hardware=hardware)
     else:
         find_broken_limits = partial(
@@ -100,20 +103,26 @@ def design(
             relaxed, limits=limits, speed_of_light_m_per_s=c
         )
         assert constrained_frame is not None  # relaxed requirements leave time to sample
-        rule_values = by_constraints.derived_values(
+        rule_values = by_constraints.values_chosen_by_rule(
             relaxed, constrained_frame, limits=limits, speed_of_light_m_per_s=c
         )
         radar = Radar(frame=constrained_frame, hardware=hardware)
         findings += by_constraints.eirp_findings(radar, limits)
-    budget, budget_findings = detection_range_budget(radar, relaxed)
+    budget, budget_findings = detection_range_budget_and_findings(radar, relaxed)
     return Design(
         radar=radar,
-        derived=(*rule_values, *derive_values(radar, relaxed, speed_of_light_m_per_s=c), *budget),
+        derived=(
+            *rule_values,
+            *derive_radar_values(radar, relaxed, speed_of_light_m_per_s=c),
+            *budget,
+        ),
         findings=findings + budget_findings,
     )
 
 
-def _merge_requirements(requirements: Requirements | None, fields: dict[str, Any]) -> Requirements:
+def _requirements_from_value_or_fields(
+    requirements: Requirements | None, fields: dict[str, Any]
+) -> Requirements:
     if (requirements is None) == (not fields):
         raise InvalidSetting(
             "requirements",
@@ -125,7 +134,7 @@ def _merge_requirements(requirements: Requirements | None, fields: dict[str, Any
     return Requirements(**fields) if requirements is None else requirements
 
 
-def _check_options(rule: str, speed_of_light_m_per_s: float) -> None:
+def _check_rule_and_speed_of_light(rule: str, speed_of_light_m_per_s: float) -> None:
     if rule not in ("round-trips", "constraints"):
         raise InvalidSetting(
             "rule", value=rule, expected="round-trips or constraints", fix="choose one"

@@ -14,7 +14,7 @@ WINDOW_LOSS = 1.5**2
 """SNR loss of Hann windows over samples and chirps: 1.5 bins of noise each, 1.761 dB each."""
 
 
-def detection_range_budget(
+def detection_range_budget_and_findings(
     radar: Radar, requirements: Requirements
 ) -> tuple[tuple[DerivedValue, ...], tuple[Finding, ...]]:
     """Return the link budget at the largest range, and a finding where it falls short.
@@ -55,23 +55,23 @@ def detection_range_budget(
         DerivedValue(name=name, value=number, unit=unit, formula=formula, symbols=uses)
         for name, number, unit, formula, uses in rows
     )
-    return derived, _shortfall_findings(radar, requirements, snr, required, detection_range_m)
+    return derived, _snr_shortfall_findings(radar, requirements, snr, required, detection_range_m)
 
 
-def _shortfall_findings(
-    radar: Radar, requirements: Requirements, snr: float, required: float, detection_range_m: float
+def _snr_shortfall_findings(
+    radar: Radar, requirements: Requirements, snr: float, min_snr: float, detection_range_m: float
 ) -> tuple[Finding, ...]:
-    if snr >= required:
+    if snr >= min_snr:
         return ()
-    missing_db = math.ceil(10 * float(to_decibels(required / snr))) / 10
-    chirps = math.ceil(radar.frame.n_chirps * required / snr)
+    missing_db = math.ceil(10 * float(to_decibels(min_snr / snr))) / 10
+    chirps = math.ceil(radar.frame.n_chirps * min_snr / snr)
     return (
         Finding(
             level="error",
             setting="requirements.max_range",
             value=f"{to_decibels(snr):.1f} dB of SNR after integration at"
             f" {requirements.max_range_m:.4g} m",
-            expected=f"{to_decibels(required):.1f} dB to detect {requirements.rcs_m2:.4g} m2"
+            expected=f"{to_decibels(min_snr):.1f} dB to detect {requirements.rcs_m2:.4g} m2"
             " with probability"
             f" {requirements.detection_probability:.4g}",
             fix=f"add {missing_db:.1f} dB of transmit power, or {missing_db / 2:.2f} dB of antenna"

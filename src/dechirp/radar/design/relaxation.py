@@ -54,11 +54,11 @@ def relax_requirements(
     broken_limits = find_broken_limits(requirements)
     if not broken_limits:
         return requirements, ()
-    relaxed_values = _relax_each(requirements, find_broken_limits)
+    relaxed_values = _relax_each_requirement_alone(requirements, find_broken_limits)
     if relaxed_values:
         return _apply_smallest_relaxation(requirements, relaxed_values, broken_limits)
     first = broken_limits[0]
-    relaxed_values = _relax_each(
+    relaxed_values = _relax_each_requirement_alone(
         requirements, lambda eased: [b for b in find_broken_limits(eased) if b.limit == first.limit]
     )
     if not relaxed_values:
@@ -73,13 +73,18 @@ def relax_requirements(
     return relaxed, findings + more_findings
 
 
-def _relax_each(requirements: Requirements, find_broken_limits: LimitCheck) -> dict[str, float]:
+def _relax_each_requirement_alone(
+    requirements: Requirements, find_broken_limits: LimitCheck
+) -> dict[str, float]:
     """Return for each requirement the value that, changed alone, breaks no limit."""
-    relaxed = {name: _relax_one(requirements, name, find_broken_limits) for name in RELAXATIONS}
+    relaxed = {
+        name: _relax_requirement_alone(requirements, name, find_broken_limits)
+        for name in RELAXATIONS
+    }
     return {name: number for name, number in relaxed.items() if number is not None}
 
 
-def _relax_one(
+def _relax_requirement_alone(
     requirements: Requirements, name: str, find_broken_limits: LimitCheck
 ) -> float | None:
     original, direction = getattr(requirements, name), RELAXATIONS[name][2]
@@ -127,7 +132,9 @@ def _apply_smallest_relaxation(
     original, relaxed = (
         f"{number:.4g} {unit}" for number in (getattr(requirements, name), relaxed_values[name])
     )
-    fix = ", or ".join(_format_bound(name, number) for name, number in relaxed_values.items())
+    fix = ", or ".join(
+        _format_requirement_bound(name, number) for name, number in relaxed_values.items()
+    )
     findings = tuple(
         Finding(
             level="error",
@@ -146,7 +153,7 @@ def _replace_requirement(requirements: Requirements, name: str, number: float) -
     return replace(requirements, **changed)
 
 
-def _format_bound(name: str, number: float) -> str:
+def _format_requirement_bound(name: str, number: float) -> str:
     setting, unit, direction = RELAXATIONS[name]
     return f"a {setting} of {'at least' if direction > 0 else 'at most'} {number:.4g} {unit}"
 

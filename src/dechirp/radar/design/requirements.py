@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from dechirp.core.checks import check_non_negative, check_positive
+from dechirp.core.checks import check_non_negative_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
@@ -45,19 +45,19 @@ class Requirements:
 
     def __post_init__(self) -> None:
         # Bounds of scenes and chirps: a value outside has a wrong unit, and squares may overflow.
-        check_positive(self, "max_range_m", "range_resolution_m", at_least=1e-6, at_most=1e9)
+        check_positive_fields(self, "max_range_m", "range_resolution_m", at_least=1e-6, at_most=1e9)
         speeds = {"at_least": _SLOWEST_M_PER_S, "at_most": _FASTEST_M_PER_S}
-        check_positive(self, "max_velocity_m_per_s", **speeds)
+        check_positive_fields(self, "max_velocity_m_per_s", **speeds)
         if self.velocity_resolution_m_per_s is not None:
-            check_positive(self, "velocity_resolution_m_per_s", **speeds)
-        check_positive(self, "carrier_hz", at_least=1e6, at_most=1e13)
+            check_positive_fields(self, "velocity_resolution_m_per_s", **speeds)
+        check_positive_fields(self, "carrier_hz", at_least=1e6, at_most=1e13)
         if self.rcs_m2 is not None:
-            check_positive(self, "rcs_m2", at_least=1e-12, at_most=1e12)
-        self._check_choices()
-        self._check_sizes()
+            check_positive_fields(self, "rcs_m2", at_least=1e-12, at_most=1e12)
+        self._check_sampling_and_band()
+        self._check_range_to_resolution_ratio()
         self._check_probabilities()
 
-    def _check_choices(self) -> None:
+    def _check_sampling_and_band(self) -> None:
         choices: tuple[tuple[str, tuple[str | None, ...]], ...] = (
             ("sampling", ("complex", "real")),
             ("band", (None, *BANDS_HZ)),
@@ -71,7 +71,7 @@ class Requirements:
                     fix="choose one",
                 )
 
-    def _check_sizes(self) -> None:
+    def _check_range_to_resolution_ratio(self) -> None:
         # No converter or memory comes near this ratio: a larger one has a wrong unit.
         if self.max_range_m > 1e6 * self.range_resolution_m:
             raise InvalidSetting(
@@ -126,8 +126,8 @@ class Limits:
     """55 dBm, 47 CFR 95.3367(b), for 76-81 GHz."""
 
     def __post_init__(self) -> None:
-        check_non_negative(self, "idle_s", "settling_s", "ramp_end_margin_s")
-        check_positive(
+        check_non_negative_fields(self, "idle_s", "settling_s", "ramp_end_margin_s")
+        check_positive_fields(
             self,
             "max_slope_hz_per_s",
             "max_sample_rate_hz",

@@ -75,11 +75,13 @@ class Device(Family):
             If a mask is not an integer, enables no antenna, or one that does not exist.
         """
         return Array(
-            tx_m=_select_positions(f"{self.name} tx_mask", tx_mask, self.tx_m),
-            rx_m=_select_positions(f"{self.name} rx_mask", rx_mask, self.rx_m),
+            tx_m=_select_positions_by_bit_mask(f"{self.name} tx_mask", tx_mask, self.tx_m),
+            rx_m=_select_positions_by_bit_mask(f"{self.name} rx_mask", rx_mask, self.rx_m),
         )
 
 
-def _select_positions(setting: str, mask: int, positions: tuple[Vector, ...]) -> tuple[Vector, ...]:
+def _select_positions_by_bit_mask(
+    setting: str, mask: int, positions: tuple[Vector, ...]
+) -> tuple[Vector, ...]:
     check_integer(setting, mask, at_least=1, at_most=2 ** len(positions) - 1)
     return tuple(position for bit, position in enumerate(positions) if mask >> bit & 1)

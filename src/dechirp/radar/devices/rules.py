@@ -20,19 +20,27 @@ def find_broken_rules(
 ) -> tuple[Finding, ...]:
     """Return all rules of a device that a radar breaks, in the order of its settings."""
     frame, chirp = radar.frame, radar.frame.chirp
-    findings = [*_check_antennas(radar, name, n_tx, n_rx), *_check_band(chirp, limits, name)]
-    findings += [*_check_slope(chirp, limits, name), *_check_sampling(chirp, limits, name)]
+    findings = [
+        *_check_antenna_counts(radar, name, n_tx, n_rx),
+        *_check_ramp_within_band(chirp, limits, name),
+    ]
+    findings += [
+        *_check_slope(chirp, limits, name),
+        *_check_sampling_type_and_rate(chirp, limits, name),
+    ]
     findings += [
         *_check_beat_frequency(chirp, limits, name),
         *_check_adc_buffer(radar, limits, name),
     ]
-    findings += [*_check_adc_start(chirp, limits, name), *_check_ramp_end(chirp, limits, name)]
+    findings += [*_check_adc_start(chirp, limits, name), *_check_ramp_duration(chirp, limits, name)]
     frames = [frame.for_frame(index) for index in range(frame.n_intervals)]
     findings += [
         *_check_idle_time(min(frames, key=lambda item: item.single_interval_s), limits, name)
     ]
     findings += [*_check_chirp_count(frame, limits, name)]
-    findings += _check_frame_gap(max(frames, key=lambda item: item.single_interval_s), limits, name)
+    findings += _check_frame_gap_and_period(
+        max(frames, key=lambda item: item.single_interval_s), limits, name
+    )
     if demo:
         findings += [
             *_check_demo_fft_points(chirp, limits, name),
@@ -49,12 +57,12 @@ def demo_memory_bytes(radar: Radar) -> int:
     has 16 bits a cell and the next power of two of velocities.
     """
     chirp, n_chirps = radar.frame.chirp, radar.frame.n_chirps
-    n_points = _power_of_two(chirp.n_samples)
+    n_points = _next_power_of_two(chirp.n_samples)
     n_bins = n_points if chirp.sampling == "complex" else n_points // 2
-    return n_bins * (4 * n_chirps * radar.n_summed_maps + 2 * _power_of_two(n_chirps))
+    return n_bins * (4 * n_chirps * radar.n_summed_maps + 2 * _next_power_of_two(n_chirps))
 
 
-def _check_antennas(radar: Radar, name: str, n_tx: int, n_rx: int) -> Iterator[Finding]:
+def _check_antenna_counts(radar: Radar, name: str, n_tx: int, n_rx: int) -> Iterator[Finding]:
     counts = (
         ("tx", "transmitters", len(radar.array.tx_m), n_tx),
         ("rx", "receivers", radar.array.n_rx, n_rx),
@@ -69,7 +77,7 @@ def _check_antennas(radar: Radar, name: str, n_tx: int, n_rx: int) -> Iterator[F
             )
 
 
-def _check_band(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[Finding]:
+def _check_ramp_within_band(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[Finding]:
     low_hz = chirp.start_frequency_hz
     high_hz = low_hz + chirp.ramp_bandwidth_hz
     if any(
@@ -96,7 +104,9 @@ def _check_slope(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[Find
         )
 
 
-def _check_sampling(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[Finding]:
+def _check_sampling_type_and_rate(
+    chirp: Chirp, limits: DeviceLimits, name: str
+) -> Iterator[Finding]:
     rates_hz = {"complex": limits.max_complex_rate_hz, "real": limits.max_real_rate_hz}
     max_hz = rates_hz[chirp.sampling]
     if max_hz is None:
@@ -165,7 +175,7 @@ def _check_adc_buffer(radar: Radar, limits: DeviceLimits, name: str) -> Iterator
 
 
 def _check_adc_start(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[Finding]:
-    min_s = _step_value(limits.min_adc_start_s, chirp.slope_hz_per_s)
+    min_s = _minimum_of_highest_exceeded_threshold(limits.min_adc_start_s, chirp.slope_hz_per_s)
     value = f"{chirp.adc_start_s * 1e6:.5g} us"
     setting = "radar.frame.chirp.adc_start"
     if chirp.adc_start_s * _TOLERANCE < min_s:
@@ -176,7 +186,7 @@ def _check_adc_start(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[
             f" the ramp of {name} is not straight before",
             fix="start sampling later",
         )
-    yield from _check_counter(
+    yield from _check_time_below_counter_limit(
         setting,
         value=value,
         time_s=chirp.adc_start_s,
@@ -186,7 +196,7 @@ def _check_adc_start(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[
     )
 
 
-def _check_ramp_end(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[Finding]:
+def _check_ramp_duration(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[Finding]:
     min_s = chirp.adc_start_s + chirp.sampled_duration_s
     value = f"{chirp.ramp_duration_s * 1e6:.5g} us"
     setting = "radar.frame.chirp.ramp_duration"
@@ -198,7 +208,7 @@ def _check_ramp_end(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[F
             f" {name} needs the ramp until then",
             fix="lengthen the ramp, or take fewer samples",
         )
-    yield from _check_counter(
+    yield from _check_time_below_counter_limit(
         setting,
         value=value,
         time_s=chirp.ramp_duration_s,
@@ -211,7 +221,7 @@ def _check_ramp_end(chirp: Chirp, limits: DeviceLimits, name: str) -> Iterator[F
 def _check_idle_time(frame: Frame, limits: DeviceLimits, name: str) -> Iterator[Finding]:
     chirp = frame.chirp
     idle_s = frame.single_interval_s - chirp.ramp_duration_s
-    min_s = _step_value(limits.min_idle_s, chirp.ramp_bandwidth_hz)
+    min_s = _minimum_of_highest_exceeded_threshold(limits.min_idle_s, chirp.ramp_bandwidth_hz)
     setting, value = "radar.frame.interval", f"{idle_s * 1e6:.5g} us from ramp to ramp"
     # An interval of 100 us is exact to 1e-14 us only: a fraction of it, not of the difference.
     tolerance_s = 1e-9 * frame.single_interval_s
@@ -224,7 +234,7 @@ def _check_idle_time(frame: Frame, limits: DeviceLimits, name: str) -> Iterator[
             " and settle",
             fix=f"lengthen the interval to {(chirp.ramp_duration_s + min_s) * 1e6:.5g} us",
         )
-    yield from _check_counter(
+    yield from _check_time_below_counter_limit(
         setting,
         value=value,
         time_s=idle_s - tolerance_s,
@@ -250,7 +260,7 @@ def _check_demo_chirp_count(frame: Frame, limits: DeviceLimits, name: str) -> It
     breaks_rule = {
         "any": False,
         "multiple of 4": n_chirps % 4 != 0,
-        "power of two": n_chirps != _power_of_two(n_chirps),
+        "power of two": n_chirps != _next_power_of_two(n_chirps),
     }
     if not breaks_rule[limits.chirp_count_rule] and n_chirps >= limits.min_chirps:
         return
@@ -287,7 +297,7 @@ def _check_demo_memory(radar: Radar, limits: DeviceLimits, name: str) -> Iterato
         "radar.frame.n_chirps",
         value=f"a frame of {frame_bytes / 1024:.5g} kB: {radar.frame.n_chirps} chirps times"
         f" {radar.n_summed_maps} channels times {chirp.n_samples} samples, rounded up to"
-        f" {_power_of_two(chirp.n_samples)}",
+        f" {_next_power_of_two(chirp.n_samples)}",
         expected=f"at most {max_bytes / 1024:.5g} kB: the demo on {name} keeps the range spectra"
         " of a"
         " frame and its map in that memory",
@@ -295,7 +305,7 @@ def _check_demo_memory(radar: Radar, limits: DeviceLimits, name: str) -> Iterato
     )
 
 
-def _check_frame_gap(frame: Frame, limits: DeviceLimits, name: str) -> Iterator[Finding]:
+def _check_frame_gap_and_period(frame: Frame, limits: DeviceLimits, name: str) -> Iterator[Finding]:
     period_s = frame.duration_s if frame.period_s is None else frame.period_s
     gap_s, min_s = period_s - frame.duration_s, limits.min_gap_s
     if min_s is not None and gap_s < min_s - 1e-9 * period_s:
@@ -305,7 +315,7 @@ def _check_frame_gap(frame: Frame, limits: DeviceLimits, name: str) -> Iterator[
             expected=f"at least {min_s * 1e6:.4g} us: {name} calibrates itself between frames",
             fix=f"give a period of {(frame.duration_s + min_s) * 1e3:.5g} ms or more",
         )
-    yield from _check_counter(
+    yield from _check_time_below_counter_limit(
         "radar.frame.period",
         value=f"{period_s * 1e3:.5g} ms",
         time_s=period_s,
@@ -315,16 +325,20 @@ def _check_frame_gap(frame: Frame, limits: DeviceLimits, name: str) -> Iterator[
     )
 
 
-def _step_value(minima: tuple[tuple[float, float], ...], position: float) -> float:
+def _minimum_of_highest_exceeded_threshold(
+    thresholds_and_minima: tuple[tuple[float, float], ...], value: float
+) -> float:
     """Return the minimum of the last step below a position; 0 without steps."""
-    return max((least for above, least in minima if position > above * _TOLERANCE), default=0.0)
+    return max(
+        (least for above, least in thresholds_and_minima if value > above * _TOLERANCE), default=0.0
+    )
 
 
-def _power_of_two(number: int) -> int:
+def _next_power_of_two(number: int) -> int:
     return 1 << math.ceil(math.log2(number)) if number > 1 else 1
 
 
-def _check_counter(
+def _check_time_below_counter_limit(
     setting: str, *, value: str, time_s: float, max_s: float | None, name: str, fix: str
 ) -> Iterator[Finding]:
     """Check a time against the largest value of a counter of the chip."""

@@ -62,7 +62,7 @@ and reflectors at known angles in front of an xWR1443 agree within 1.1 degrees u
 """
 
 
-def grid_positions_m(
+def half_wavelength_grid_positions_m(
     columns: tuple[float, ...], rows: tuple[float, ...], *, design_hz: float
 ) -> tuple[Vector, ...]:
     """Return positions in metres of antennas given in half wavelengths, (n, 3).
@@ -97,8 +97,8 @@ class Xwr1443(Device):
     """
 
     name = "xWR1443BOOST"
-    tx_m = grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=DESIGN_77_HZ)
-    rx_m = grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
+    tx_m = half_wavelength_grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=DESIGN_77_HZ)
+    rx_m = half_wavelength_grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
     lvds_lanes = 4
     limits = replace(
         FIRST_GENERATION_77,
@@ -121,8 +121,8 @@ class Xwr1642(Device):
     """
 
     name = "xWR1642BOOST"
-    tx_m = grid_positions_m((0, 4), (0, 0), design_hz=DESIGN_77_HZ)
-    rx_m = grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
+    tx_m = half_wavelength_grid_positions_m((0, 4), (0, 0), design_hz=DESIGN_77_HZ)
+    rx_m = half_wavelength_grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
     lvds_lanes = 2
     limits = replace(
         FIRST_GENERATION_77,
@@ -147,8 +147,8 @@ class Xwr1843(Device):
     """
 
     name = "xWR1843BOOST"
-    tx_m = grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=DESIGN_77_HZ)
-    rx_m = grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
+    tx_m = half_wavelength_grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=DESIGN_77_HZ)
+    rx_m = half_wavelength_grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
     lvds_lanes = 2
     limits = replace(
         FIRST_GENERATION_77,
@@ -175,8 +175,8 @@ class Xwr2944(Device):
     """
 
     name = "AWR2944EVM"
-    tx_m = grid_positions_m((0, 2, 4, 8), (0, 1.6, 0, 0), design_hz=DESIGN_77_HZ)
-    rx_m = grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
+    tx_m = half_wavelength_grid_positions_m((0, 2, 4, 8), (0, 1.6, 0, 0), design_hz=DESIGN_77_HZ)
+    rx_m = half_wavelength_grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=DESIGN_77_HZ)
     lvds_lanes = 2
     limits = replace(
         COMMON_LIMITS,
@@ -208,8 +208,8 @@ class Xwr6843(Device):
     """
 
     name = "xWR6843ISK"
-    tx_m = grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=_BOARD_60_HZ)
-    rx_m = grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=_BOARD_60_HZ)
+    tx_m = half_wavelength_grid_positions_m((0, 2, 4), (0, 1, 0), design_hz=_BOARD_60_HZ)
+    rx_m = half_wavelength_grid_positions_m((0, 1, 2, 3), (0, 0, 0, 0), design_hz=_BOARD_60_HZ)
     lvds_lanes = 2
     limits = replace(
         COMMON_LIMITS,
@@ -249,8 +249,8 @@ class Cascade(Device):
     """
 
     name = "MMWCAS-RF-EVM"
-    tx_m = grid_positions_m(_TX_COLUMNS, _TX_ROWS, design_hz=_CASCADE_HZ)
-    rx_m = grid_positions_m(_RX_COLUMNS, (0,) * 16, design_hz=_CASCADE_HZ)
+    tx_m = half_wavelength_grid_positions_m(_TX_COLUMNS, _TX_ROWS, design_hz=_CASCADE_HZ)
+    rx_m = half_wavelength_grid_positions_m(_RX_COLUMNS, (0,) * 16, design_hz=_CASCADE_HZ)
     limits = replace(
         COMMON_LIMITS,
         bands_hz=((76e9, 78e9), (77e9, 81e9)),

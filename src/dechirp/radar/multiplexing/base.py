@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dechirp.core.checks import as_tuple, check_integer
+from dechirp.core.checks import as_tuple_or_none, check_integer
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.families import Family
 
@@ -57,7 +57,7 @@ class Multiplexing(Family):
 
 def check_transmitter_order(setting: str, order: object) -> tuple[int, ...]:
     """Return a list of distinct transmitters as a tuple, or raise `InvalidSetting`."""
-    transmitters = as_tuple(order)
+    transmitters = as_tuple_or_none(order)
     if not transmitters:
         raise InvalidSetting(
             setting,

@@ -3,7 +3,7 @@
 import cmath
 from functools import cached_property
 
-from dechirp.core.checks import check_count
+from dechirp.core.checks import check_integer_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.multiplexing.base import Multiplexing, check_transmitter_order
@@ -27,7 +27,7 @@ class Ddma(Multiplexing):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", check_transmitter_order("Ddma.order", self.order))
-        check_count(self, "n_sub_bands", at_most=4096)
+        check_integer_fields(self, "n_sub_bands", at_most=4096)
         if self.n_sub_bands < len(self.order):
             raise InvalidSetting(
                 "Ddma.n_sub_bands",

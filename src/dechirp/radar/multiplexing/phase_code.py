@@ -3,7 +3,7 @@
 import cmath
 from functools import cached_property
 
-from dechirp.core.checks import as_tuple, check_number
+from dechirp.core.checks import as_tuple_or_none, check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.multiplexing.base import Multiplexing
@@ -28,7 +28,7 @@ class PhaseCode(Multiplexing):
     by the same angle has the opposite sign."""
 
     def __post_init__(self) -> None:
-        rows = as_tuple(self.phases_rad)
+        rows = as_tuple_or_none(self.phases_rad)
         if not rows:
             raise InvalidSetting(
                 _SETTING,
@@ -36,7 +36,7 @@ class PhaseCode(Multiplexing):
                 expected="a list of at least one row of phases",
                 fix="write [[0 deg, 0 deg], [0 deg, 180 deg]] for two transmitters",
             )
-        checked = tuple(_check_phases(index, row) for index, row in enumerate(rows))
+        checked = tuple(_check_phase_row(index, row) for index, row in enumerate(rows))
         for index, row in enumerate(checked):
             if len(row) != len(checked[0]):
                 raise InvalidSetting(
@@ -52,9 +52,9 @@ class PhaseCode(Multiplexing):
         return tuple(tuple(cmath.rect(1.0, phase) for phase in row) for row in self.phases_rad)
 
 
-def _check_phases(index: int, row: object) -> tuple[float, ...]:
-    setting = f"{_SETTING}.{index}"
-    phases = as_tuple(row)
+def _check_phase_row(row_index: int, row: object) -> tuple[float, ...]:
+    setting = f"{_SETTING}.{row_index}"
+    phases = as_tuple_or_none(row)
     if not phases:
         raise InvalidSetting(
             setting,

@@ -32,13 +32,15 @@ class Pattern(Family):
         """Largest gain, a ratio."""
 
 
-def check_beam_direction(owner: object) -> None:
+def check_beam_direction(pattern: object) -> None:
     """Convert the beam direction of a pattern to floats, or raise `InvalidSetting`."""
     for name, at_most_rad in (("beam_azimuth_rad", math.pi), ("beam_elevation_rad", math.pi / 2)):
         limit_rad = at_most_rad + 1e-9  # tolerance for angles converted from degrees
-        setting = f"{type(owner).__name__}.{name}"
-        angle = check_number(setting, getattr(owner, name), at_least=-limit_rad, at_most=limit_rad)
-        object.__setattr__(owner, name, angle)
+        setting = f"{type(pattern).__name__}.{name}"
+        angle = check_number(
+            setting, getattr(pattern, name), at_least=-limit_rad, at_most=limit_rad
+        )
+        object.__setattr__(pattern, name, angle)
 
 
 def direction_in_beam_axes(

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import beta
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.patterns.base import (
     MAX_GAIN,
@@ -42,10 +42,10 @@ class Cosine(Pattern):
     def __post_init__(self) -> None:
         # Half power at 90 deg would take a cosine to the power of 0.
         widths = ("azimuth_beamwidth_rad", "elevation_beamwidth_rad")
-        check_positive(self, *widths, at_least=1e-3, at_most=3.1)
+        check_positive_fields(self, *widths, at_least=1e-3, at_most=3.1)
         check_beam_direction(self)
         if self.gain is not None:
-            check_positive(self, "gain", at_least=MIN_GAIN, at_most=MAX_GAIN)
+            check_positive_fields(self, "gain", at_least=MIN_GAIN, at_most=MAX_GAIN)
 
     @property
     def peak_gain(self) -> float:
@@ -59,7 +59,7 @@ class Cosine(Pattern):
         4 pi over the integral of both cosines and of the width cos(elevation) of a ring:
         :math:`\int_{-\pi/2}^{\pi/2} \cos^k = B((k + 1)/2, 1/2)`, exact.
         """
-        m, n = self._exponents
+        m, n = self._cosine_exponents
         return float(4 * math.pi / (beta((m + 1) / 2, 0.5) * beta(n / 2 + 1, 0.5)))
 
     def gain_towards(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> np.ndarray:
@@ -70,7 +70,7 @@ class Cosine(Pattern):
             beam_azimuth_rad=self.beam_azimuth_rad,
             beam_elevation_rad=self.beam_elevation_rad,
         )
-        m, n = self._exponents
+        m, n = self._cosine_exponents
         cos_elevation = np.hypot(forward, leftward)
         is_front = forward > 0
         cos_azimuth = np.divide(
@@ -79,10 +79,12 @@ class Cosine(Pattern):
         return np.asarray(self.peak_gain * cos_azimuth**m * cos_elevation**n)
 
     @property
-    def _exponents(self) -> tuple[float, float]:
-        return _exponent(self.azimuth_beamwidth_rad), _exponent(self.elevation_beamwidth_rad)
+    def _cosine_exponents(self) -> tuple[float, float]:
+        return _half_power_exponent(self.azimuth_beamwidth_rad), _half_power_exponent(
+            self.elevation_beamwidth_rad
+        )
 
 
-def _exponent(beamwidth_rad: float) -> float:
+def _half_power_exponent(beamwidth_rad: float) -> float:
     # ln cos x computed from the sine, which stays accurate for pencil beams.
     return math.log(0.5) / (0.5 * math.log1p(-(math.sin(beamwidth_rad / 2) ** 2)))

@@ -7,7 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
-from dechirp.core.checks import as_tuple, check_count, check_number, check_positive
+from dechirp.core.checks import (
+    as_tuple_or_none,
+    check_integer_fields,
+    check_number,
+    check_positive_fields,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
@@ -75,20 +80,22 @@ class PatchArray(Pattern):
     """Peak gain as a ratio (dBi in files); none: directivity times efficiency."""
 
     def __post_init__(self) -> None:
-        check_count(self, "n_patches", at_most=256)
-        check_positive(self, "design_frequency_hz", at_least=1e6, at_most=1e13)
-        check_positive(self, "relative_permittivity", at_least=1.0, at_most=100.0)
-        check_positive(self, "efficiency", at_least=1e-6, at_most=1.0)
+        check_integer_fields(self, "n_patches", at_most=256)
+        check_positive_fields(self, "design_frequency_hz", at_least=1e6, at_most=1e13)
+        check_positive_fields(self, "relative_permittivity", at_least=1.0, at_most=100.0)
+        check_positive_fields(self, "efficiency", at_least=1e-6, at_most=1.0)
         thickest_m = self._design_wavelength_m / 10
-        check_positive(self, "substrate_thickness_m", at_most=thickest_m)
+        check_positive_fields(self, "substrate_thickness_m", at_most=thickest_m)
         if self.frequency_hz is not None:
             # A patch resonates over a few percent of bandwidth.
             f0 = self.design_frequency_hz
-            check_positive(self, "frequency_hz", at_least=0.8 * f0, at_most=1.2 * f0)
+            check_positive_fields(self, "frequency_hz", at_least=0.8 * f0, at_most=1.2 * f0)
         if self.spacing_m is not None:
             # From touching patches to a feed line of one wavelength in air.
             longest_m = self._design_wavelength_m
-            check_positive(self, "spacing_m", at_least=self.patch_length_m, at_most=longest_m)
+            check_positive_fields(
+                self, "spacing_m", at_least=self.patch_length_m, at_most=longest_m
+            )
         limit = math.pi / 3
         tilt_rad = check_number(
             "PatchArray.tilt_rad", self.tilt_rad, at_least=-limit, at_most=limit
@@ -97,7 +104,7 @@ class PatchArray(Pattern):
         check_beam_direction(self)
         self._check_taper()
         if self.gain is not None:
-            check_positive(self, "gain", at_least=MIN_GAIN, at_most=MAX_GAIN)
+            check_positive_fields(self, "gain", at_least=MIN_GAIN, at_most=MAX_GAIN)
             if self.efficiency != 1:
                 raise InvalidSetting(
                     "PatchArray.efficiency",
@@ -109,7 +116,7 @@ class PatchArray(Pattern):
     def _check_taper(self) -> None:
         if self.taper is None:
             return
-        taper = as_tuple(self.taper) or ()
+        taper = as_tuple_or_none(self.taper) or ()
         if len(taper) != self.n_patches:
             raise InvalidSetting(
                 "PatchArray.taper",
@@ -154,7 +161,7 @@ class PatchArray(Pattern):
         angle, angle_weights = np.polynomial.legendre.leggauss(48)
         angle, angle_weights = angle * math.pi / 2, angle_weights * math.pi / 2
         y = np.sqrt(1 - z[:, None] ** 2) * np.sin(angle)
-        total = float(z_weights @ self._radiated_power(y, z[:, None]) @ angle_weights)
+        total = float(z_weights @ self._relative_radiated_power(y, z[:, None]) @ angle_weights)
         return 4 * math.pi * self._peak_radiated_power / total
 
     def gain_towards(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> np.ndarray:
@@ -165,23 +172,25 @@ class PatchArray(Pattern):
             beam_azimuth_rad=self.beam_azimuth_rad,
             beam_elevation_rad=self.beam_elevation_rad,
         )
-        shape = np.where(x > 0, self._radiated_power(y, z), 0.0)
+        shape = np.where(x > 0, self._relative_radiated_power(y, z), 0.0)
         return np.asarray(self.peak_gain / self._peak_radiated_power * shape)
 
     @property
     def _design_wavelength_m(self) -> float:
         return SPEED_OF_LIGHT / self.design_frequency_hz
 
-    def _radiated_power(self, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    def _relative_radiated_power(self, y_cosine: np.ndarray, z_cosine: np.ndarray) -> np.ndarray:
         """Return the relative power radiated in front of the ground plane."""
         design_wavelength_m = self._design_wavelength_m
         frequency_ratio = (self.frequency_hz or self.design_frequency_hz) / self.design_frequency_hz
         wavelength_m = design_wavelength_m / frequency_ratio
-        x = np.sqrt(np.maximum(1 - y**2 - z**2, 0.0))  # rounding goes below 0 at the rim
-        width_factor = np.sinc(self.patch_width_m / wavelength_m * y)
+        x = np.sqrt(
+            np.maximum(1 - y_cosine**2 - z_cosine**2, 0.0)
+        )  # rounding goes below 0 at the rim
+        width_factor = np.sinc(self.patch_width_m / wavelength_m * y_cosine)
         thickness_factor = np.sinc(self.substrate_thickness_m / wavelength_m * x)
-        length_factor = np.cos(math.pi * self.patch_length_m / wavelength_m * z)
-        patch = (1 - y**2) * (width_factor * thickness_factor * length_factor) ** 2
+        length_factor = np.cos(math.pi * self.patch_length_m / wavelength_m * z_cosine)
+        patch = (1 - y_cosine**2) * (width_factor * thickness_factor * length_factor) ** 2
 
         spacing_m = self.spacing_m or 2 * self.patch_length_m
         feed_phase = (
@@ -190,7 +199,7 @@ class PatchArray(Pattern):
             * (1 + spacing_m / design_wavelength_m * math.sin(self.tilt_rad))
             * frequency_ratio
         )
-        step = np.exp(1j * (2 * math.pi * spacing_m / wavelength_m * z - feed_phase))
+        step = np.exp(1j * (2 * math.pi * spacing_m / wavelength_m * z_cosine - feed_phase))
         powers = self.taper or (1.0,) * self.n_patches
         total = np.zeros_like(step)
         for power in reversed(powers):  # Horner: no array of all patches
@@ -199,13 +208,13 @@ class PatchArray(Pattern):
 
     @cached_property
     def _peak_radiated_power(self) -> float:
-        """Maximum of `_radiated_power`: at y = 0, near the tilt in z or at a grating lobe."""
+        """Maximum of `_relative_radiated_power`: at y = 0, near the tilt or at a grating lobe."""
 
         def negative_power(z: float) -> float:
-            return -float(self._radiated_power(np.zeros(()), np.asarray(z)))
+            return -float(self._relative_radiated_power(np.zeros(()), np.asarray(z)))
 
         z = np.linspace(-1, 1, 32 * self.n_patches + 33)
-        peak_index = int(np.argmax(self._radiated_power(np.zeros_like(z), z)))
+        peak_index = int(np.argmax(self._relative_radiated_power(np.zeros_like(z), z)))
         low, high = z[max(peak_index - 1, 0)], z[min(peak_index + 1, z.size - 1)]
         minimum = minimize_scalar(
             negative_power, bounds=(low, high), method="bounded", options={"xatol": 1e-9}

@@ -43,7 +43,7 @@ class Table(Pattern):
     @property
     def peak_gain(self) -> float:
         """Largest measured gain."""
-        return float(self._arrays[2].max())
+        return float(self._angle_and_gain_arrays[2].max())
 
     def gain_towards(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> np.ndarray:
         """Return the power gain towards directions, a ratio; see `interpolate_angle_table`."""
@@ -54,11 +54,11 @@ class Table(Pattern):
             beam_elevation_rad=self.beam_elevation_rad,
         )
         return interpolate_angle_table(
-            *self._arrays,
+            *self._angle_and_gain_arrays,
             np.arctan2(leftward, forward),
             np.arctan2(upward, np.hypot(forward, leftward)),
         )
 
     @cached_property
-    def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _angle_and_gain_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return np.array(self.azimuth_rad), np.array(self.elevation_rad), np.array(self.gain)

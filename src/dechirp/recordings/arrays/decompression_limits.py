@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 HEADER_BYTES = 16
-"""Bytes at the start of a chunk that `declared_size` needs."""
+"""Bytes at the start of a chunk that `declared_decompressed_size` needs."""
 
 LIMITED_CODECS = ("blosc", "gzip", "zlib", "zstd", "lz4", "bz2", "lzma")
 """Compressions whose decompressed size can be checked, by their names in Zarr."""
@@ -24,7 +24,7 @@ _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _STEP_BYTES = 2**20
 
 
-def declared_size(codec: str, head: bytes) -> int | None:
+def declared_decompressed_size(codec: str, chunk_head: bytes) -> int | None:
     """Return the decompressed size that a chunk declares and no library exceeds; None without one.
 
     Raises
@@ -32,16 +32,18 @@ def declared_size(codec: str, head: bytes) -> int | None:
     ValueError
         If the chunk does not begin like one of its codec.
     """
-    if codec == "blosc" and len(head) >= 16:
-        return int.from_bytes(head[4:8], "little")
-    if codec == "lz4" and len(head) >= 4:
-        return int.from_bytes(head[:4], "little")
+    if codec == "blosc" and len(chunk_head) >= 16:
+        return int.from_bytes(chunk_head[4:8], "little")
+    if codec == "lz4" and len(chunk_head) >= 4:
+        return int.from_bytes(chunk_head[:4], "little")
     if codec in ("blosc", "lz4"):
         raise ValueError(f"a chunk that does not begin like one of {codec}")
     return None
 
 
-def exceeds_size(codec: str, config: Mapping[str, Any], compressed: bytes, max_bytes: int) -> bool:
+def exceeds_decompressed_size(
+    codec: str, config: Mapping[str, Any], compressed: bytes, max_bytes: int
+) -> bool:
     """Return whether a chunk decompresses to more than `max_bytes`, without holding many more.
 
     Raises
@@ -49,14 +51,18 @@ def exceeds_size(codec: str, config: Mapping[str, Any], compressed: bytes, max_b
     Exception
         Any error of the codec's library for damaged bytes.
     """
-    declared = declared_size(codec, compressed[:HEADER_BYTES])
+    declared = declared_decompressed_size(codec, compressed[:HEADER_BYTES])
     if declared is not None:
         return declared > max_bytes
     if codec == "zlib":  # one stream only; libraries ignore what follows
         return len(zlib.decompressobj().decompress(compressed, max_bytes + 1)) > max_bytes
     if codec == "zstd":
-        size = _zstd_frame_size(compressed)
-        return not _zstd_fits(compressed, max_bytes) if size is None else size > max_bytes
+        size = _declared_zstd_decompressed_size(compressed)
+        return (
+            not _zstd_decompresses_within(compressed, max_bytes)
+            if size is None
+            else size > max_bytes
+        )
     n_bytes = 0
     with _decompressing_stream(codec, config, io.BytesIO(compressed)) as stream:
         while n_bytes <= max_bytes and (block := stream.read(_STEP_BYTES)):
@@ -78,7 +84,7 @@ def _decompressing_stream(
     raise ValueError(f"no size limit is known for {codec}")
 
 
-def _zstd_frame_size(compressed: bytes) -> int | None:
+def _declared_zstd_decompressed_size(compressed: bytes) -> int | None:
     """Return the size that a Zstandard chunk declares; None without one, or for several frames.
 
     Frame and block headers: RFC 8878, section 3.1.1.
@@ -102,7 +108,7 @@ def _zstd_frame_size(compressed: bytes) -> int | None:
     return size if n_bytes and is_last and offset == len(compressed) else None
 
 
-def _zstd_fits(compressed: bytes, max_bytes: int) -> bool:
+def _zstd_decompresses_within(compressed: bytes, max_bytes: int) -> bool:
     """Return whether a Zstandard chunk decompresses to at most `max_bytes`."""
     from numcodecs import zstd  # type: ignore[import-untyped]  # comes with Zarr
 
@@ -116,7 +122,7 @@ def _zstd_fits(compressed: bytes, max_bytes: int) -> bool:
 
 
 @numba.njit(cache=True)
-def lzf_size(compressed: np.ndarray) -> int:
+def lzf_decompressed_size(compressed: np.ndarray) -> int:
     """Return the decompressed size of LZF data (n,) uint8."""
     size, offset = 0, 0
     while offset < compressed.size:

@@ -11,7 +11,7 @@ LIMITS = {
 }
 
 
-def to_full_scale(numbers: np.ndarray, encoding: str) -> np.ndarray:
+def scale_to_full_scale(numbers: np.ndarray, encoding: str) -> np.ndarray:
     """Convert real numbers of an encoding to float32, within -1 to 1 except for `full-scale`.
 
     int16: two's complement. uint16-wrapped: the same, but negative numbers passed through an

@@ -12,17 +12,20 @@ from typing import Any
 import numpy as np
 
 from dechirp.core.errors import RecordingError
-from dechirp.recordings.arrays.decompression_limits import exceeds_size, lzf_size
+from dechirp.recordings.arrays.decompression_limits import (
+    exceeds_decompressed_size,
+    lzf_decompressed_size,
+)
 from dechirp.recordings.arrays.lazy_array import (
     ArrayPart,
     LazyArray,
     check_plausible_size,
-    choose_array,
+    choose_array_name,
     convert_parser_errors,
     count_chunks,
-    find_absent_chunks,
+    find_unwritten_chunks,
     is_numeric,
-    too_large_error,
+    memory_exceeds_file_error,
 )
 from dechirp.recordings.readers.base import RecordingHints
 
@@ -48,7 +51,7 @@ def open_hdf5(path: Path) -> Any:
     return h5py.File(path, "r", rdcc_nbytes=_CACHE_BYTES)
 
 
-def read_text_attribute(node: Any, name: str) -> str | None:
+def read_fixed_length_text_attribute(node: Any, name: str) -> str | None:
     """Return an attribute that is a fixed-length text; None if there is none.
 
     Variable-length texts are not read: in a damaged one, HDF5 (2.0) searches for ever.
@@ -65,7 +68,9 @@ def read_text_attribute(node: Any, name: str) -> str | None:
     return text.decode(errors="replace")
 
 
-def lazy_dataset(path: Path, hints: RecordingHints, *, of_matlab: bool = False) -> LazyArray:
+def open_lazy_dataset(
+    path: Path, hints: RecordingHints, *, is_matlab_file: bool = False
+) -> LazyArray:
     """Open the dataset to read, with its axes in the order of the file.
 
     Raises
@@ -75,19 +80,19 @@ def lazy_dataset(path: Path, hints: RecordingHints, *, of_matlab: bool = False) 
     """
     with convert_parser_errors(path, EXPECTED):
         file = open_hdf5(path)
-        datasets = _find_datasets(file, of_matlab=of_matlab)
+        datasets = _find_numeric_datasets(file, is_matlab_file=is_matlab_file)
         if hints.inner_name and hints.inner_name.strip("/") not in datasets:
             name = hints.inner_name.strip("/")
-            dataset = find_dataset(path, file, name)
-            if dataset is not None and _is_numeric_dataset(dataset, of_matlab=False):
+            dataset = find_dataset_following_links(path, file, name)
+            if dataset is not None and _is_numeric_dataset(dataset, is_matlab_file=False):
                 datasets[name] = dataset
-        name = choose_array(
+        name = choose_array_name(
             path, {key: (dataset.shape, dataset.dtype) for key, dataset in datasets.items()}, hints
         )
-        return to_lazy_array(path, file, datasets[name])
+        return dataset_to_lazy_array(path, file, datasets[name])
 
 
-def _find_datasets(file: Any, *, of_matlab: bool) -> dict[str, Any]:
+def _find_numeric_datasets(file: Any, *, is_matlab_file: bool) -> dict[str, Any]:
     """Find numeric datasets by path, along hard links only."""
     import h5py
 
@@ -110,23 +115,25 @@ def _find_datasets(file: Any, *, of_matlab: bool) -> dict[str, Any]:
             if isinstance(member, h5py.Group) and name != "#refs#":
                 queue.append((f"{prefix}{name}/", member))
             elif isinstance(member, h5py.Dataset) and _is_numeric_dataset(
-                member, of_matlab=of_matlab
+                member, is_matlab_file=is_matlab_file
             ):
                 datasets[f"{prefix}{name}"] = member
     return datasets
 
 
-def _is_numeric_dataset(dataset: Any, *, of_matlab: bool) -> bool:
+def _is_numeric_dataset(dataset: Any, *, is_matlab_file: bool) -> bool:
     """Return whether samples can be made of a dataset."""
     try:
         shape, dtype = dataset.shape, dataset.dtype
     except TypeError:  # a type without NumPy equivalent
         return False
-    matlab_class = read_text_attribute(dataset, "MATLAB_class") if of_matlab else None
+    matlab_class = (
+        read_fixed_length_text_attribute(dataset, "MATLAB_class") if is_matlab_file else None
+    )
     return bool(shape) and is_numeric(dtype) and matlab_class not in _NON_NUMERIC_CLASSES
 
 
-def find_dataset(path: Path, file: Any, name: str) -> Any | None:
+def find_dataset_following_links(path: Path, file: Any, name: str) -> Any | None:
     """Return the dataset at a path, following links within the file; None if there is none.
 
     Raises
@@ -163,7 +170,7 @@ def _external_data_error(path: Path, name: str, description: str) -> RecordingEr
     )
 
 
-def to_lazy_array(path: Path, file: Any, dataset: Any) -> LazyArray:
+def dataset_to_lazy_array(path: Path, file: Any, dataset: Any) -> LazyArray:
     """Convert a dataset to an array that is read in parts and keeps its file open.
 
     Raises
@@ -178,14 +185,14 @@ def to_lazy_array(path: Path, file: Any, dataset: Any) -> LazyArray:
         raise _external_data_error(path, name, "external storage")
 
     checked: set[tuple[int, ...]] = set()
-    filters = _read_filters(path, dataset)
+    filters = _read_filter_ids(path, dataset)
     is_compressed = any(kind in _COMPRESSORS for kind in filters)
 
     def read(part: ArrayPart) -> np.ndarray:
         assert file  # keeps the file open: its last reference closes it and its datasets
         with convert_parser_errors(path, EXPECTED):
             if is_compressed:
-                _check_chunk_sizes(path, dataset, part, filters, checked)
+                _check_decompressed_chunk_sizes(path, dataset, part, filters, checked)
             values: np.ndarray = dataset[part]
         return values
 
@@ -196,10 +203,10 @@ def to_lazy_array(path: Path, file: Any, dataset: Any) -> LazyArray:
         chunk=dataset.chunks,
     )
     check_plausible_size(path, array, file_bytes=path.stat().st_size)
-    return replace(array, absent_chunks=_find_absent_chunks(path, array, dataset))
+    return replace(array, absent_chunks=_find_unwritten_chunks(path, array, dataset))
 
 
-def _read_filters(path: Path, dataset: Any) -> tuple[int, ...]:
+def _read_filter_ids(path: Path, dataset: Any) -> tuple[int, ...]:
     """Return the numbers of the filters of a dataset, in order of application.
 
     Raises
@@ -223,12 +230,12 @@ def _read_filters(path: Path, dataset: Any) -> tuple[int, ...]:
     return kinds
 
 
-def _check_chunk_sizes(
+def _check_decompressed_chunk_sizes(
     path: Path,
     dataset: Any,
     part: ArrayPart,
-    filters: tuple[int, ...],
-    checked: set[tuple[int, ...]],
+    filter_ids: tuple[int, ...],
+    checked_chunks: set[tuple[int, ...]],
 ) -> None:
     """Raise `RecordingError` if a compressed chunk holds more than a chunk of the array.
 
@@ -238,34 +245,36 @@ def _check_chunk_sizes(
     for slices in dataset.iter_chunks(part):
         sizes = zip(slices, dataset.chunks, strict=True)
         start = tuple(axis_slice.start // size * size for axis_slice, size in sizes)
-        if start in checked:
+        if start in checked_chunks:
             continue
-        checked.add(start)
+        checked_chunks.add(start)
         if not dataset.id.get_chunk_info_by_coord(start).size:  # never written
             continue
         skipped_filters, compressed = dataset.id.read_direct_chunk(start)
         used_filters = [
-            kind for place, kind in enumerate(filters) if not skipped_filters >> place & 1
+            kind for place, kind in enumerate(filter_ids) if not skipped_filters >> place & 1
         ]
         checksum_bytes = _CHECKSUM_BYTES if used_filters[-1:] == [_FLETCHER32] else 0
-        if _exceeds_size(used_filters, compressed[: len(compressed) - checksum_bytes], max_bytes):
+        if _exceeds_decompressed_size(
+            used_filters, compressed[: len(compressed) - checksum_bytes], max_bytes
+        ):
             description = (
                 f"a chunk of {len(compressed)} bytes that decompresses to more than {max_bytes}"
             )
-            raise too_large_error(path, description, file_bytes=path.stat().st_size)
+            raise memory_exceeds_file_error(path, description, file_bytes=path.stat().st_size)
 
 
-def _exceeds_size(filters: list[int], compressed: bytes, max_bytes: int) -> bool:
+def _exceeds_decompressed_size(filter_ids: list[int], compressed: bytes, max_bytes: int) -> bool:
     """Return whether a chunk decompresses to more than `max_bytes`."""
-    if _DEFLATE in filters:
-        return exceeds_size("zlib", {}, compressed, max_bytes)
-    if _LZF in filters:
-        return lzf_size(np.frombuffer(compressed, np.uint8)) > max_bytes
+    if _DEFLATE in filter_ids:
+        return exceeds_decompressed_size("zlib", {}, compressed, max_bytes)
+    if _LZF in filter_ids:
+        return lzf_decompressed_size(np.frombuffer(compressed, np.uint8)) > max_bytes
     # SZIP data begins with the size that the library allocates.
-    return _SZIP in filters and int.from_bytes(compressed[:4], "little") > max_bytes
+    return _SZIP in filter_ids and int.from_bytes(compressed[:4], "little") > max_bytes
 
 
-def _find_absent_chunks(path: Path, array: LazyArray, dataset: Any) -> np.ndarray | None:
+def _find_unwritten_chunks(path: Path, array: LazyArray, dataset: Any) -> np.ndarray | None:
     """Return the chunks that were never written; None if all were."""
     if array.chunk is None:
         if dataset.id.get_storage_size() > 0:
@@ -287,4 +296,4 @@ def _find_absent_chunks(path: Path, array: LazyArray, dataset: Any) -> np.ndarra
         present.add(tuple(start // size for start, size in starts))
 
     dataset.id.chunk_iter(add_chunk)
-    return find_absent_chunks(array, present.__contains__)
+    return find_unwritten_chunks(array, present.__contains__)

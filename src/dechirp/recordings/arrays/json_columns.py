@@ -19,7 +19,7 @@ TYPES = NUMBERS | {"float16", "str"}
 """Types of a column in JSON."""
 
 
-def to_json_column(column: np.ndarray) -> dict[str, Any]:
+def column_to_json(column: np.ndarray) -> dict[str, Any]:
     """Convert a column to a JSON object: type (one of `TYPES`), shape, and flattened values."""
     flat = np.ascontiguousarray(column).reshape(-1)
     if column.dtype.kind in "UO":
@@ -28,13 +28,14 @@ def to_json_column(column: np.ndarray) -> dict[str, Any]:
     values = parts.tolist()
     if parts.dtype.kind == "f" and not np.isfinite(parts).all():
         values = [
-            _non_finite_word(number) if not math.isfinite(number) else number for number in values
+            _non_finite_to_json(number) if not math.isfinite(number) else number
+            for number in values
         ]
     return {"dtype": column.dtype.name, "shape": column.shape, "values": values}
 
 
-def from_json_column(json_column: Mapping[str, Any]) -> np.ndarray:
-    """Restore the column that `to_json_column` converted.
+def column_from_json(json_column: Mapping[str, Any]) -> np.ndarray:
+    """Restore the column that `column_to_json` converted.
 
     Raises
     ------
@@ -57,6 +58,6 @@ def from_json_column(json_column: Mapping[str, Any]) -> np.ndarray:
     return np.array(values, dtype=dtype).reshape(shape)
 
 
-def _non_finite_word(number: float) -> str | None:
+def _non_finite_to_json(number: float) -> str | None:
     """Return the JSON value of a non-finite number."""
     return None if math.isnan(number) else str(number)

@@ -94,12 +94,12 @@ def check_plausible_size(path: Path, array: LazyArray, *, file_bytes: int) -> No
         )
     else:
         return
-    raise too_large_error(path, description, file_bytes=file_bytes)
+    raise memory_exceeds_file_error(path, description, file_bytes=file_bytes)
 
 
 def count_chunks(path: Path, array: LazyArray) -> int:
     """Return the number of chunks; raise `RecordingError` if there are too many to check each."""
-    n_chunks = math.prod(_chunk_grid(array))
+    n_chunks = math.prod(_chunks_per_axis(array))
     if n_chunks > _MAX_CHUNKS:
         raise RecordingError(
             path,
@@ -110,22 +110,22 @@ def count_chunks(path: Path, array: LazyArray) -> int:
     return n_chunks
 
 
-def find_absent_chunks(
+def find_unwritten_chunks(
     array: LazyArray, is_present: Callable[[tuple[int, ...]], bool]
 ) -> np.ndarray | None:
     """Return `LazyArray.absent_chunks`, by a query for each chunk."""
-    indices = itertools.product(*(range(count) for count in _chunk_grid(array)))
+    indices = itertools.product(*(range(count) for count in _chunks_per_axis(array)))
     absent_indices = [index for index in indices if not is_present(index)]
     return np.array(absent_indices, np.int32) if absent_indices else None
 
 
-def _chunk_grid(array: LazyArray) -> list[int]:
+def _chunks_per_axis(array: LazyArray) -> list[int]:
     """Return the number of chunks along each axis."""
     pairs = zip(array.shape, array.chunk or array.shape, strict=True)
     return [-(-size // max(1, chunk)) for size, chunk in pairs]
 
 
-def too_large_error(path: Path, description: str, *, file_bytes: int) -> RecordingError:
+def memory_exceeds_file_error(path: Path, description: str, *, file_bytes: int) -> RecordingError:
     """Return the error of data that would take more memory than its file allows."""
     return RecordingError(
         path,
@@ -153,7 +153,7 @@ def convert_parser_errors(path: Path, expected: str) -> Iterator[None]:
         ) from None
 
 
-def reversed_axes(array: LazyArray) -> LazyArray:
+def reverse_axes(array: LazyArray) -> LazyArray:
     """Return the array with reversed axes, as MATLAB orders those of HDF5."""
 
     def read(part: ArrayPart) -> np.ndarray:
@@ -169,7 +169,7 @@ def reversed_axes(array: LazyArray) -> LazyArray:
     )
 
 
-def choose_array(
+def choose_array_name(
     path: Path, arrays: Mapping[str, tuple[tuple[int, ...], np.dtype]], hints: RecordingHints
 ) -> str:
     """Return the name of the array to read: the one named by the user, else the only possible cube.

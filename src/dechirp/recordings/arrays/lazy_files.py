@@ -17,7 +17,7 @@ CACHE_BYTES = 2**26
 """Size up to which the last block of a compressed array stays in memory for the next frame."""
 
 
-def memory_mapped_array(
+def open_memory_mapped_array(
     path: Path,
     dtype: np.dtype,
     shape: tuple[int, ...],
@@ -42,7 +42,7 @@ def memory_mapped_array(
             block = (*part[:slowest_axis], rows, *part[slowest_axis + 1 :])
             target = [slice(None)] * len(shape)
             target[slowest_axis] = slice(rows.start - start, rows.stop - start)
-            with _convert_read_errors(path):
+            with _convert_changed_file_errors(path):
                 mapping = np.memmap(
                     path, dtype, "r", offset=offset, shape=shape, order="F" if fortran else "C"
                 )
@@ -61,47 +61,47 @@ class InflateStream:
     def __init__(self, path: Path, start: int, n_bytes: int, *, expected: str, wbits: int) -> None:
         self._path, self._need, self._wbits = path, expected, wbits
         self._start, self._end = start, start + n_bytes
-        self._restart()
+        self._restart_from_beginning()
 
-    def _restart(self) -> None:
+    def _restart_from_beginning(self) -> None:
         self._inflater = zlib.decompressobj(self._wbits)
         self._packed_at = self._start
         self._at = 0
 
-    def fill(self, first: int, into: np.ndarray) -> None:
-        """Fill uint8 `into` with the decompressed bytes from `first` on."""
+    def decompress_into(self, first_byte: int, into: np.ndarray) -> None:
+        """Fill uint8 `into` with the decompressed bytes from `first_byte` on."""
         with convert_parser_errors(self._path, self._need):
-            if first < self._at:
-                self._restart()
-            while self._at < first:
-                self._inflate_block(first - self._at)
+            if first_byte < self._at:
+                self._restart_from_beginning()
+            while self._at < first_byte:
+                self._inflate_next_bytes(first_byte - self._at)
             filled = 0
             while filled < into.size:
-                block = self._inflate_block(into.size - filled)
+                block = self._inflate_next_bytes(into.size - filled)
                 into[filled : filled + len(block)] = np.frombuffer(block, np.uint8)
                 filled += len(block)
 
-    def read_head(self, n_bytes: int) -> bytes:
+    def read_first_bytes(self, n_bytes: int) -> bytes:
         """Return at most the first `n_bytes` decompressed bytes."""
         blocks: list[bytes] = []
         with convert_parser_errors(self._path, self._need), suppress(EOFError):
-            self._restart()
+            self._restart_from_beginning()
             while self._at < n_bytes:
-                blocks.append(self._inflate_block(n_bytes - self._at))
+                blocks.append(self._inflate_next_bytes(n_bytes - self._at))
         return b"".join(blocks)
 
-    def _inflate_block(self, n_bytes: int) -> bytes:
-        """Return the next decompressed bytes, at least one and at most `n_bytes`."""
+    def _inflate_next_bytes(self, max_bytes: int) -> bytes:
+        """Return the next decompressed bytes, at least one and at most `max_bytes`."""
         while True:
-            packed = self._inflater.unconsumed_tail or self._read_compressed()
-            block = self._inflater.decompress(packed, min(n_bytes, _READ_BYTES))
+            packed = self._inflater.unconsumed_tail or self._read_next_compressed_bytes()
+            block = self._inflater.decompress(packed, min(max_bytes, _READ_BYTES))
             if block:
                 self._at += len(block)
                 return block
             if not packed:
                 raise EOFError(f"data end after {self._at} bytes")
 
-    def _read_compressed(self) -> bytes:
+    def _read_next_compressed_bytes(self) -> bytes:
         with self._path.open("rb") as file:
             file.seek(self._packed_at)
             packed = file.read(min(_READ_BYTES, self._end - self._packed_at))
@@ -109,10 +109,10 @@ class InflateStream:
         return packed
 
 
-def sequential_array(
+def open_sequential_array(
     shape: tuple[int, ...],
     dtype: np.dtype,
-    fill: Callable[[int, np.ndarray], None],
+    read_bytes_into: Callable[[int, np.ndarray], None],
     *,
     fortran: bool = False,
 ) -> LazyArray:
@@ -122,7 +122,7 @@ def sequential_array(
     ----------
     shape, dtype
         Of the array.
-    fill : function (first, into)
+    read_bytes_into : function (first, into)
         Fills uint8 `into` with the bytes from `first` on, both within the array.
     fortran : bool
         Whether the first axis runs fastest.
@@ -135,7 +135,7 @@ def sequential_array(
         if (first, last) in cache:
             return cache[first, last]
         raw = np.empty((last - first) * row_bytes, np.uint8)
-        fill(first * row_bytes, raw)
+        read_bytes_into(first * row_bytes, raw)
         sizes = [*shape[:slowest_axis], last - first, *shape[slowest_axis + 1 :]]
         block = raw.view(dtype).reshape(sizes, order="F" if fortran else "C")
         cache.clear()
@@ -151,14 +151,14 @@ def sequential_array(
     return LazyArray(shape=shape, dtype=dtype, read=read, outer_axis=slowest_axis)
 
 
-def _slowest_axis(shape: tuple[int, ...], fortran: bool) -> int:
+def _slowest_axis(shape: tuple[int, ...], is_fortran_order: bool) -> int:
     """Return the slowest axis longer than 1."""
-    axes = range(len(shape) - 1, -1, -1) if fortran else range(len(shape))
+    axes = range(len(shape) - 1, -1, -1) if is_fortran_order else range(len(shape))
     return next((axis for axis in axes if shape[axis] > 1), axes[0])
 
 
 @contextmanager
-def _convert_read_errors(path: Path) -> Iterator[None]:
+def _convert_changed_file_errors(path: Path) -> Iterator[None]:
     """Convert errors of a file that changed while it was read to a `RecordingError`."""
     try:
         yield

@@ -24,12 +24,12 @@ from dechirp.recordings.arrays.lazy_array import (
     ArrayPart,
     LazyArray,
     convert_parser_errors,
-    too_large_error,
+    memory_exceeds_file_error,
 )
 from dechirp.recordings.arrays.lazy_files import (
     InflateStream,
-    memory_mapped_array,
-    sequential_array,
+    open_memory_mapped_array,
+    open_sequential_array,
 )
 
 EXPECTED = "a MATLAB file of version 5 to 7.3"
@@ -83,8 +83,12 @@ class Variable:
     def to_lazy_array(self) -> LazyArray:
         """Return the variable as an array that is read in parts."""
         with convert_parser_errors(self.path, EXPECTED):
-            real, imaginary_offset = self._open_part(self.first_part)
-            parts = [real, self._open_part(imaginary_offset)[0]] if self.is_complex else [real]
+            real, imaginary_offset = self._open_real_or_imaginary_part(self.first_part)
+            parts = (
+                [real, self._open_real_or_imaginary_part(imaginary_offset)[0]]
+                if self.is_complex
+                else [real]
+            )
 
         def read(part: ArrayPart) -> np.ndarray:
             if not self.is_complex:
@@ -103,12 +107,12 @@ class Variable:
 
         return LazyArray(shape=self.shape, dtype=self.dtype, read=read, outer_axis=real.outer_axis)
 
-    def _open_part(self, offset: int) -> tuple[LazyArray, int]:
+    def _open_real_or_imaginary_part(self, offset: int) -> tuple[LazyArray, int]:
         """Open the real or imaginary part; return it with the offset of the next tag."""
-        fill = self._byte_reader()
+        fill = self._make_byte_reader()
         tag = np.empty(8, np.uint8)
         fill(offset, tag)
-        kind, n_bytes, start, next_offset = parse_tag(tag.tobytes(), 0, self.byte_order)
+        kind, n_bytes, start, next_offset = parse_element_tag(tag.tobytes(), 0, self.byte_order)
         dtype = np.dtype(self.byte_order + TYPES[kind])
         expected_bytes = math.prod(self.shape) * dtype.itemsize
         if n_bytes != expected_bytes:
@@ -116,19 +120,21 @@ class Variable:
         start, next_offset = start + offset, next_offset + offset
         if self.compressed_bytes is None:
             file_offset = self.start + start
-            return memory_mapped_array(
+            return open_memory_mapped_array(
                 self.path, dtype, self.shape, offset=file_offset, fortran=True
             ), next_offset
 
         def fill_part(first: int, into: np.ndarray) -> None:
             fill(start + first, into)
 
-        return sequential_array(self.shape, dtype, fill_part, fortran=True), next_offset
+        return open_sequential_array(self.shape, dtype, fill_part, fortran=True), next_offset
 
-    def _byte_reader(self) -> Callable[[int, np.ndarray], None]:
+    def _make_byte_reader(self) -> Callable[[int, np.ndarray], None]:
         """Return a function that reads bytes of the element, counted from its first byte."""
         if self.compressed_bytes is not None:
-            return _inflate_stream(self.path, self.start, self.compressed_bytes).fill
+            return _open_inflate_stream(
+                self.path, self.start, self.compressed_bytes
+            ).decompress_into
 
         def fill(first: int, into: np.ndarray) -> None:
             into[:] = np.fromfile(self.path, np.uint8, into.size, offset=self.start + first)
@@ -156,16 +162,20 @@ class Element:
         """Name of the variable; empty for MATLAB's internal ones."""
         return parse_array_header(self.head, 0, self.byte_order).name
 
-    def read_content(self, max_bytes: int) -> bytes:
+    def read_all_decompressed(self, max_bytes: int) -> bytes:
         """Return the whole element, decompressed; raise `RecordingError` beyond `max_bytes`."""
         if self.is_compressed:
-            content = _inflate_stream(self.path, self.start, self.n_bytes).read_head(max_bytes + 1)
+            content = _open_inflate_stream(self.path, self.start, self.n_bytes).read_first_bytes(
+                max_bytes + 1
+            )
             n_bytes = len(content)
         else:
             n_bytes = self.n_bytes
         if n_bytes > max_bytes:
             description = f"a variable {self.name!r} of more than {max_bytes} bytes"
-            raise too_large_error(self.path, description, file_bytes=self.path.stat().st_size)
+            raise memory_exceeds_file_error(
+                self.path, description, file_bytes=self.path.stat().st_size
+            )
         if self.is_compressed:
             return content
         with self.path.open("rb") as file:
@@ -195,10 +205,10 @@ def parse_array_header(data: bytes, offset: int, byte_order: str) -> ArrayHeader
     ValueError, struct.error
         If it is damaged.
     """
-    kind, _, offset, _ = parse_tag(data, offset, byte_order)
+    kind, _, offset, _ = parse_element_tag(data, offset, byte_order)
     if kind != _MATRIX:
         raise ValueError(f"an element of type {kind}")
-    _, _, flags_at, offset = parse_tag(data, offset, byte_order)
+    _, _, flags_at, offset = parse_element_tag(data, offset, byte_order)
     (flags,) = struct.unpack_from(f"{byte_order}I", data, flags_at)
     if flags & 0xFF in _WITHOUT_SIZES:
         return ArrayHeader(
@@ -209,9 +219,9 @@ def parse_array_header(data: bytes, offset: int, byte_order: str) -> ArrayHeader
             name="",
             data_offset=offset,
         )
-    _, n_bytes, sizes_at, offset = parse_tag(data, offset, byte_order)
+    _, n_bytes, sizes_at, offset = parse_element_tag(data, offset, byte_order)
     shape = struct.unpack_from(f"{byte_order}{n_bytes // 4}i", data, sizes_at)
-    _, n_bytes, name_at, offset = parse_tag(data, offset, byte_order)
+    _, n_bytes, name_at, offset = parse_element_tag(data, offset, byte_order)
     return ArrayHeader(
         class_code=flags & 0xFF,
         is_complex=bool(flags & _COMPLEX),
@@ -247,7 +257,7 @@ def iter_elements(path: Path) -> Iterator[Element]:
             is_compressed = kind == _COMPRESSED
             if is_compressed:
                 start, stored_bytes = offset + 8, n_bytes
-                head = _inflate_stream(path, start, stored_bytes).read_head(_HEAD_BYTES)
+                head = _open_inflate_stream(path, start, stored_bytes).read_first_bytes(_HEAD_BYTES)
             else:
                 start, stored_bytes = offset, n_bytes + 8
                 file.seek(offset)
@@ -263,7 +273,7 @@ def iter_elements(path: Path) -> Iterator[Element]:
             offset += 8 + n_bytes
 
 
-def read_variables(path: Path) -> dict[str, Variable]:
+def find_numeric_variables(path: Path) -> dict[str, Variable]:
     """Return the numeric arrays in the file by name, without texts, structures and others.
 
     Raises
@@ -274,11 +284,11 @@ def read_variables(path: Path) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
     with convert_parser_errors(path, EXPECTED):
         for element in iter_elements(path):
-            variables |= parse_variable(element)
+            variables |= parse_numeric_variable(element)
     return variables
 
 
-def parse_variable(element: Element) -> dict[str, Variable]:
+def parse_numeric_variable(element: Element) -> dict[str, Variable]:
     """Return the numeric array of an element, by name; empty for other classes."""
     header = parse_array_header(element.head, 0, element.byte_order)
     numbers = CLASSES.get(header.class_code)
@@ -301,7 +311,7 @@ def parse_variable(element: Element) -> dict[str, Variable]:
     )  # MATLAB's internal variables have no name
 
 
-def parse_tag(head: bytes, offset: int, byte_order: str) -> tuple[int, int, int, int]:
+def parse_element_tag(head: bytes, offset: int, byte_order: str) -> tuple[int, int, int, int]:
     """Return type and size of an element, the offset of its data, and that of the next element."""
     kind, n_bytes = struct.unpack_from(f"{byte_order}II", head, offset)
     if kind >> 16:  # a small element: up to 4 bytes lie within the tag
@@ -309,6 +319,6 @@ def parse_tag(head: bytes, offset: int, byte_order: str) -> tuple[int, int, int,
     return kind, n_bytes, offset + 8, offset + 8 + -(-n_bytes // 8) * 8
 
 
-def _inflate_stream(path: Path, start: int, n_bytes: int) -> InflateStream:
+def _open_inflate_stream(path: Path, start: int, n_bytes: int) -> InflateStream:
     """Open a reader of compressed bytes in the file."""
     return InflateStream(path, start, n_bytes, expected=EXPECTED, wbits=zlib.MAX_WBITS)

@@ -13,7 +13,7 @@ from dechirp.recordings.arrays.lazy_array import (
     ArrayPart,
     LazyArray,
     complex_field_names,
-    too_large_error,
+    memory_exceeds_file_error,
 )
 from dechirp.recordings.settings.base import Iq
 
@@ -39,12 +39,12 @@ class NamedArray:
     iq: Iq | None
 
     @property
-    def chirps_per_index(self) -> int:
+    def sent_chirps_per_chirp_index(self) -> int:
         """Chirps sent for each index of the axis `chirp`."""
         return len(self.tx_order) if {"tx", "element"} & set(self.sizes) else 1
 
     @property
-    def chirp_bytes(self) -> int:
+    def bytes_per_chirp_index(self) -> int:
         """Size of the data at one index of the axis `chirp`, in one frame."""
         inner_sizes = (size for name, size in self.sizes.items() if name not in ("frame", "chirp"))
         return math.prod(inner_sizes) * self.array.dtype.itemsize
@@ -55,7 +55,7 @@ class NamedArray:
         return self.array.outer_axis is not None
 
     @property
-    def unpacked_bytes_per_frame(self) -> int:
+    def decompressed_bytes_per_frame(self) -> int:
         """Bytes to decompress for a frame; 0 if any part can be read separately."""
         if self.array.outer_axis is None:
             return 0
@@ -69,15 +69,15 @@ class NamedArray:
             self.array.outer_axis is not None and list(self.sizes)[self.array.outer_axis] == "frame"
         )
 
-    def check_memory(self, file_bytes: int) -> None:
+    def check_frame_memory(self, file_bytes: int) -> None:
         """Raise `RecordingError` if a frame needs more memory than the file allows."""
-        n_bytes = self.unpacked_bytes_per_frame
+        n_bytes = self.decompressed_bytes_per_frame
         if n_bytes > 2 * file_bytes + ALLOWED_BYTES:
             description = f"{n_bytes} bytes to decompress for a frame"
-            raise too_large_error(self.path, description, file_bytes=file_bytes)
+            raise memory_exceeds_file_error(self.path, description, file_bytes=file_bytes)
 
     def iter_chirp_blocks(
-        self, index: int, is_lost: np.ndarray | None = None
+        self, frame_index: int, is_chirp_lost: np.ndarray | None = None
     ) -> Iterator[tuple[int, list[np.ndarray]]]:
         """Yield the chirps of a frame in the order sent, some MB at a time.
 
@@ -85,40 +85,40 @@ class NamedArray:
         ones, each (chirp, rx, sample). Chirps that are lost come out as zeros.
         """
         n_chirps = self.sizes.get("chirp", 1)
-        step = max(1, _PIECE_BYTES // self.chirp_bytes)
-        per_read = n_chirps if self.reads_whole_frames else self._chirps_per_read(step)
+        step = max(1, _PIECE_BYTES // self.bytes_per_chirp_index)
+        per_read = n_chirps if self.reads_whole_frames else self._round_up_to_chunks(step)
         for start in range(0, n_chirps, per_read):
             chirps = slice(start, min(start + per_read, n_chirps))
-            block = self.array.read(self._frame_part(index, chirps))
+            block = self.array.read(self._slices_of_frame_chirps(frame_index, chirps))
             for first in range(0, chirps.stop - start, step):
-                rows = self._chirp_slice(slice(first, first + step))
-                chirp_block = _to_sent_order(block[rows], list(self.sizes), self.tx_order)
-                first_chirp = (start + first) * self.chirps_per_index
-                if is_lost is not None:
-                    is_block_lost = is_lost[first_chirp : first_chirp + len(chirp_block)]
+                rows = self._slices_along_chirp_axis(slice(first, first + step))
+                chirp_block = _reorder_to_sent_chirps(block[rows], list(self.sizes), self.tx_order)
+                first_chirp = (start + first) * self.sent_chirps_per_chirp_index
+                if is_chirp_lost is not None:
+                    is_block_lost = is_chirp_lost[first_chirp : first_chirp + len(chirp_block)]
                     if is_block_lost.any():
                         chirp_block = np.where(
                             is_block_lost.reshape(-1, *[1] * (chirp_block.ndim - 1)), 0, chirp_block
                         )
-                yield first_chirp, self._iq_parts(chirp_block)
+                yield first_chirp, self._split_iq(chirp_block)
 
-    def _chirps_per_read(self, step: int) -> int:
+    def _round_up_to_chunks(self, n_chirps: int) -> int:
         """Return the number of chirps to read at a time so that no chunk is read twice."""
         if self.array.chunk is None or "chirp" not in self.sizes:
-            return step
+            return n_chirps
         in_chunk = self.array.chunk[list(self.sizes).index("chirp")]
-        return -(-step // in_chunk) * in_chunk
+        return -(-n_chirps // in_chunk) * in_chunk
 
-    def _frame_part(self, index: int, chirps: slice) -> ArrayPart:
+    def _slices_of_frame_chirps(self, frame_index: int, chirps: slice) -> ArrayPart:
         """Return the part of the array with some chirps of a frame."""
-        narrowed = {"frame": slice(index, index + 1), "chirp": chirps}
+        narrowed = {"frame": slice(frame_index, frame_index + 1), "chirp": chirps}
         return tuple(narrowed.get(name, slice(0, size)) for name, size in self.sizes.items())
 
-    def _chirp_slice(self, rows: slice) -> ArrayPart:
+    def _slices_along_chirp_axis(self, rows: slice) -> ArrayPart:
         """Return slices that select rows along the axis `chirp`."""
         return tuple(rows if name == "chirp" else slice(None) for name in self.sizes)
 
-    def _iq_parts(self, block: np.ndarray) -> list[np.ndarray]:
+    def _split_iq(self, block: np.ndarray) -> list[np.ndarray]:
         """Split samples into I and Q; real samples are one part."""
         if not self.is_complex:
             return [block]
@@ -128,11 +128,13 @@ class NamedArray:
             parts = [block[..., 0], block[..., 1]]
         return parts[::-1] if self.iq == "qi" else parts
 
-    def not_finite_error(self, index: int, is_lost: np.ndarray) -> RecordingError:
+    def non_finite_samples_error(
+        self, frame_index: int, is_chirp_lost: np.ndarray
+    ) -> RecordingError:
         """Return the error of a frame with non-finite samples: number and first position."""
         n_bad, n_samples, position = 0, 0, ""
-        for number, parts in self.iter_chirp_blocks(index, is_lost):
-            is_bad = ~np.logical_and.reduce([is_finite(part) for part in parts])
+        for number, parts in self.iter_chirp_blocks(frame_index, is_chirp_lost):
+            is_bad = ~np.logical_and.reduce([finite_mask(part) for part in parts])
             if is_bad.any() and not n_bad:
                 chirp, rx, sample = np.argwhere(is_bad)[0]
                 position = f"chirp {number + chirp}, rx {rx}, sample {sample}"
@@ -140,46 +142,48 @@ class NamedArray:
             n_samples += is_bad.size
         return RecordingError(
             self.path,
-            value=f"{n_bad} of {n_samples} samples of frame {index} not finite, the first at"
+            value=f"{n_bad} of {n_samples} samples of frame {frame_index} not finite, the first at"
             f" {position}",
             expected="finite numbers (no NaN, no infinity)",
             fix="record it again, or replace those samples before saving",
         )
 
-    def find_gaps(self, n_sent: int) -> np.ndarray | None:
+    def unwritten_chirp_mask(self, n_chirps_sent: int) -> np.ndarray | None:
         """Return (frame, chirp), True where samples were never written; None if all were."""
         if self.array.absent_chunks is None:
             return None
         names, chunk = list(self.sizes), self.array.chunk or self.array.shape
-        gaps = np.zeros((self.sizes.get("frame", 1), n_sent), bool)
+        gaps = np.zeros((self.sizes.get("frame", 1), n_chirps_sent), bool)
         for place in self.array.absent_chunks:
             first = dict(zip(names, place * chunk, strict=True))
             last = dict(zip(names, (place + 1) * chunk, strict=True))
             frames = slice(first.get("frame", 0), last.get("frame", 1))
             chirps = slice(
-                first.get("chirp", 0) * self.chirps_per_index,
-                last.get("chirp", 1) * self.chirps_per_index,
+                first.get("chirp", 0) * self.sent_chirps_per_chirp_index,
+                last.get("chirp", 1) * self.sent_chirps_per_chirp_index,
             )
             gaps[frames, chirps] = True
         return gaps
 
 
-def is_finite(numbers: np.ndarray) -> np.ndarray:
+def finite_mask(numbers: np.ndarray) -> np.ndarray:
     """Return where numbers are finite: everywhere for integers."""
     if numbers.dtype.kind in "iu":
         return np.broadcast_to(np.True_, numbers.shape)
     return np.isfinite(numbers)
 
 
-def _to_sent_order(block: np.ndarray, names: list[str], tx_order: tuple[int, ...]) -> np.ndarray:
+def _reorder_to_sent_chirps(
+    block: np.ndarray, axis_names: list[str], tx_order: tuple[int, ...]
+) -> np.ndarray:
     """Return samples (chirp, rx, sample), perhaps with iq, the chirps in the order sent."""
     fields = complex_field_names(block.dtype)
     if fields:
         block = np.stack([block[fields[0]], block[fields[1]]], axis=-1)
-        names = [*names, "iq"]
-    order = [name for name in AXES if name in names]
-    block = np.transpose(block, [names.index(name) for name in order])
-    if "element" in names:
+        axis_names = [*axis_names, "iq"]
+    order = [name for name in AXES if name in axis_names]
+    block = np.transpose(block, [axis_names.index(name) for name in order])
+    if "element" in axis_names:
         axis = order.index("element")
         block = block.reshape(*block.shape[:axis], len(tx_order), -1, *block.shape[axis + 1 :])
         order[axis : axis + 1] = ["tx", "rx"]

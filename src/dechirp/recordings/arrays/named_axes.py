@@ -10,21 +10,24 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.radar.array import Array
 from dechirp.radar.radar import Radar
-from dechirp.recordings.arrays.encodings import LIMITS, to_full_scale
+from dechirp.recordings.arrays.encodings import LIMITS, scale_to_full_scale
 from dechirp.recordings.arrays.lazy_array import LazyArray, complex_field_names, format_shape
 from dechirp.recordings.arrays.lazy_files import CACHE_BYTES
-from dechirp.recordings.arrays.named_array import AXES, NamedArray, is_finite
+from dechirp.recordings.arrays.named_array import AXES, NamedArray, finite_mask
 from dechirp.recordings.readers.base import Contents, RecordingHints
-from dechirp.recordings.settings.antenna_positions import fit_receivers
+from dechirp.recordings.settings.antenna_positions import fit_array_to_receiver_count
 from dechirp.recordings.settings.base import RecordingSettings
-from dechirp.recordings.settings_lookup import assumed_receiver_findings, find_recording_settings
+from dechirp.recordings.settings_lookup import (
+    assumed_single_receiver_findings,
+    find_recording_settings,
+)
 
 _EXAMPLES = {1: "sample", 2: "chirp,sample", 3: "chirp,rx,sample", 4: "frame,chirp,rx,sample"}
 # More than any radar has; it is another axis, and each would get an assumed position.
 _MAX_CHANNELS = 4096
 
 
-def interpret_array(
+def interpret_array_as_recording(
     path: Path,
     array: LazyArray,
     hints: RecordingHints,
@@ -52,31 +55,31 @@ def interpret_array(
     RecordingError
         If axes or encoding are missing, or sizes or encoding do not fit the radar.
     """
-    sizes = _axis_sizes(path, array, hints.axes)
+    sizes = _sizes_by_axis_name(path, array, hints.axes)
     settings = find_recording_settings(path, hints)
-    radar, receiver_findings = _fit_radar(path, sizes, settings.radar)
+    radar, receiver_findings = _check_sizes_and_fit_receivers(path, sizes, settings.radar)
     cube = NamedArray(
         path=path,
         array=array,
         sizes=sizes,
         tx_order=radar.frame.tdm_order or (),
-        is_complex=_check_complex(path, array, sizes, radar),
+        is_complex=_determine_complex_sampling(path, array, sizes, radar),
         iq=hints.iq,
     )
-    cube.check_memory(file_bytes)
-    encoding = hints.encoding or _default_encoding(path, array.dtype, cube)
+    cube.check_frame_memory(file_bytes)
+    encoding = hints.encoding or _infer_encoding(path, array.dtype, cube)
     is_full_scale_assumed = hints.encoding is None and encoding == "full-scale"
-    gaps = cube.find_gaps(radar.frame.n_chirps_total)
+    gaps = cube.unwritten_chirp_mask(radar.frame.n_chirps_total)
 
     def decode(index: int, out: np.ndarray) -> None:
         is_lost = np.zeros(len(out), bool) if gaps is None else gaps[index]
         for first, parts in cube.iter_chirp_blocks(index, is_lost):
             rows = out[first : first + len(parts[0])]
-            if not all(is_finite(part).all() for part in parts):
-                raise cube.not_finite_error(index, is_lost)
+            if not all(finite_mask(part).all() for part in parts):
+                raise cube.non_finite_samples_error(index, is_lost)
             if is_full_scale_assumed:
-                _check_full_scale(path, index, parts)
-            _fill_chirps(path, index, parts, encoding, rows)
+                _check_within_full_scale(path, index, parts)
+            _convert_chirps_to_full_scale(path, index, parts, encoding, rows)
             rows[is_lost[first : first + len(rows)]] = 0
 
     return Contents(
@@ -88,8 +91,8 @@ def interpret_array(
             *settings.findings,
             *receiver_findings,
             *findings,
-            *_slow_reading_note(cube),
-            *_absent_chunks_warning(gaps),
+            *_repeated_decompression_note(cube),
+            *_unwritten_chunks_warning(gaps),
         ),
     )
 
@@ -113,8 +116,8 @@ def infer_shape(
         If axes are not named, or the numbers are not a whole number of frames.
     """
     if axes is None:
-        raise _missing_axes_error(path, f"{description} without axis names")
-    _check_names(path, axes, description)
+        raise _missing_axis_names_error(path, f"{description} without axis names")
+    _check_axis_names(path, axes, description)
     radar = settings.radar
     n_slots, n_rx = radar.frame.n_slots, radar.array.n_rx
     has_tx_axis = "tx" in axes or "element" in axes
@@ -133,7 +136,7 @@ def infer_shape(
         sizes[channel_axis] = max(1, n_numbers * sizes[channel_axis] // numbers_per_frame)
         numbers_per_frame = math.prod(sizes[name] for name in axes)
     receiver_findings = (
-        assumed_receiver_findings(settings) if "frame" in axes and channel_axis else ()
+        assumed_single_receiver_findings(settings) if "frame" in axes and channel_axis else ()
     )
     n_frames, rest = divmod(n_numbers, numbers_per_frame)
     if n_frames < 1 or (n_frames > 1 and "frame" not in axes) or (rest and axes[0] != "frame"):
@@ -159,7 +162,7 @@ def infer_shape(
     return shape, (*receiver_findings, cut_warning)
 
 
-def check_even_size(path: Path, n_bytes: int) -> None:
+def check_even_byte_count(path: Path, n_bytes: int) -> None:
     """Raise `RecordingError` if a size is not a whole number of 16-bit words."""
     if n_bytes % 2:
         raise RecordingError(
@@ -170,18 +173,20 @@ def check_even_size(path: Path, n_bytes: int) -> None:
         )
 
 
-def _axis_sizes(path: Path, array: LazyArray, axes: tuple[str, ...] | None) -> dict[str, int]:
+def _sizes_by_axis_name(
+    path: Path, array: LazyArray, axes: tuple[str, ...] | None
+) -> dict[str, int]:
     """Return the sizes by axis name, in the order of the file."""
     shape = format_shape(array.shape)
     if axes is None:
         description = f"an array of {array.dtype} of shape {shape} without axis names"
-        raise _missing_axes_error(path, description, len(array.shape))
+        raise _missing_axis_names_error(path, description, len(array.shape))
     description = f"an array of shape {shape}"
-    _check_names(path, axes, description, n_axes=len(array.shape))
+    _check_axis_names(path, axes, description, n_axes=len(array.shape))
     return dict(zip(axes, array.shape, strict=True))
 
 
-def _missing_axes_error(path: Path, description: str, n_axes: int = 2) -> RecordingError:
+def _missing_axis_names_error(path: Path, description: str, n_axes: int = 2) -> RecordingError:
     """Return the error of an array without axis names."""
     return RecordingError(
         path,
@@ -192,7 +197,7 @@ def _missing_axes_error(path: Path, description: str, n_axes: int = 2) -> Record
     )
 
 
-def _check_names(
+def _check_axis_names(
     path: Path, axes: tuple[str, ...], description: str, *, n_axes: int | None = None
 ) -> None:
     """Raise `RecordingError` unless the axis names are valid and as many as needed."""
@@ -208,7 +213,7 @@ def _check_names(
         )
 
 
-def _fit_radar(
+def _check_sizes_and_fit_receivers(
     path: Path, sizes: dict[str, int], radar: Radar
 ) -> tuple[Radar, tuple[Finding, ...]]:
     """Check the sizes, and return the radar with as many receivers as the array holds."""
@@ -259,10 +264,12 @@ def _fit_radar(
             f" {_MAX_CHANNELS}",
             fix="correct the order of the axes, or radar.frame.multiplexing",
         )
-    return fit_receivers(radar, n_rx, file=path)
+    return fit_array_to_receiver_count(radar, n_rx, file=path)
 
 
-def _check_complex(path: Path, array: LazyArray, sizes: dict[str, int], radar: Radar) -> bool:
+def _determine_complex_sampling(
+    path: Path, array: LazyArray, sizes: dict[str, int], radar: Radar
+) -> bool:
     """Return whether the samples are complex; raise `RecordingError` if the radar contradicts."""
     has_complex_numbers = array.dtype.kind == "c" or complex_field_names(array.dtype) is not None
     if "iq" in sizes and (sizes["iq"] != 2 or has_complex_numbers):
@@ -283,7 +290,7 @@ def _check_complex(path: Path, array: LazyArray, sizes: dict[str, int], radar: R
     return is_complex
 
 
-def _default_encoding(path: Path, dtype: np.dtype, cube: NamedArray) -> str:
+def _infer_encoding(path: Path, dtype: np.dtype, cube: NamedArray) -> str:
     """Return the encoding, if the dtype and the values leave no doubt."""
     numbers = dtype if dtype.names is None else dtype[0]
     if numbers.kind == "i" and numbers.itemsize == 2:
@@ -291,11 +298,11 @@ def _default_encoding(path: Path, dtype: np.dtype, cube: NamedArray) -> str:
     if numbers.kind not in "fc":
         raise _missing_encoding_error(path, str(dtype))
     for _, parts in cube.iter_chirp_blocks(0):
-        _check_full_scale(path, 0, parts)
+        _check_within_full_scale(path, 0, parts)
     return "full-scale"
 
 
-def _check_full_scale(path: Path, index: int, parts: list[np.ndarray]) -> None:
+def _check_within_full_scale(path: Path, frame_index: int, parts: list[np.ndarray]) -> None:
     """Raise `RecordingError` if floats exceed full scale 1.
 
     A first frame of small numbers, or of zeros, does not predict the others.
@@ -303,7 +310,7 @@ def _check_full_scale(path: Path, index: int, parts: list[np.ndarray]) -> None:
     # NaN passes here: reading the samples raises its own error.
     largest = max(float(np.max(np.abs(part))) for part in parts)
     if largest > 1:
-        description = f"{parts[0].dtype} with numbers up to {largest:.6g} in frame {index}"
+        description = f"{parts[0].dtype} with numbers up to {largest:.6g} in frame {frame_index}"
         raise _missing_encoding_error(path, description)
 
 
@@ -318,16 +325,16 @@ def _missing_encoding_error(path: Path, description: str) -> RecordingError:
     )
 
 
-def _fill_chirps(
-    path: Path, index: int, parts: list[np.ndarray], encoding: str, out: np.ndarray
+def _convert_chirps_to_full_scale(
+    path: Path, frame_index: int, parts: list[np.ndarray], encoding: str, out: np.ndarray
 ) -> None:
     """Fill (chirp, rx, sample) with parts at full scale 1, after checking each number."""
     try:
-        scaled = [to_full_scale(part, encoding) for part in parts]
+        scaled = [scale_to_full_scale(part, encoding) for part in parts]
     except ValueError as error:
         raise RecordingError(
             path,
-            value=f"{error} in frame {index}, read as {encoding}",
+            value=f"{error} in frame {frame_index}, read as {encoding}",
             expected=f"numbers that {encoding} can hold",
             fix=f"choose another encoding: {', '.join(LIMITS)}",
         ) from None
@@ -337,16 +344,16 @@ def _fill_chirps(
     if len(scaled) == 2 and scaled[1].any():
         raise RecordingError(
             path,
-            value=f"complex samples, with a non-zero imaginary part in frame {index}",
+            value=f"complex samples, with a non-zero imaginary part in frame {frame_index}",
             expected="real samples (radar.frame.chirp.sampling: real)",
             fix="set sampling: complex",
         )
     out[:] = scaled[0]
 
 
-def _slow_reading_note(cube: NamedArray) -> tuple[Finding, ...]:
+def _repeated_decompression_note(cube: NamedArray) -> tuple[Finding, ...]:
     """Return a note if the whole array is decompressed for each frame."""
-    n_frames, n_bytes = cube.sizes.get("frame", 1), cube.unpacked_bytes_per_frame
+    n_frames, n_bytes = cube.sizes.get("frame", 1), cube.decompressed_bytes_per_frame
     if cube.is_frame_major or n_frames == 1 or n_bytes <= CACHE_BYTES:
         return ()
     return (
@@ -361,7 +368,7 @@ def _slow_reading_note(cube: NamedArray) -> tuple[Finding, ...]:
     )
 
 
-def _absent_chunks_warning(gaps: np.ndarray | None) -> tuple[Finding, ...]:
+def _unwritten_chunks_warning(gaps: np.ndarray | None) -> tuple[Finding, ...]:
     """Warn about chunks that were never written."""
     if gaps is None:
         return ()

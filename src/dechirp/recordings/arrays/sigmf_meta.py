@@ -14,7 +14,11 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import check_stays_in_folder
-from dechirp.recordings.settings.json_text import is_integer, is_number, quote_json
+from dechirp.recordings.settings.json_text import (
+    format_json_excerpt,
+    is_float_sized_number,
+    is_integer,
+)
 
 META, DATA, ARCHIVE = ".sigmf-meta", ".sigmf-data", ".sigmf"
 EXTENSION, VERSION = "radar", "1.0.0"
@@ -49,12 +53,12 @@ class SigmfMetadata:
     findings: tuple[Finding, ...]
 
     @property
-    def is_native(self) -> bool:
+    def has_dechirp_radar(self) -> bool:
         """True if it contains the radar, as dechirp writes it."""
         return f"{EXTENSION}:radar" in self.global_fields
 
 
-def file_pair(path: Path) -> tuple[Path, Path]:
+def meta_and_data_paths(path: Path) -> tuple[Path, Path]:
     """Return metadata and data file of a recording, given either, or their common stem."""
     stem = path.name
     for ending in (META, DATA):
@@ -62,7 +66,7 @@ def file_pair(path: Path) -> tuple[Path, Path]:
     return path.with_name(stem + META), path.with_name(stem + DATA)
 
 
-def parse_metadata(path: Path) -> dict[str, Any]:
+def parse_metadata_file(path: Path) -> dict[str, Any]:
     """Parse a metadata file to its JSON object.
 
     Raises
@@ -96,28 +100,30 @@ def read_metadata(path: Path) -> SigmfMetadata:
     RecordingError
         If it is damaged, or needs an unsupported feature.
     """
-    meta, data = file_pair(path)
+    meta, data = meta_and_data_paths(path)
     partner = data if path == meta else meta
     if not partner.is_file():
         raise _metadata_error(path, f"no {partner.name} beside it", f"a pair of {META} and {DATA}")
     check_stays_in_folder(path.parent, partner)
-    tree = parse_metadata(meta)
+    tree = parse_metadata_file(meta)
     global_fields: dict[str, Any] = tree["global"]
-    _check_conforming(meta, data, global_fields)
+    _check_conforming_dataset(meta, data, global_fields)
     dtype, is_complex = _parse_datatype(meta, global_fields["core:datatype"])
     n_channels, rate_hz = (
         global_fields.get("core:num_channels", 1),
         global_fields.get("core:sample_rate"),
     )
     if not is_integer(n_channels) or not 1 <= n_channels <= _MAX_CHANNELS:
-        description = f"core:num_channels {quote_json(n_channels)}"
+        description = f"core:num_channels {format_json_excerpt(n_channels)}"
         raise _metadata_error(meta, description, f"a count of at most {_MAX_CHANNELS}")
-    if rate_hz is not None and not (is_number(rate_hz) and rate_hz > 0):
-        raise _metadata_error(meta, f"core:sample_rate {quote_json(rate_hz)}", "samples per second")
+    if rate_hz is not None and not (is_float_sized_number(rate_hz) and rate_hz > 0):
+        raise _metadata_error(
+            meta, f"core:sample_rate {format_json_excerpt(rate_hz)}", "samples per second"
+        )
     sha512 = global_fields.get("core:sha512")
-    captures = _read_segments(meta, tree, "captures")
+    captures = _read_segment_list(meta, tree, "captures")
     if any(capture.get("core:header_bytes") for capture in captures):
-        raise _non_conforming_error(meta, "core:header_bytes")
+        raise _non_conforming_dataset_error(meta, "core:header_bytes")
     return SigmfMetadata(
         path=meta,
         data=data,
@@ -128,12 +134,12 @@ def read_metadata(path: Path) -> SigmfMetadata:
         sha512=sha512.lower() if isinstance(sha512, str) else None,
         global_fields=global_fields,
         captures=captures,
-        annotations=_read_segments(meta, tree, "annotations"),
-        findings=_check_extensions(meta, global_fields),
+        annotations=_read_segment_list(meta, tree, "annotations"),
+        findings=_check_required_extensions(meta, global_fields),
     )
 
 
-def _read_segments(path: Path, tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
+def _read_segment_list(path: Path, tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
     """Return the segments of captures or annotations, each with an integer `core:sample_start`."""
     segments = tree.get(name, [])
     is_valid = isinstance(segments, list) and all(
@@ -147,16 +153,16 @@ def _read_segments(path: Path, tree: dict[str, Any], name: str) -> list[dict[str
     return segments
 
 
-def _check_conforming(meta: Path, data: Path, global_fields: dict[str, Any]) -> None:
+def _check_conforming_dataset(meta: Path, data: Path, global_fields: dict[str, Any]) -> None:
     """Raise `RecordingError` unless the numbers are one block in the data file."""
     if global_fields.get("core:dataset", data.name) != data.name:
-        raise _non_conforming_error(meta, "core:dataset")
+        raise _non_conforming_dataset_error(meta, "core:dataset")
     for name in ("core:trailing_bytes", "core:metadata_only"):
         if global_fields.get(name):
-            raise _non_conforming_error(meta, name)
+            raise _non_conforming_dataset_error(meta, name)
 
 
-def _non_conforming_error(meta: Path, name: str) -> RecordingError:
+def _non_conforming_dataset_error(meta: Path, name: str) -> RecordingError:
     """Return the error of a non-conforming data set."""
     return _metadata_error(
         meta,
@@ -176,13 +182,13 @@ def _parse_datatype(path: Path, datatype: Any) -> tuple[np.dtype, bool]:
             return np.dtype(code), shape == "c"
     raise _metadata_error(
         path,
-        f"core:datatype {quote_json(datatype)}",
+        f"core:datatype {format_json_excerpt(datatype)}",
         "one of SigMF: c or r, then f32, f64, i8, i16, i32, u8, u16 or u32, then _le or _be where"
         " numbers have several bytes",
     )
 
 
-def _check_extensions(path: Path, global_fields: dict[str, Any]) -> tuple[Finding, ...]:
+def _check_required_extensions(path: Path, global_fields: dict[str, Any]) -> tuple[Finding, ...]:
     """Return a note about ignored extensions.
 
     Raises
@@ -204,7 +210,7 @@ def _check_extensions(path: Path, global_fields: dict[str, Any]) -> tuple[Findin
             if not str(version).startswith(_SERIES):
                 raise _metadata_error(
                     path,
-                    f"extension {EXTENSION} of version {quote_json(version)}",
+                    f"extension {EXTENSION} of version {format_json_excerpt(version)}",
                     f"version {VERSION}",
                     fix="read it with the version of dechirp that wrote it",
                 )
@@ -213,7 +219,7 @@ def _check_extensions(path: Path, global_fields: dict[str, Any]) -> tuple[Findin
         else:
             raise _metadata_error(
                 path,
-                f"the extension {quote_json(name)}, which is not optional",
+                f"the extension {format_json_excerpt(name)}, which is not optional",
                 f"no required extension but {EXTENSION}",
                 fix="convert it with a program that supports the extension",
             )
@@ -223,7 +229,7 @@ def _check_extensions(path: Path, global_fields: dict[str, Any]) -> tuple[Findin
         Finding(
             level="note",
             setting="core:extensions",
-            value=f"{', '.join(quote_json(name) for name in ignored_names)}, ignored",
+            value=f"{', '.join(format_json_excerpt(name) for name in ignored_names)}, ignored",
             expected="the core fields, which are enough to read the samples",
             fix="check whether the extensions describe the samples",
         ),

@@ -20,12 +20,15 @@ from dechirp.recordings.arrays.lazy_array import (
     ArrayPart,
     LazyArray,
     check_plausible_size,
-    choose_array,
+    choose_array_name,
     convert_parser_errors,
     count_chunks,
-    find_absent_chunks,
+    find_unwritten_chunks,
 )
-from dechirp.recordings.arrays.zarr_chunks import check_chunk_file, parse_chunk_layout
+from dechirp.recordings.arrays.zarr_chunks import (
+    check_chunk_file_decompressed_size,
+    parse_chunk_compression,
+)
 from dechirp.recordings.readers.base import RecordingHints
 
 EXPECTED = "a Zarr array or group of version 2 or 3"
@@ -42,7 +45,7 @@ _KNOWN_CODECS = {
 }
 
 
-def lazy_zarr_array(path: Path, hints: RecordingHints) -> tuple[LazyArray, int]:
+def open_lazy_zarr_array(path: Path, hints: RecordingHints) -> tuple[LazyArray, int]:
     """Open the array to read; return it with its size on disk.
 
     Raises
@@ -51,18 +54,20 @@ def lazy_zarr_array(path: Path, hints: RecordingHints) -> tuple[LazyArray, int]:
         If it is damaged, contains links, or several arrays are possible.
     """
     with convert_parser_errors(path, EXPECTED):
-        folders = {name: folder for name, folder in _iter_arrays(path) if _is_numeric_array(folder)}
+        folders = {
+            name: folder for name, folder in _iter_array_folders(path) if _is_numeric_array(folder)
+        }
         inner_name = hints.inner_name.strip("/") if hints.inner_name else next(iter(folders), "")
         if inner_name in folders and (hints.inner_name or len(folders) == 1):
-            _check_codecs(path, folders[inner_name])
+            _check_codecs_supported(path, folders[inner_name])
         arrays = {
             name: open_zarr_array(folder)
             for name, folder in folders.items()
-            if not unknown_codecs(folder)
+            if not find_unsupported_codecs(folder)
         }
         array_types = {name: (array.shape, array.dtype) for name, array in arrays.items()}
-        name = choose_array(path, array_types, hints)
-        return _lazy_array(path, arrays[name], folders[name])
+        name = choose_array_name(path, array_types, hints)
+        return _to_checked_lazy_array(path, arrays[name], folders[name])
 
 
 def read_small_array(path: Path, folder: Path) -> np.ndarray:
@@ -74,14 +79,14 @@ def read_small_array(path: Path, folder: Path) -> np.ndarray:
         If it is damaged, contains links, or holds texts.
     """
     with convert_parser_errors(path, EXPECTED):
-        _check_codecs(path, folder)
-        array, _ = _lazy_array(
+        _check_codecs_supported(path, folder)
+        array, _ = _to_checked_lazy_array(
             path, open_zarr_array(folder), folder
         )  # absent chunks hold the fill value
         return array.read(tuple(slice(0, size) for size in array.shape))
 
 
-def _iter_arrays(root: Path) -> Iterator[tuple[str, Path]]:
+def _iter_array_folders(root: Path) -> Iterator[tuple[str, Path]]:
     """Yield names and folders of the arrays in a group, or of a single array."""
     queue, n_folders = [root], 0
     while queue and n_folders < _MAX_FOLDERS:
@@ -100,13 +105,13 @@ def read_array_metadata(folder: Path) -> dict[str, Any] | None:
     for name in (".zarray", "zarr.json"):
         file = folder / name
         if file.is_file() and not file.is_symlink():
-            metadata = read_json(file)
+            metadata = read_json_object(file)
             if name == ".zarray" or metadata.get("node_type") == "array":
                 return metadata
     return None
 
 
-def read_json(file: Path) -> dict[str, Any]:
+def read_json_object(file: Path) -> dict[str, Any]:
     """Read a mapping from a small JSON file; raise `ValueError` for anything else."""
     with file.open("rb") as stream:
         text = stream.read(_MAX_METADATA_BYTES + 1)
@@ -134,7 +139,7 @@ def _iter_codec_names(metadata: Any) -> Iterator[str]:
         yield str(metadata)
 
 
-def unknown_codecs(folder: Path) -> list[str]:
+def find_unsupported_codecs(folder: Path) -> list[str]:
     """Return the codecs of an array that are not accepted."""
     metadata = read_array_metadata(folder) or {}
     keys = ("codecs", "filters", "compressor", "storage_transformers")
@@ -143,9 +148,9 @@ def unknown_codecs(folder: Path) -> list[str]:
     )
 
 
-def _check_codecs(path: Path, folder: Path) -> None:
+def _check_codecs_supported(path: Path, folder: Path) -> None:
     """Raise `RecordingError` if an array needs codecs that are not accepted."""
-    unsupported_codecs = unknown_codecs(folder)
+    unsupported_codecs = find_unsupported_codecs(folder)
     if unsupported_codecs:
         raise RecordingError(
             path,
@@ -176,7 +181,7 @@ def open_zarr_array(folder: Path) -> Any:
         return zarr.open_array(LocalStore(folder, read_only=True), mode="r")
 
 
-def list_array_files(folder: Path) -> tuple[set[str], int]:
+def list_files_and_total_size(folder: Path) -> tuple[set[str], int]:
     """Return the names of the files of an array, relative to its folder, and their total size.
 
     Raises `RecordingError` if one of them is a link.
@@ -188,7 +193,7 @@ def list_array_files(folder: Path) -> tuple[set[str], int]:
             for entry in entries:
                 name = f"{prefix}{entry.name}"
                 if entry.is_symlink():
-                    raise _link_error(folder, name)
+                    raise _symlink_error(folder, name)
                 if entry.is_dir():
                     prefixes.append(f"{name}/")
                 elif not entry.is_file():  # reading a pipe would block
@@ -201,7 +206,7 @@ def list_array_files(folder: Path) -> tuple[set[str], int]:
     return names, n_bytes
 
 
-def _link_error(folder: Path, name: str) -> RecordingError:
+def _symlink_error(folder: Path, name: str) -> RecordingError:
     """Return the error of a link in a folder."""
     return RecordingError(
         folder,
@@ -211,20 +216,20 @@ def _link_error(folder: Path, name: str) -> RecordingError:
     )
 
 
-def _lazy_array(path: Path, array: Any, folder: Path) -> tuple[LazyArray, int]:
+def _to_checked_lazy_array(path: Path, array: Any, folder: Path) -> tuple[LazyArray, int]:
     """Convert an array of the Zarr library to one that checks each chunk before it is read."""
-    files, n_bytes = list_array_files(folder)
+    files, n_bytes = list_files_and_total_size(folder)
     encode_key = array.metadata.encode_chunk_key
     sizes = tuple(int(size) for size in array.shards or array.chunks)
-    layout = parse_chunk_layout(path, array.metadata.to_dict(), sizes, array.dtype.itemsize)
+    layout = parse_chunk_compression(path, array.metadata.to_dict(), sizes, array.dtype.itemsize)
     checked: set[str] = set()
 
     def read(part: ArrayPart) -> np.ndarray:
         with convert_parser_errors(path, EXPECTED):
-            for index in _chunk_indices(part, sizes):
+            for index in _chunk_indices_of_part(part, sizes):
                 name = encode_key(index)
                 if name in files and name not in checked:
-                    check_chunk_file(path, folder / name, layout)
+                    check_chunk_file_decompressed_size(path, folder / name, layout)
                     checked.add(name)
             return np.asarray(array[part])
 
@@ -236,14 +241,16 @@ def _lazy_array(path: Path, array: Any, folder: Path) -> tuple[LazyArray, int]:
     )
     check_plausible_size(path, lazy_array, file_bytes=n_bytes)
     count_chunks(path, lazy_array)
-    absent_chunks = find_absent_chunks(lazy_array, lambda index: encode_key(index) in files)
+    absent_chunks = find_unwritten_chunks(lazy_array, lambda index: encode_key(index) in files)
     return replace(lazy_array, absent_chunks=absent_chunks), n_bytes
 
 
-def _chunk_indices(part: ArrayPart, sizes: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+def _chunk_indices_of_part(
+    part: ArrayPart, chunk_sizes: tuple[int, ...]
+) -> Iterator[tuple[int, ...]]:
     """Return the indices of the chunks that a part of the array needs."""
     axis_ranges = (
         range(axis_slice.start // size, -(-axis_slice.stop // size))
-        for axis_slice, size in zip(part, sizes, strict=True)
+        for axis_slice, size in zip(part, chunk_sizes, strict=True)
     )
     return itertools.product(*axis_ranges)

@@ -12,10 +12,10 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.decompression_limits import (
     HEADER_BYTES,
     LIMITED_CODECS,
-    declared_size,
-    exceeds_size,
+    declared_decompressed_size,
+    exceeds_decompressed_size,
 )
-from dechirp.recordings.arrays.lazy_array import too_large_error
+from dechirp.recordings.arrays.lazy_array import memory_exceeds_file_error
 
 _SAME_SIZE = ("bytes", "transpose", "shuffle", "bitround")
 _RETYPING = ("delta", "fixedscaleoffset", "quantize", "astype")
@@ -49,8 +49,8 @@ class Sharding:
     is_index_first: bool
 
 
-def parse_chunk_layout(
-    path: Path, metadata: Mapping[str, Any], chunk: tuple[int, ...], itemsize: int
+def parse_chunk_compression(
+    path: Path, metadata: Mapping[str, Any], chunk_shape: tuple[int, ...], itemsize: int
 ) -> ChunkCompression | Sharding:
     """Return the compression of chunks with this shape and number size.
 
@@ -60,7 +60,7 @@ def parse_chunk_layout(
         The recording, for errors.
     metadata : mapping
         Metadata of the array, as parsed by Zarr.
-    chunk : tuple of int
+    chunk_shape : tuple of int
         Shape of the array in one file.
     itemsize : int
         Bytes of a number.
@@ -72,29 +72,31 @@ def parse_chunk_layout(
     """
     if metadata["zarr_format"] == 2:
         codecs = [*(metadata.get("filters") or ()), metadata.get("compressor")]
-        return _parse_compression(
-            path, [(codec["id"], codec) for codec in codecs if codec], chunk, itemsize
+        return _parse_codec_sequence(
+            path, [(codec["id"], codec) for codec in codecs if codec], chunk_shape, itemsize
         )
-    codecs = _codec_configs(metadata["codecs"])
+    codecs = _codec_names_and_configs(metadata["codecs"])
     if _SHARDS not in (name for name, _ in codecs):
-        return _parse_compression(path, codecs, chunk, itemsize)
+        return _parse_codec_sequence(path, codecs, chunk_shape, itemsize)
     config = codecs[-1][1]
     names = [name for name, _ in codecs]
-    index = _codec_configs(config.get("index_codecs", ()))
+    index = _codec_names_and_configs(config.get("index_codecs", ()))
     if names not in ([_SHARDS], ["transpose", _SHARDS]):
-        raise _codec_error(path, " and ".join(names))
+        raise _unsupported_codecs_error(path, " and ".join(names))
     if index[0] != ("bytes", {"endian": "little"}) or index[1:] not in ([], [(_CHECKSUM, {})]):
-        raise _codec_error(path, f"{_SHARDS} with an index in {index}")
+        raise _unsupported_codecs_error(path, f"{_SHARDS} with an index in {index}")
     inner = tuple(int(size) for size in config["chunk_shape"])
     return Sharding(
-        inner=_parse_compression(path, _codec_configs(config["codecs"]), inner, itemsize),
-        n_inner=math.prod(chunk) // math.prod(inner),
+        inner=_parse_codec_sequence(
+            path, _codec_names_and_configs(config["codecs"]), inner, itemsize
+        ),
+        n_inner=math.prod(chunk_shape) // math.prod(inner),
         index_checksum_bytes=_CHECKSUM_BYTES * (len(index) - 1),
         is_index_first=str(config["index_location"]) == "start",
     )
 
 
-def _codec_configs(codecs: Any) -> list[tuple[str, Mapping[str, Any]]]:
+def _codec_names_and_configs(codecs: Any) -> list[tuple[str, Mapping[str, Any]]]:
     """Return the name and configuration of each codec."""
     return [
         (codec["name"].removeprefix("numcodecs."), codec.get("configuration") or {})
@@ -102,33 +104,36 @@ def _codec_configs(codecs: Any) -> list[tuple[str, Mapping[str, Any]]]:
     ]
 
 
-def _parse_compression(
-    path: Path, codecs: list[tuple[str, Mapping[str, Any]]], chunk: tuple[int, ...], itemsize: int
+def _parse_codec_sequence(
+    path: Path,
+    codecs: list[tuple[str, Mapping[str, Any]]],
+    chunk_shape: tuple[int, ...],
+    itemsize: int,
 ) -> ChunkCompression:
     """Return the compression of a sequence of codecs."""
     codec: str | None = None
     config: Mapping[str, Any] = {}
-    n_bytes, checksum_bytes = math.prod(chunk) * itemsize, 0
+    n_bytes, checksum_bytes = math.prod(chunk_shape) * itemsize, 0
     for name, settings in codecs:
         if name == _CHECKSUM and settings.get("location", "end") == "end":
             checksum_bytes += _CHECKSUM_BYTES
         elif codec is not None:
-            raise _codec_error(path, f"{name} after {codec}")
+            raise _unsupported_codecs_error(path, f"{name} after {codec}")
         elif name in LIMITED_CODECS:
             codec, config = name, settings
             n_bytes, checksum_bytes = n_bytes + checksum_bytes, 0
         elif name in _RETYPING:
             types = [np.dtype(settings[key]) for key in _TYPES if settings.get(key) is not None]
             if any(dtype.itemsize != itemsize for dtype in types):
-                raise _codec_error(path, f"{name}, which changes the size of numbers")
+                raise _unsupported_codecs_error(path, f"{name}, which changes the size of numbers")
         elif name not in _SAME_SIZE:
-            raise _codec_error(path, name)
+            raise _unsupported_codecs_error(path, name)
     return ChunkCompression(
         codec=codec, config=config, n_bytes=n_bytes, checksum_bytes=checksum_bytes
     )
 
 
-def _codec_error(path: Path, codec: str) -> RecordingError:
+def _unsupported_codecs_error(path: Path, codec: str) -> RecordingError:
     """Return the error of codecs whose decompressed size is unknown."""
     return RecordingError(
         path,
@@ -138,45 +143,54 @@ def _codec_error(path: Path, codec: str) -> RecordingError:
     )
 
 
-def check_chunk_file(path: Path, chunk: Path, layout: ChunkCompression | Sharding) -> None:
+def check_chunk_file_decompressed_size(
+    path: Path, chunk_file: Path, compression: ChunkCompression | Sharding
+) -> None:
     """Raise `RecordingError` if a file holds a chunk that decompresses to more than its size."""
-    if isinstance(layout, ChunkCompression) and layout.codec is None:
+    if isinstance(compression, ChunkCompression) and compression.codec is None:
         return
-    n_bytes = chunk.stat().st_size
-    with chunk.open("rb") as file:
-        if isinstance(layout, ChunkCompression):
-            _check_chunk_size(path, file, 0, n_bytes, layout)
+    n_bytes = chunk_file.stat().st_size
+    with chunk_file.open("rb") as file:
+        if isinstance(compression, ChunkCompression):
+            _check_decompressed_chunk_size(path, file, 0, n_bytes, compression)
             return
-        table_bytes = 16 * layout.n_inner
-        if layout.inner.codec is None or table_bytes + layout.index_checksum_bytes > n_bytes:
+        table_bytes = 16 * compression.n_inner
+        if (
+            compression.inner.codec is None
+            or table_bytes + compression.index_checksum_bytes > n_bytes
+        ):
             return  # Zarr itself refuses a file that is too short
         file.seek(
-            0 if layout.is_index_first else n_bytes - table_bytes - layout.index_checksum_bytes
+            0
+            if compression.is_index_first
+            else n_bytes - table_bytes - compression.index_checksum_bytes
         )
         for entry in np.frombuffer(file.read(table_bytes), "<u8").reshape(-1, 2):
             start, size = entry.tolist()
             if start != _ABSENT_CHUNK:
-                _check_chunk_size(path, file, start, min(size, n_bytes), layout.inner)
+                _check_decompressed_chunk_size(
+                    path, file, start, min(size, n_bytes), compression.inner
+                )
 
 
-def _check_chunk_size(
+def _check_decompressed_chunk_size(
     path: Path, file: BinaryIO, start: int, n_bytes: int, compression: ChunkCompression
 ) -> None:
     """Raise `RecordingError` if a part of a file decompresses to more than a chunk."""
     assert compression.codec is not None
     file.seek(start)
     head = file.read(min(HEADER_BYTES, n_bytes))
-    declared = declared_size(compression.codec, head)
+    declared = declared_decompressed_size(compression.codec, head)
     if declared is not None:
         is_larger = declared > compression.n_bytes
     else:
         compressed = head + file.read(max(n_bytes - len(head), 0))
         compressed = compressed[: len(compressed) - compression.checksum_bytes]
-        is_larger = exceeds_size(
+        is_larger = exceeds_decompressed_size(
             compression.codec, compression.config, compressed, compression.n_bytes
         )
     if is_larger:
         description = (
             f"a chunk of {n_bytes} bytes that decompresses to more than {compression.n_bytes}"
         )
-        raise too_large_error(path, description, file_bytes=n_bytes)
+        raise memory_exceeds_file_error(path, description, file_bytes=n_bytes)

@@ -14,14 +14,17 @@ from dechirp.recordings.arrays.lazy_array import (
     convert_parser_errors,
 )
 from dechirp.recordings.arrays.zarr_arrays import (
-    list_array_files,
+    find_unsupported_codecs,
+    list_files_and_total_size,
     open_zarr_array,
     read_array_metadata,
-    read_json,
+    read_json_object,
     read_small_array,
-    unknown_codecs,
 )
-from dechirp.recordings.arrays.zarr_chunks import check_chunk_file, parse_chunk_layout
+from dechirp.recordings.arrays.zarr_chunks import (
+    check_chunk_file_decompressed_size,
+    parse_chunk_compression,
+)
 
 _MARK = "zarr.json"
 _EXPECTED = "an unchanged table: a Zarr group of version 3"
@@ -44,7 +47,7 @@ class ZarrTables(Mapping[str, xr.Dataset]):
 
     def __getitem__(self, name: str) -> xr.Dataset:
         if name not in self._read:
-            self._read[name] = _read_table(self._folders[name])
+            self._read[name] = _read_group_as_dataset(self._folders[name])
         return self._read[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -54,16 +57,16 @@ class ZarrTables(Mapping[str, xr.Dataset]):
         return len(self._folders)
 
 
-def _read_node_type(mark: Path) -> Any:
+def _read_node_type(metadata_file: Path) -> Any:
     """Return the node type in a metadata file."""
-    with convert_parser_errors(mark.parent, _EXPECTED):
-        return read_json(mark).get("node_type")
+    with convert_parser_errors(metadata_file.parent, _EXPECTED):
+        return read_json_object(metadata_file).get("node_type")
 
 
-def _read_table(folder: Path) -> xr.Dataset:
+def _read_group_as_dataset(folder: Path) -> xr.Dataset:
     """Read a group as a dataset."""
     with convert_parser_errors(folder, _EXPECTED):
-        attributes = dict(read_json(folder / _MARK).get("attributes") or {})
+        attributes = dict(read_json_object(folder / _MARK).get("attributes") or {})
         coordinates = set(str(attributes.pop("coordinates", "")).split())
         variables = {}
         for mark in sorted(folder.glob(f"*/{_MARK}")):
@@ -75,7 +78,9 @@ def _read_table(folder: Path) -> xr.Dataset:
             )  # NaN for floats, which needs no replacement
             coordinates |= set(str(variable_attributes.pop("coordinates", "")).split())
             is_text = metadata.get("data_type") == "string"
-            values = _read_strings(folder, array) if is_text else read_small_array(folder, array)
+            values = (
+                _read_string_array(folder, array) if is_text else read_small_array(folder, array)
+            )
             if (
                 variable_attributes.get("dtype") == "bool"
             ):  # flags as written by xarray before 2026.9
@@ -87,12 +92,12 @@ def _read_table(folder: Path) -> xr.Dataset:
         return table.set_coords([name for name in coordinates if name in variables])
 
 
-def _read_strings(path: Path, folder: Path) -> np.ndarray:
+def _read_string_array(path: Path, folder: Path) -> np.ndarray:
     """Read an array of texts, limited in size and length."""
-    unsupported_codecs = set(unknown_codecs(folder)) - {_STRING_CODEC}
+    unsupported_codecs = set(find_unsupported_codecs(folder)) - {_STRING_CODEC}
     if unsupported_codecs:
         raise ValueError(f"{folder.name} needs the codec {', '.join(sorted(unsupported_codecs))}")
-    files, n_bytes = list_array_files(folder)
+    files, n_bytes = list_files_and_total_size(folder)
     array = open_zarr_array(folder)
     lengths = LazyArray(  # length of each text, 4 bytes
         shape=array.shape, dtype=np.dtype(np.int32), read=array.__getitem__, chunk=array.chunks
@@ -100,11 +105,11 @@ def _read_strings(path: Path, folder: Path) -> np.ndarray:
     check_plausible_size(path, lengths, file_bytes=n_bytes)
     metadata = array.metadata.to_dict()
     other_codecs = [codec for codec in metadata["codecs"] if codec["name"] != _STRING_CODEC]
-    layout = parse_chunk_layout(
+    layout = parse_chunk_compression(
         path, {**metadata, "codecs": other_codecs}, (2 * n_bytes + ALLOWED_BYTES,), 1
     )
     for name in files - {_MARK}:
-        check_chunk_file(path, folder / name, layout)
+        check_chunk_file_decompressed_size(path, folder / name, layout)
     strings = np.asarray(array[...], object)
     if max((len(text) for text in strings.ravel()), default=0) > _MAX_TEXT_CHARACTERS:
         raise ValueError(f"{folder.name} has texts of more than {_MAX_TEXT_CHARACTERS} characters")

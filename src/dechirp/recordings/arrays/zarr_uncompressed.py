@@ -27,7 +27,7 @@ class UncompressedChunks:
     dtype: np.dtype
 
     def iter_chirp_blocks(
-        self, index: int, first: int, stop: int
+        self, frame_index: int, first_chirp: int, stop_chirp: int
     ) -> Iterator[tuple[int, np.ndarray]]:
         """Yield chirps of a frame block by block: the number of the first, and (chirp, ...).
 
@@ -38,16 +38,18 @@ class UncompressedChunks:
         """
         row_bytes = math.prod(self.row_shape) * self.dtype.itemsize
         step = max(1, _BLOCK_BYTES // row_bytes)
-        while first < stop:
-            place, row = divmod(first, self.chirps_per_chunk)
-            n_rows = min(step, stop - first, self.chirps_per_chunk - row)
+        while first_chirp < stop_chirp:
+            place, row = divmod(first_chirp, self.chirps_per_chunk)
+            n_rows = min(step, stop_chirp - first_chirp, self.chirps_per_chunk - row)
             rows = np.empty((n_rows, *self.row_shape), self.dtype)
-            start = (index % self.frames_per_chunk * self.chirps_per_chunk + row) * row_bytes
-            self._read_rows(rows, (index // self.frames_per_chunk, place), start, row_bytes)
-            yield first, rows
-            first += n_rows
+            start = (frame_index % self.frames_per_chunk * self.chirps_per_chunk + row) * row_bytes
+            self._read_chirps_from_chunk(
+                rows, (frame_index // self.frames_per_chunk, place), start, row_bytes
+            )
+            yield first_chirp, rows
+            first_chirp += n_rows
 
-    def read_part(self, part: ArrayPart) -> np.ndarray:
+    def read_array_part(self, part: ArrayPart) -> np.ndarray:
         """Read some chirps of some frames, as `LazyArray.read`; raises as `iter_chirp_blocks`."""
         frames, chirps = part[:2]
         shape = (frames.stop - frames.start, chirps.stop - chirps.start, *self.row_shape)
@@ -58,17 +60,23 @@ class UncompressedChunks:
                 values[index - frames.start, row : row + len(rows)] = rows
         return values
 
-    def _read_rows(
-        self, rows: np.ndarray, place: tuple[int, int], start: int, row_bytes: int
+    def _read_chirps_from_chunk(
+        self,
+        chirps: np.ndarray,
+        chunk_index: tuple[int, int],
+        start_byte: int,
+        bytes_per_chirp: int,
     ) -> None:
         """Fill rows from the file of a chunk."""
-        key = (*place, *(0 for _ in self.row_shape))
+        key = (*chunk_index, *(0 for _ in self.row_shape))
         name = self.separator.join(("c", *map(str, key)))
         with (self.folder / name).open("rb", buffering=0) as file:
-            file.seek(start)
-            n_read = file.readinto(rows.data.cast("B"))
-            is_whole = file.seek(0, 2) == self.frames_per_chunk * self.chirps_per_chunk * row_bytes
-        if n_read != rows.nbytes or not is_whole:
+            file.seek(start_byte)
+            n_read = file.readinto(chirps.data.cast("B"))
+            is_whole = (
+                file.seek(0, 2) == self.frames_per_chunk * self.chirps_per_chunk * bytes_per_chirp
+            )
+        if n_read != chirps.nbytes or not is_whole:
             raise ValueError(f"the chunk {name} has a wrong size")
 
 

@@ -10,13 +10,17 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.radar import Radar
-from dechirp.recordings.live.stream import ReceivedFrame, Stream, stream_settings
-from dechirp.recordings.readers.base import RecordingHints, describe_foreign_content
-from dechirp.recordings.readers.dca1000 import SPLIT_BYTES, find_next_part, has_packet_headers
+from dechirp.recordings.live.stream import ReceivedFrame, Stream, settings_from_arguments
+from dechirp.recordings.readers.base import RecordingHints, identify_non_raw_content
+from dechirp.recordings.readers.dca1000 import (
+    SPLIT_BYTES,
+    find_next_capture_part,
+    has_packet_headers,
+)
 from dechirp.recordings.recognise import unreadable_path_error
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 from dechirp.recordings.settings_lookup import find_recording_settings
-from dechirp.recordings.streams.byte_sources import FileSource, open_files
+from dechirp.recordings.streams.byte_sources import FileSource, open_concatenated_files
 
 _PAUSE_S = 20e-3
 
@@ -29,7 +33,7 @@ class GrowingFile(Stream):
     ) -> None:
         super().__init__(path, settings, iq, idle_s)
         self._parts = [path]
-        self._identity = _file_identity(path)
+        self._identity = _device_and_inode(path)
         self._n_bytes, self._n_used = 0, 0
         self._changed: str | None = None
         self._ran_out = False
@@ -38,14 +42,14 @@ class GrowingFile(Stream):
         content = np.empty(self._decoder.frame_bytes, np.uint8)
         last_growth_s = time.monotonic()
         while not self._is_stopped:
-            files = self._current_files()
+            files = self._open_current_parts()
             if files is None:
                 break
             if files.n_bytes > self._n_bytes:
                 self._n_bytes, last_growth_s = files.n_bytes, time.monotonic()
             if self._n_bytes >= self._n_used + content.size:
                 if not self._n_used:
-                    _check_raw_samples(self._parts[0])
+                    _check_raw_samples_file(self._parts[0])
                 files.read(self._n_used, content)
                 yield ReceivedFrame(self._n_used // content.size, content, None)
                 self._n_used += content.size
@@ -56,31 +60,31 @@ class GrowingFile(Stream):
                 time.sleep(_PAUSE_S)
         self._ran_out = not self._is_stopped
 
-    def _current_files(self) -> FileSource | None:
+    def _open_current_parts(self) -> FileSource | None:
         """Return the present parts of the capture; None if a part was removed or replaced."""
         try:
-            files = open_files(*self._parts)
-            if _file_identity(self._parts[0]) != self._identity:
+            files = open_concatenated_files(*self._parts)
+            if _device_and_inode(self._parts[0]) != self._identity:
                 self._changed = "was replaced by another file"
             elif files.n_bytes < self._n_bytes:
                 self._changed = f"shrank from {self._n_bytes} to {files.n_bytes} bytes"
-            elif (following := self._next_file(files.sizes[-1])) is not None:
+            elif (following := self._find_continuation_file(files.sizes[-1])) is not None:
                 self._parts.append(following)
         except OSError as error:
             self._changed = f"cannot be read any more ({error.strerror or error})"
         return None if self._changed else files
 
-    def _next_file(self, size: int) -> Path | None:
+    def _find_continuation_file(self, last_file_bytes: int) -> Path | None:
         """Return the file that continues the capture, unless this one ends with a frame."""
-        following = find_next_part(self._parts)
-        is_split = size >= SPLIT_BYTES or self._n_bytes % self._decoder.frame_bytes
+        following = find_next_capture_part(self._parts)
+        is_split = last_file_bytes >= SPLIT_BYTES or self._n_bytes % self._decoder.frame_bytes
         return (
             following
             if following and is_split and _is_written_later(following, self._parts[-1])
             else None
         )
 
-    def _stream_findings(self) -> tuple[Finding, ...]:
+    def _transmission_findings(self) -> tuple[Finding, ...]:
         findings = []
         if self._changed is not None:
             findings.append(
@@ -157,11 +161,11 @@ def follow(
         )
     if not path.is_file():
         raise unreadable_path_error(path, FileNotFoundError(2, "no such file"))
-    hints = RecordingHints(settings=stream_settings(radar, settings, device, calibration))
+    hints = RecordingHints(settings=settings_from_arguments(radar, settings, device, calibration))
     return GrowingFile(path, find_recording_settings(path, hints), iq, idle_s)
 
 
-def _file_identity(path: Path) -> tuple[int, int]:
+def _device_and_inode(path: Path) -> tuple[int, int]:
     """Return device and inode of a file, which do not change while it grows."""
     status = path.stat()
     return status.st_dev, status.st_ino
@@ -172,9 +176,9 @@ def _is_written_later(following: Path, previous: Path) -> bool:
     return following.stat().st_mtime_ns >= previous.stat().st_mtime_ns
 
 
-def _check_raw_samples(path: Path) -> None:
+def _check_raw_samples_file(path: Path) -> None:
     kind = (
-        "packets with their headers" if has_packet_headers(path) else describe_foreign_content(path)
+        "packets with their headers" if has_packet_headers(path) else identify_non_raw_content(path)
     )
     if kind is not None:
         raise RecordingError(

@@ -37,7 +37,7 @@ class UdpReceiver:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        self._socket = _bind_socket(host, port)
+        self._socket = _bind_udp_socket(host, port)
         self.address: tuple[str, int] = self._socket.getsockname()
         self.buffer_bytes: int = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         """Buffer size that the system granted."""
@@ -54,7 +54,9 @@ class UdpReceiver:
         # Running totals; each is modified by one thread only, so no lock is needed.
         self._n_received, self._n_released = 0, 0
         self._is_closing = False
-        self._thread = Thread(target=self._receive_packets, name="dechirp-receiver", daemon=True)
+        self._thread = Thread(
+            target=self._receive_until_closed, name="dechirp-receiver", daemon=True
+        )
         self._thread.start()
 
     @property
@@ -67,7 +69,7 @@ class UdpReceiver:
         """Number of received packets that were not released."""
         return self._n_received - self._n_released
 
-    def waiting_packets(self) -> PacketSlots:
+    def contiguous_waiting_packets(self) -> PacketSlots:
         """Return waiting packets that are contiguous in the ring; possibly none."""
         start = self._n_released % _N_SLOTS
         n = min(self.n_waiting, _N_SLOTS - start, _MAX_PACKETS_PER_CALL)
@@ -83,14 +85,14 @@ class UdpReceiver:
         self._thread.join()
         self._socket.close()
 
-    def _receive_packets(self) -> None:
+    def _receive_until_closed(self) -> None:
         try:
             while not self._is_closing:
                 start = self._n_received % _N_SLOTS
                 free = min(_N_SLOTS - self.n_waiting, _N_SLOTS - start)
                 self.was_full |= free == 0
                 n = (
-                    self._reader.read_packets(start, min(free, _MAX_PACKETS_PER_CALL))
+                    self._reader.read_packets_into_slots(start, min(free, _MAX_PACKETS_PER_CALL))
                     if free
                     else 0
                 )
@@ -101,7 +103,7 @@ class UdpReceiver:
             self.error = error
 
 
-def _bind_socket(host: str, port: int) -> socket.socket:
+def _bind_udp_socket(host: str, port: int) -> socket.socket:
     """Bind a non-blocking socket with the largest permitted buffer."""
     udp_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.recordings.live.socket_reader import PacketSlots
 from dechirp.recordings.streams.packets import MAX_PAYLOAD_BYTES, read_unsigned
 
@@ -71,7 +71,7 @@ class ReassemblyWindow:
 
     def __init__(self, frame_bytes: int, *, max_lost_frames: int) -> None:
         n_open = 2 + MAX_DELAY_BYTES // frame_bytes
-        check_memory(
+        check_free_memory(
             "the frames that are received",
             needed_bytes=2.0 * n_open * frame_bytes,
             fix="check the settings of the radar, or send smaller frames",
@@ -85,10 +85,10 @@ class ReassemblyWindow:
         no_packets = PacketSlots(
             np.zeros((0, 1), np.uint8), np.zeros(0, np.int64), np.zeros(0, np.int64)
         )
-        self._insert(no_packets)  # compiles before packets arrive
+        self._insert_into_open_frames(no_packets)  # compiles before packets arrive
 
     @property
-    def has_restarted(self) -> bool:
+    def has_radar_restarted(self) -> bool:
         """True if the radar restarted, or resumed too late; later packets are not inserted."""
         return bool(self.counters[_HAS_RESTARTED])
 
@@ -98,38 +98,40 @@ class ReassemblyWindow:
         counters = self.counters
         return int(counters[_END_BYTE] - counters[_FIRST_BYTE] - counters[N_BYTES])
 
-    def reassemble(self, packets: PacketSlots) -> Iterator[FrameBytes]:
+    def reassemble_frames(self, packets: PacketSlots) -> Iterator[FrameBytes]:
         """Insert packets, and yield each frame that is complete or no longer awaited."""
         n_processed, n = 0, len(packets.sizes)
-        while n_processed < n and not self.has_restarted:
-            n_processed += self._insert(packets.slice_slots(n_processed, n))
-            while self._filled_bytes[self._oldest_slot] == self._content.shape[1]:
-                yield from self._close_oldest()
+        while n_processed < n and not self.has_radar_restarted:
+            n_processed += self._insert_into_open_frames(packets.slice_slots(n_processed, n))
+            while self._filled_bytes[self._slot_of_oldest_frame] == self._content.shape[1]:
+                yield from self._close_oldest_frame()
             if n_processed < n:
-                yield from self.flush_before(int(self.counters[_REQUIRED_OLDEST]))
+                yield from self.flush_frames_before(int(self.counters[_REQUIRED_OLDEST]))
 
     @property
-    def frame_in_progress(self) -> int:
+    def frame_number_in_progress(self) -> int:
         """Number of the frame that contains the byte after the farthest one."""
         return int(self.counters[_END_BYTE]) // self._content.shape[1]
 
-    def flush_before(self, number: int) -> Iterator[FrameBytes]:
+    def flush_frames_before(self, frame_number: int) -> Iterator[FrameBytes]:
         """Yield the received part of all frames before this number, and close them."""
-        while self.counters[_OLDEST_FRAME] < number and self._filled_bytes.any():
-            yield from self._close_oldest()
-        self.counters[_OLDEST_FRAME] = max(self.counters[_OLDEST_FRAME], number)
+        while self.counters[_OLDEST_FRAME] < frame_number and self._filled_bytes.any():
+            yield from self._close_oldest_frame()
+        self.counters[_OLDEST_FRAME] = max(self.counters[_OLDEST_FRAME], frame_number)
 
-    def _insert(self, packets: PacketSlots) -> int:
+    def _insert_into_open_frames(self, packets: PacketSlots) -> int:
         frames = self._content, self._received, self._filled_bytes
-        return int(_insert_packets(*packets, self._farthest_bytes, self.counters, *frames))
+        return int(
+            _insert_packets_into_frames(*packets, self._farthest_bytes, self.counters, *frames)
+        )
 
     @property
-    def _oldest_slot(self) -> int:
+    def _slot_of_oldest_frame(self) -> int:
         return int(self.counters[_OLDEST_FRAME]) % len(self._filled_bytes)
 
-    def _close_oldest(self) -> Iterator[FrameBytes]:
+    def _close_oldest_frame(self) -> Iterator[FrameBytes]:
         """Close the oldest frame, and open the one after the last."""
-        slot, number = self._oldest_slot, int(self.counters[_OLDEST_FRAME])
+        slot, number = self._slot_of_oldest_frame, int(self.counters[_OLDEST_FRAME])
         if self._filled_bytes[slot]:
             yield FrameBytes(number, self._content[slot], self._received[slot])
         self._content[slot] = 0
@@ -139,14 +141,14 @@ class ReassemblyWindow:
 
 
 @numba.njit(cache=True, nogil=True)
-def _has_conflict(
-    payload: np.ndarray, start: int, content: np.ndarray, received: np.ndarray
+def _has_conflicting_bytes(
+    payload: np.ndarray, start_byte: int, content: np.ndarray, received: np.ndarray
 ) -> bool:
     """Return True if received bytes have other values: those of another recording."""
     n_open, frame_bytes = content.shape
     k = 0
     while k < len(payload):  # frame by frame: one division a byte would dominate
-        frame, offset = divmod(start + k, frame_bytes)
+        frame, offset = divmod(start_byte + k, frame_bytes)
         n = min(len(payload) - k, frame_bytes - offset)
         span = slice(offset, offset + n)
         is_received, stored = received[frame % n_open, span], content[frame % n_open, span]
@@ -158,14 +160,18 @@ def _has_conflict(
 
 
 @numba.njit(cache=True, nogil=True)
-def _copy_payload(
-    payload: np.ndarray, start: int, content: np.ndarray, received: np.ndarray, filled: np.ndarray
+def _copy_payload_to_frames(
+    payload: np.ndarray,
+    start_byte: int,
+    content: np.ndarray,
+    received: np.ndarray,
+    filled_bytes: np.ndarray,
 ) -> int:
     """Copy bytes into the open frames and return the number of new ones."""
     n_open, frame_bytes = content.shape
     k, n_new = 0, 0
     while k < len(payload):
-        frame, offset = divmod(start + k, frame_bytes)
+        frame, offset = divmod(start_byte + k, frame_bytes)
         n = min(len(payload) - k, frame_bytes - offset)
         span, slot = slice(offset, offset + n), frame % n_open
         is_received, stored = received[slot, span], content[slot, span]
@@ -174,22 +180,22 @@ def _copy_payload(
             n_copied += not is_received[j]
             stored[j] = payload[k + j]
             is_received[j] = True
-        filled[slot] += n_copied
+        filled_bytes[slot] += n_copied
         n_new += n_copied
         k += n
     return n_new
 
 
 @numba.njit(cache=True, nogil=True)
-def _insert_packets(
+def _insert_packets_into_frames(
     packets: np.ndarray,
     sizes: np.ndarray,
     senders: np.ndarray,
-    farthest_bytes: int,
+    max_bytes_ahead: int,
     counters: np.ndarray,
     content: np.ndarray,
     received: np.ndarray,
-    filled: np.ndarray,
+    filled_bytes: np.ndarray,
 ) -> int:
     """Insert packets until one belongs to a frame that is not open; return the number processed."""
     n_open, frame_bytes = content.shape
@@ -215,7 +221,7 @@ def _insert_packets(
             counters[N_FOREIGN_SENDER] += 1
             continue
         is_behind = start < counters[_END_BYTE] - MAX_DELAY_BYTES
-        is_ahead = start > counters[_END_BYTE] + farthest_bytes
+        is_ahead = start > counters[_END_BYTE] + max_bytes_ahead
         is_distant = is_behind or is_ahead
         if is_distant and (start == 0 or counters[_N_DISTANT] == _MAX_DISTANT_PACKETS):
             counters[_HAS_RESTARTED] = 1
@@ -230,10 +236,10 @@ def _insert_packets(
             return i
         insert_start = max(start, counters[_OLDEST_FRAME] * frame_bytes)
         payload = packets[i, HEADER_BYTES + insert_start - start : HEADER_BYTES + size]
-        if _has_conflict(payload, insert_start, content, received):
+        if _has_conflicting_bytes(payload, insert_start, content, received):
             counters[_HAS_RESTARTED] = 1
             return i
-        n_new = _copy_payload(payload, insert_start, content, received, filled)
+        n_new = _copy_payload_to_frames(payload, insert_start, content, received, filled_bytes)
         if n_new == 0:
             counters[N_DUPLICATES] += 1
             counters[_N_DISTANT] += is_behind

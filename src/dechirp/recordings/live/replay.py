@@ -7,25 +7,25 @@ from pathlib import Path
 
 from dechirp.core.checks import check_number
 from dechirp.core.errors import InvalidSetting
-from dechirp.recordings.live.udp import parse_address
+from dechirp.recordings.live.udp import parse_udp_address
 from dechirp.recordings.recognise import unreadable_path_error
 from dechirp.recordings.streams.packets import MAX_PAYLOAD_BYTES
 
 _PACKETS_PER_BURST = 16  # 1.1 ms at 21 MB/s, the shortest sleep
 
 
-def build_packet(sequence: int, payload: bytes) -> bytes:
+def build_dca1000_packet(sequence: int, payload: bytes) -> bytes:
     """Build a packet; `sequence` counts from 1, and all earlier packets were full."""
     n_bytes_before = (sequence - 1) * MAX_PAYLOAD_BYTES
     return (sequence % 2**32).to_bytes(4, "little") + n_bytes_before.to_bytes(6, "little") + payload
 
 
-def iter_packets(path: Path) -> Iterator[bytes]:
+def iter_file_as_packets(path: Path) -> Iterator[bytes]:
     """Yield the packets of a file of raw samples, read one by one."""
     with path.open("rb") as file:
         sequence = 1
         while payload := file.read(MAX_PAYLOAD_BYTES):
-            yield build_packet(sequence, payload)
+            yield build_dca1000_packet(sequence, payload)
             sequence += 1
 
 
@@ -55,10 +55,10 @@ def replay(path: str | Path, address: str = "127.0.0.1:4098", *, bytes_per_s: fl
     """
     path = Path(path)
     rate = check_number("bytes_per_s", bytes_per_s, above=0)
-    destination = parse_address(address)
+    destination = parse_udp_address(address)
     n_sent, start_s = 0, time.monotonic()
     try:
-        capture_packets = iter_packets(path)
+        capture_packets = iter_file_as_packets(path)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp_socket:
             for packet in capture_packets:
                 _send_packet(udp_socket, packet, destination)

@@ -45,8 +45,8 @@ class SocketReader(ABC):
         self._socket, self._slots = udp_socket, slots
 
     @abstractmethod
-    def read_packets(self, start: int, n: int) -> int:
-        """Read at most n packets into the slots from `start` on and return their number.
+    def read_packets_into_slots(self, first_slot: int, max_packets: int) -> int:
+        """Read at most n packets into the slots from `first_slot` on and return their number.
 
         Raises
         ------
@@ -80,12 +80,12 @@ class RecvmmsgReader(SocketReader):
         self._messages["n_parts"] = 1
         self._call = ctypes.CDLL(None, use_errno=True).recvmmsg
 
-    def read_packets(self, start: int, n: int) -> int:
-        address = self._messages.ctypes.data + _MESSAGE.itemsize * start
+    def read_packets_into_slots(self, first_slot: int, max_packets: int) -> int:
+        address = self._messages.ctypes.data + _MESSAGE.itemsize * first_slot
         n_received = self._call(
             self._socket.fileno(),
             ctypes.c_void_p(address),
-            n,
+            max_packets,
             socket.MSG_DONTWAIT,
             ctypes.c_void_p(),
         )
@@ -94,7 +94,7 @@ class RecvmmsgReader(SocketReader):
             if error_number in (errno.EAGAIN, errno.EINTR):
                 return 0
             raise OSError(error_number, os.strerror(error_number))
-        filled = slice(start, start + n_received)
+        filled = slice(first_slot, first_slot + n_received)
         self._slots.sizes[filled] = self._messages["size"][filled]
         self._slots.senders[filled] = self._senders[filled, 0]
         return int(n_received)
@@ -103,19 +103,19 @@ class RecvmmsgReader(SocketReader):
 class RecvfromReader(SocketReader):
     """Reader with one system call a packet, for any operating system."""
 
-    def read_packets(self, start: int, n: int) -> int:
-        for slot in range(start, start + n):
+    def read_packets_into_slots(self, first_slot: int, max_packets: int) -> int:
+        for slot in range(first_slot, first_slot + max_packets):
             try:
                 size, sender = self._socket.recvfrom_into(self._slots.content[slot].data)
             except BlockingIOError:
-                return slot - start
+                return slot - first_slot
             except OSError as error:
                 if getattr(error, "winerror", None) != _TOO_LONG_ON_WINDOWS:
                     raise
                 size, sender = self._slots.content.shape[1], None
             self._slots.sizes[slot] = size
             self._slots.senders[slot] = hash(sender)
-        return n
+        return max_packets
 
 
 def fastest_socket_reader(udp_socket: socket.socket, slots: PacketSlots) -> SocketReader:

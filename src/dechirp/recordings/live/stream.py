@@ -12,13 +12,13 @@ import xarray as xr
 from dechirp.core.checks import check_number
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.radar.calibration import Calibration
 from dechirp.radar.devices.lookup import device as known_device
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, RecordingHints
-from dechirp.recordings.readers.dca1000 import possible_layouts
-from dechirp.recordings.recording import combine_settings, label_frames
+from dechirp.recordings.readers.dca1000 import possible_word_layouts
+from dechirp.recordings.recording import combine_radar_and_layout_settings, label_frames_as_cube
 from dechirp.recordings.samples.raw_samples import interpret_raw_samples
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 from dechirp.recordings.settings.calibration import read_calibration
@@ -65,7 +65,7 @@ class Stream(ABC):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Assumptions and transmission problems so far."""
-        return (*self._decoder.findings, *self._stream_findings())
+        return (*self._decoder.findings, *self._transmission_findings())
 
     @property
     def has_ended(self) -> bool:
@@ -105,7 +105,7 @@ class Stream(ABC):
         """Yield frames until the source ends."""
 
     @abstractmethod
-    def _stream_findings(self) -> tuple[Finding, ...]:
+    def _transmission_findings(self) -> tuple[Finding, ...]:
         """Return findings about the transmission."""
 
     @abstractmethod
@@ -121,7 +121,10 @@ class _FrameDecoder:
         self._path, self._settings = path, replace(settings, n_frames=None)
         self._iq = iq
         frame, n_rx = self.radar.frame, self.radar.array.n_rx
-        sizes = {2 * layout.chirp_words(frame.chirp, n_rx) for layout in possible_layouts(settings)}
+        sizes = {
+            2 * layout.words_per_chirp(frame.chirp, n_rx)
+            for layout in possible_word_layouts(settings)
+        }
         if len(sizes) > 1:
             raise RecordingError(
                 path,
@@ -131,13 +134,13 @@ class _FrameDecoder:
             )
         self._chirp_bytes = sizes.pop()
         self.frame_bytes = frame.n_chirps_total * self._chirp_bytes
-        check_memory(
+        check_free_memory(
             "a frame of the stream",
             needed_bytes=4.0 * self.frame_bytes,  # its bytes, and a cube of twice the size
             fix="check the settings of the radar",
         )
         self._bytes = _FrameBuffer(self.frame_bytes)
-        self._read_contents()  # rejects unreadable settings before packets arrive
+        self._infer_sample_layout()  # rejects unreadable settings before packets arrive
         self._contents: Contents | None = None
 
     @property
@@ -154,8 +157,8 @@ class _FrameDecoder:
         if received.received_mask is not None:
             gap = np.asarray(~received.received_mask.reshape(-1, self._chirp_bytes).all(axis=1))
         if self._contents is None:
-            self._bytes.content = self._without_gaps(received.content, gap)
-            self._contents = self._read_contents()
+            self._bytes.content = self._repeat_complete_chirps(received.content, gap)
+            self._contents = self._infer_sample_layout()
         self._bytes.content = received.content
         frame, n_rx = self.radar.frame, self.radar.array.n_rx
         sample_dtype = np.complex64 if frame.chirp.sampling == "complex" else np.float32
@@ -163,18 +166,20 @@ class _FrameDecoder:
         assert self._contents.decode is not None  # bare samples are samples
         self._contents.decode(0, samples[0])
         gaps = None if gap is None else gap[None]
-        return label_frames(samples, self._contents, first=received.number, gaps=gaps)
+        return label_frames_as_cube(samples, self._contents, first_frame=received.number, gaps=gaps)
 
-    def _read_contents(self) -> Contents:
-        lanes, hints = possible_layouts(self._settings), RecordingHints(iq=self._iq)
+    def _infer_sample_layout(self) -> Contents:
+        lanes, hints = possible_word_layouts(self._settings), RecordingHints(iq=self._iq)
         return interpret_raw_samples(self._path, self._bytes, lanes, self._settings, hints)
 
-    def _without_gaps(self, content: np.ndarray, gap: np.ndarray | None) -> np.ndarray:
+    def _repeat_complete_chirps(
+        self, content: np.ndarray, is_chirp_lost: np.ndarray | None
+    ) -> np.ndarray:
         """Return the complete chirps, repeated to fill a frame; zeros carry no information."""
-        if gap is None or gap.all():
+        if is_chirp_lost is None or is_chirp_lost.all():
             return content
         chirps = content.reshape(-1, self._chirp_bytes)
-        return np.resize(chirps[~gap], chirps.shape).reshape(-1)
+        return np.resize(chirps[~is_chirp_lost], chirps.shape).reshape(-1)
 
 
 class _FrameBuffer(ByteSource):
@@ -188,14 +193,14 @@ class _FrameBuffer(ByteSource):
         into[:] = self.content[start : start + into.size]
 
 
-def stream_settings(
+def settings_from_arguments(
     radar: Radar | str | Path | None,
     settings: str | Path | None,
     device: str | None,
     calibration: Calibration | str | Path | None,
 ) -> RecordingSettings | None:
     """Return the settings from arguments as of `open`; None without radar and settings."""
-    given_settings = combine_settings(
+    given_settings = combine_radar_and_layout_settings(
         radar, settings, None if device is None else known_device(device)
     )
     if given_settings is None or calibration is None:

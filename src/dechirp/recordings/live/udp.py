@@ -24,7 +24,7 @@ from dechirp.recordings.live.reassembly import (
     FrameBytes,
     ReassemblyWindow,
 )
-from dechirp.recordings.live.stream import ReceivedFrame, Stream, stream_settings
+from dechirp.recordings.live.stream import ReceivedFrame, Stream, settings_from_arguments
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 from dechirp.recordings.streams.packets import MAX_PAYLOAD_BYTES
 
@@ -77,9 +77,9 @@ class Listener(Stream):
     def _iter_received_frames(self) -> Iterator[ReceivedFrame]:
         window, receiver = self._window, self._receiver
         n_inserted, last_packet_s = 0, time.monotonic()
-        while not (self._is_stopped or window.has_restarted or receiver.error):
-            packets = receiver.waiting_packets()
-            yield from map(self._count_frame, window.reassemble(packets))
+        while not (self._is_stopped or window.has_radar_restarted or receiver.error):
+            packets = receiver.contiguous_waiting_packets()
+            yield from map(self._count_and_convert_frame, window.reassemble_frames(packets))
             receiver.release_packets(len(packets.sizes))
             n_placed = int(window.counters[N_PACKETS])
             if n_placed > n_inserted:
@@ -89,10 +89,14 @@ class Listener(Stream):
             if not len(packets.sizes):
                 time.sleep(_PAUSE_S)
         # After a stop the frame in progress is incomplete without loss, so it is not yielded.
-        end_number = window.frame_in_progress if self._is_stopped else window.frame_in_progress + 1
-        yield from map(self._count_frame, window.flush_before(end_number))
+        end_number = (
+            window.frame_number_in_progress
+            if self._is_stopped
+            else window.frame_number_in_progress + 1
+        )
+        yield from map(self._count_and_convert_frame, window.flush_frames_before(end_number))
 
-    def _count_frame(self, frame: FrameBytes) -> ReceivedFrame:
+    def _count_and_convert_frame(self, frame: FrameBytes) -> ReceivedFrame:
         self._n_frames += 1
         self._n_incomplete += not frame.received_mask.all()
         if self._last_number is not None:
@@ -100,20 +104,20 @@ class Listener(Stream):
         self._last_number = frame.number
         return ReceivedFrame(*frame)
 
-    def _stream_findings(self) -> tuple[Finding, ...]:
+    def _transmission_findings(self) -> tuple[Finding, ...]:
         return (
-            *self._loss_findings(),
-            *self._order_findings(),
-            *self._rejection_findings(),
-            *self._end_findings(),
+            *self._lost_samples_findings(),
+            *self._packet_order_findings(),
+            *self._rejected_packet_findings(),
+            *self._aborted_stream_findings(),
         )
 
-    def _loss_findings(self) -> Iterator[Finding]:
+    def _lost_samples_findings(self) -> Iterator[Finding]:
         if not (self._n_incomplete or self._n_omitted):
             return
         lost_bytes = self._window.lost_bytes
         if not lost_bytes:
-            yield _make_note(
+            yield _note_without_fix(
                 f"{self._n_incomplete} of {self._n_frames} frames have gaps at the beginning"
                 " or end of the stream",
                 expected="complete frames",
@@ -133,18 +137,18 @@ class Listener(Stream):
             " and the coordinate `gap` marks them",
         )
 
-    def _order_findings(self) -> Iterator[Finding]:
+    def _packet_order_findings(self) -> Iterator[Finding]:
         for counter, description in (
             (N_REORDERED, "out of order, sorted by their counters"),
             (N_DUPLICATES, "duplicate or too late for their frame, omitted"),
         ):
             if n := int(self._window.counters[counter]):
-                yield _make_note(
+                yield _note_without_fix(
                     f"{n} packets {description}", expected="packets in order, each once"
                 )
 
-    def _rejection_findings(self) -> Iterator[Finding]:
-        if rejected := self._describe_rejected():
+    def _rejected_packet_findings(self) -> Iterator[Finding]:
+        if rejected := self._describe_rejected_packets():
             yield Finding(
                 level="warning",
                 setting="recording",
@@ -153,7 +157,7 @@ class Listener(Stream):
                 fix="find the other sender to the port",
             )
 
-    def _describe_rejected(self) -> str:
+    def _describe_rejected_packets(self) -> str:
         counters = self._window.counters
         return ", ".join(
             f"{counters[counter]} {reason}"
@@ -161,9 +165,9 @@ class Listener(Stream):
             if counters[counter]
         )
 
-    def _end_findings(self) -> Iterator[Finding]:
+    def _aborted_stream_findings(self) -> Iterator[Finding]:
         error = self._receiver.error
-        if self._window.has_restarted or error:
+        if self._window.has_radar_restarted or error:
             yield Finding(
                 level="warning",
                 setting="recording",
@@ -176,7 +180,7 @@ class Listener(Stream):
             )
 
     def _no_frames_error(self) -> RecordingError:
-        rejected = self._describe_rejected()
+        rejected = self._describe_rejected_packets()
         duration = "before it was stopped" if self._was_stop_requested else f"in {self._idle_s:g} s"
         return RecordingError(
             self.address,
@@ -187,7 +191,7 @@ class Listener(Stream):
         )
 
 
-def _make_note(value: str, *, expected: str) -> Finding:
+def _note_without_fix(value: str, *, expected: str) -> Finding:
     return Finding(
         level="note",
         setting="recording",
@@ -236,8 +240,8 @@ def listen(
     RecordingError
         If a DCA1000 cannot record the radar; while iterating, if no frame arrives.
     """
-    host, port = parse_address(address)
-    given_settings = stream_settings(radar, settings, device, calibration)
+    host, port = parse_udp_address(address)
+    given_settings = settings_from_arguments(radar, settings, device, calibration)
     if given_settings is None:
         raise InvalidSetting(
             "radar",
@@ -253,7 +257,7 @@ def is_udp_address(text: str) -> bool:
     return re.match(r"udp:[/\\]", text, re.IGNORECASE) is not None
 
 
-def parse_address(address: str) -> tuple[str, int]:
+def parse_udp_address(address: str) -> tuple[str, int]:
     """Parse host and port of an address."""
     form = r"(?:udp:[/\\]{1,2})?([^\s:/\\]*)(?::(\d{1,5}))?"
     match = re.fullmatch(form, str(address).strip(), re.ASCII | re.IGNORECASE)

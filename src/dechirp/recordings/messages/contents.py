@@ -6,15 +6,15 @@ from pathlib import Path
 
 from dechirp.core.errors import RecordingError
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
-from dechirp.recordings.description import is_description
+from dechirp.recordings.description import is_native_description
 from dechirp.recordings.messages import foreign_point_clouds, native_tables
-from dechirp.recordings.messages.message_arrays import collect_messages
-from dechirp.recordings.messages.ros import Message, message_types
-from dechirp.recordings.native import check_hints_agree
+from dechirp.recordings.messages.message_arrays import collect_message_arrays
+from dechirp.recordings.messages.ros import Message, ros2_message_types
+from dechirp.recordings.native import check_device_and_iq_hints
 from dechirp.recordings.readers.base import Contents, RecordingHints
 
 
-def read_messages(
+def messages_to_contents(
     path: Path, messages: Iterable[Message], hints: RecordingHints, expected: str
 ) -> Contents:
     """Read all messages of a file.
@@ -26,19 +26,19 @@ def read_messages(
     InvalidSetting
         If the extra `io` is missing.
     """
-    message_types()  # a missing extra is no damage
+    ros2_message_types()  # a missing extra is no damage
     settings = hints.settings
     radar = None if settings is None else settings.radar
     with convert_parser_errors(path, expected):
-        arrays = collect_messages(path, messages, hints.inner_name)
+        arrays = collect_message_arrays(path, messages, hints.inner_name)
         text = arrays.description
-        if text is None or not is_description(text):
-            contents = foreign_point_clouds.read_foreign_clouds(
+        if text is None or not is_native_description(text):
+            contents = foreign_point_clouds.read_foreign_detections(
                 path, arrays, radar, hints.inner_name
             )
         elif hints.inner_name is None:
-            contents = native_tables.read_native_tables(path, text, arrays, radar)
-            check_hints_agree(path, hints, device=contents.device, iq=contents.iq)
+            contents = native_tables.read_native_message_contents(path, text, arrays, radar)
+            check_device_and_iq_hints(path, hints, device=contents.device, iq=contents.iq)
         else:
             raise RecordingError(
                 path,

@@ -27,7 +27,7 @@ _XYZ = ("x", "y", "z")
 _COMPUTED = ("frame", "time", "range", "velocity", "azimuth", "elevation", "snr")
 
 
-def read_foreign_clouds(
+def read_foreign_detections(
     path: Path, arrays: MessageArrays, radar: Radar | None, topic_name: str | None
 ) -> Contents:
     """Return the detections of the named topic, or of the first with velocities.
@@ -43,7 +43,7 @@ def read_foreign_clouds(
         raise RecordingError(
             path,
             value=f"no point cloud {f'on {topic}' if topic_name else 'of a radar'}:"
-            f" {_format_topics(topics)}",
+            f" {_format_topics_with_types(topics)}",
             expected="a topic of sensor_msgs/msg/PointCloud2, with velocities unless it is named",
             fix="append the topic to the recording, as in bag.mcap/front/radar",
         )
@@ -58,7 +58,7 @@ def read_foreign_clouds(
             fix="append another topic to the recording, as in bag.mcap/front/radar",
         )
     with np.errstate(all="ignore"):  # foreign numbers: overflow gives no valid position
-        points = _to_detections(clouds, names)
+        points = _clouds_to_detections(clouds, names)
     unread_topics = {
         **arrays.unread_topics,
         **{other_topic: "points" for other_topic in arrays.clouds if other_topic != topic},
@@ -67,22 +67,22 @@ def read_foreign_clouds(
         radar=radar,
         n_frames=len(clouds),
         points=points,
-        findings=_topic_findings(topic, clouds[0].frame_id, names, unread_topics),
+        findings=_used_topic_and_fields_findings(topic, clouds[0].frame_id, names, unread_topics),
     )
 
 
-def _to_detections(clouds: list[PointCloud], names: dict[str, str]) -> xr.Dataset:
-    """Convert clouds to detections; `names` maps lower-case field names to their spelling."""
+def _clouds_to_detections(clouds: list[PointCloud], field_names: dict[str, str]) -> xr.Dataset:
+    """Convert clouds to detections; `field_names` maps lower-case field names to their spelling."""
     counts = [len(cloud.points) for cloud in clouds]
     frame = np.repeat(np.arange(len(clouds)), counts)
     times_s = np.array([cloud.time_ns - clouds[0].time_ns for cloud in clouds]) / NANO
 
     def column(name: str) -> np.ndarray:
-        return np.concatenate([cloud.points[names[name]] for cloud in clouds]).astype(float)
+        return np.concatenate([cloud.points[field_names[name]] for cloud in clouds]).astype(float)
 
     x, y, z = map(column, _XYZ)
-    velocity = next((name for name in VELOCITIES if name in names), None)
-    snr = next((name for name in _SNRS if name in names), None)
+    velocity = next((name for name in VELOCITIES if name in field_names), None)
+    snr = next((name for name in _SNRS if name in field_names), None)
     ground = np.hypot(x, y)
     unknown = np.full(len(x), np.nan)
     columns = {
@@ -96,8 +96,8 @@ def _to_detections(clouds: list[PointCloud], names: dict[str, str]) -> xr.Datase
     }
     point_dtype = clouds[0].points.dtype
     used_names = {*columns, *_XYZ, velocity, snr}
-    for name in names:  # in file order: the order of a set changes from run to run
-        if name not in used_names and not point_dtype[names[name]].shape:
+    for name in field_names:  # in file order: the order of a set changes from run to run
+        if name not in used_names and not point_dtype[field_names[name]].shape:
             columns[name] = column(name)
     has_position = np.isfinite(columns["range"])  # the others pad an organised cloud
     return xr.Dataset(
@@ -112,19 +112,19 @@ def _to_detections(clouds: list[PointCloud], names: dict[str, str]) -> xr.Datase
     )
 
 
-def _topic_findings(
-    topic: str, frame_id: str, names: dict[str, str], unread_topics: dict[str, str]
+def _used_topic_and_fields_findings(
+    topic: str, frame_id: str, fields: dict[str, str], unread_topics: dict[str, str]
 ) -> tuple[Finding, ...]:
     """Report the topic and the fields that were used, and topics that were not read."""
     used_fields = [
-        f"{quantity} from {next((names[name] for name in candidates if name in names), 'nothing')}"
+        f"{quantity} from {next((fields[key] for key in candidates if key in fields), 'nothing')}"
         for quantity, candidates in (("velocity", VELOCITIES), ("snr in dB", _SNRS))
     ]
     findings = [
         Finding(
             level="warning" if "nothing" in used_fields[0] else "note",
             setting="points",
-            value=f"points of {topic} (frame_id {frame_id!r}), fields {', '.join(names.values())};"
+            value=f"points of {topic} (frame_id {frame_id!r}), fields {', '.join(fields.values())};"
             f" {', '.join(used_fields)}",
             expected="x forward, y left, z up, and velocities along the line of sight, receding"
             " positive",
@@ -136,7 +136,7 @@ def _topic_findings(
             Finding(
                 level="note",
                 setting="recording",
-                value=f"other topics, not read: {_format_topics(unread_topics)}",
+                value=f"other topics, not read: {_format_topics_with_types(unread_topics)}",
                 expected="one topic of points",
                 fix="append another topic to the recording, as in bag.mcap/front/radar",
             )
@@ -144,7 +144,7 @@ def _topic_findings(
     return tuple(findings)
 
 
-def _format_topics(topics: dict[str, str]) -> str:
+def _format_topics_with_types(topics: dict[str, str]) -> str:
     """Format topics with their types."""
     descriptions = [f"{topic} ({kind})" for topic, kind in sorted(topics.items())]
     more = f" and {len(descriptions) - 12} more" if len(descriptions) > 12 else ""

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from dechirp.core.memory import SMALL_BYTES, check_memory
+from dechirp.core.memory import SMALL_BYTES, check_free_memory
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.messages.ros import (
     CLOUD,
     NANO,
     TEXT,
     Message,
-    cloud_points,
     decode_message,
-    is_number_array,
-    number_array,
+    is_number_array_type,
+    parse_cloud_points,
+    parse_number_array,
 )
 
 ROOT = "/radar"
@@ -66,7 +66,7 @@ class MessageArrays:
     """Type of each topic that was not read."""
 
 
-def collect_messages(
+def collect_message_arrays(
     path: Path, messages: Iterable[Message], topic_name: str | None
 ) -> MessageArrays:
     """Read the arrays of all messages.
@@ -83,8 +83,8 @@ def collect_messages(
         is_native = topic.startswith(f"{ROOT}/")
         if topic == DESCRIPTION and message.type == TEXT:
             text = str(decode_message(message).data)
-        elif is_native and is_number_array(message.type):
-            arrays[topic] = number_array(decode_message(message))
+        elif is_native and is_number_array_type(message.type):
+            arrays[topic] = parse_number_array(decode_message(message))
         elif message.type == CLOUD and topic not in unread_topics:
             cloud = decode_message(message)
             names = {point_cloud.name.lower() for point_cloud in cloud.fields}
@@ -94,13 +94,13 @@ def collect_messages(
             stamp = cloud.header.stamp
             time_ns = stamp.sec * NANO + stamp.nanosec or message.time_ns
             point_cloud = PointCloud(
-                time_ns=time_ns, frame_id=cloud.header.frame_id, points=cloud_points(cloud)
+                time_ns=time_ns, frame_id=cloud.header.frame_id, points=parse_cloud_points(cloud)
             )
             clouds.setdefault(topic, []).append(point_cloud)
             earlier_bytes, n_bytes = n_bytes, n_bytes + point_cloud.points.nbytes
             if n_bytes // SMALL_BYTES > earlier_bytes // SMALL_BYTES:
                 # Twice the memory: clouds become columns.
-                check_memory(
+                check_free_memory(
                     f"the points in {path.name}",
                     needed_bytes=n_bytes,
                     fix="split the bag into shorter ones",

@@ -6,26 +6,26 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.radar.radar import Radar
-from dechirp.recordings.description import Description, parse_description, read_tables
+from dechirp.recordings.description import Description, parse_description, read_described_tables
 from dechirp.recordings.messages.message_arrays import ROOT, MessageArrays
 from dechirp.recordings.readers.base import Contents
 
 DETECTIONS = "detections"
 
 
-def read_native_tables(
-    path: Path, text: str, arrays: MessageArrays, radar: Radar | None
+def read_native_message_contents(
+    path: Path, description_text: str, arrays: MessageArrays, radar: Radar | None
 ) -> Contents:
     """Return detections and other tables of a native file.
 
     A `radar` given by the user has priority over that of the file.
     """
-    description = parse_description(path, text, radar)
+    description = parse_description(path, description_text, radar)
 
     def column(table: str, name: str) -> np.ndarray:
-        return _read_column(arrays, description, table, name)
+        return _read_table_column(arrays, description, table, name)
 
-    tables = read_tables(path, description, column)
+    tables = read_described_tables(path, description, column)
     n_frames = len(arrays.clouds.get(f"{ROOT}/{DETECTIONS}", ()))
     detections = tables.get(DETECTIONS)
     frame_numbers = None if detections is None else detections.get("frame")
@@ -50,7 +50,7 @@ def read_native_tables(
     )
 
 
-def _read_column(
+def _read_table_column(
     arrays: MessageArrays, description: Description, table: str, name: str
 ) -> np.ndarray:
     """Return a column of a table: a separate array, or a field of the points of all frames."""

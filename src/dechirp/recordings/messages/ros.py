@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dechirp.core.optional_imports import import_optional
+from dechirp.core.optional_imports import import_from_io_extra
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TEXT = "std_msgs/msg/String"
@@ -40,33 +40,33 @@ class Message(NamedTuple):
 
 
 @cache
-def message_types() -> Any:
+def ros2_message_types() -> Any:
     """Return the store of message types, which serialises messages."""
-    stores = import_optional("rosbags.typesys", setting="recording")
+    stores = import_from_io_extra("rosbags.typesys", setting="recording")
     return stores.get_typestore(stores.Stores.ROS2_HUMBLE)
 
 
 def create_message(type_name: str, **fields: object) -> Any:
     """Create a message of a type, or a part of one."""
-    return message_types().types[type_name](**fields)
+    return ros2_message_types().types[type_name](**fields)
 
 
 def encode_message(message: Any) -> bytes:
     """Serialise a message to CDR."""
-    return bytes(message_types().serialize_cdr(message, message.__msgtype__))
+    return bytes(ros2_message_types().serialize_cdr(message, message.__msgtype__))
 
 
 def decode_message(message: Message) -> Any:
     """Deserialise a message; raises any error of rosbags or NumPy if it is damaged."""
-    return message_types().deserialize_cdr(bytes(message.data), message.type)
+    return ros2_message_types().deserialize_cdr(bytes(message.data), message.type)
 
 
-def is_number_array(type_name: str) -> bool:
+def is_number_array_type(type_name: str) -> bool:
     """Return whether a type is an array of numbers, such as `std_msgs/msg/Float64MultiArray`."""
     return type_name.startswith("std_msgs/msg/") and type_name.endswith("MultiArray")
 
 
-def cloud_points(cloud: Any) -> np.ndarray:
+def parse_cloud_points(cloud: Any) -> np.ndarray:
     """Return the points of a decoded cloud, (n,), with its fields; `ValueError` if damaged."""
     if len(cloud.fields) > _MAX_FIELDS:
         raise ValueError(f"{len(cloud.fields)} fields in a point")
@@ -94,10 +94,10 @@ def cloud_points(cloud: Any) -> np.ndarray:
     return rows.reshape(-1).copy()
 
 
-def number_array(array: Any) -> np.ndarray:
+def parse_number_array(message: Any) -> np.ndarray:
     """Return the array of a decoded message in its declared shape; `ValueError` if damaged."""
-    shape = [dimension.size for dimension in array.layout.dim]
-    values = np.asarray(array.data)
+    shape = [dimension.size for dimension in message.layout.dim]
+    values = np.asarray(message.data)
     if math.prod(shape) != values.size:
         raise ValueError(f"{values.size} numbers for an array of shape {shape}")
     return values.reshape(shape).copy()

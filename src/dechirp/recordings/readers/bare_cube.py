@@ -7,14 +7,18 @@ from typing import ClassVar
 import numpy as np
 
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.arrays.lazy_files import memory_mapped_array
-from dechirp.recordings.arrays.named_axes import check_even_size, infer_shape, interpret_array
+from dechirp.recordings.arrays.lazy_files import open_memory_mapped_array
+from dechirp.recordings.arrays.named_axes import (
+    check_even_byte_count,
+    infer_shape,
+    interpret_array_as_recording,
+)
 from dechirp.recordings.readers.base import (
     Contents,
     Format,
     MatchQuality,
     RecordingHints,
-    describe_foreign_content,
+    identify_non_raw_content,
 )
 from dechirp.recordings.settings_lookup import find_recording_settings
 
@@ -33,21 +37,23 @@ class BareCube(Format):
     def recognise(self, path: Path) -> MatchQuality:
         return (
             MatchQuality.POSSIBLE
-            if path.is_file() and describe_foreign_content(path) is None
+            if path.is_file() and identify_non_raw_content(path) is None
             else MatchQuality.NO
         )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         settings = find_recording_settings(path, hints)
         n_bytes = path.stat().st_size
-        check_even_size(path, n_bytes)
+        check_even_byte_count(path, n_bytes)
         description = f"a file of {n_bytes} bytes (2 per number)"
         shape, findings = infer_shape(
             path, hints.axes, settings, n_bytes // 2, description=description
         )
         encoding = hints.encoding or "int16"
-        samples = memory_mapped_array(
+        samples = open_memory_mapped_array(
             path, np.dtype("<i2" if encoding == "int16" else "<u2"), shape
         )
         complete_hints = replace(hints, settings=settings, encoding=encoding)
-        return interpret_array(path, samples, complete_hints, file_bytes=n_bytes, findings=findings)
+        return interpret_array_as_recording(
+            path, samples, complete_hints, file_bytes=n_bytes, findings=findings
+        )

@@ -150,7 +150,7 @@ _SUFFIXES_WITH_SIGNATURE = {
 }
 
 
-def describe_foreign_content(path: Path) -> str | None:
+def identify_non_raw_content(path: Path) -> str | None:
     """Return the type of a file that is clearly not raw samples; None if it may be."""
     with path.open("rb") as file:
         head = file.read(512)
@@ -165,12 +165,12 @@ def describe_foreign_content(path: Path) -> str | None:
     return None
 
 
-def experimental_warning(kind: str) -> Finding:
+def experimental_reader_warning(reader: str) -> Finding:
     """Warn about a format whose reader was never checked on a real file."""
     return Finding(
         level="warning",
         setting="format",
-        value=f"{kind}, an experimental reader: written from the documentation of the format,"
+        value=f"{reader}, an experimental reader: written from the documentation of the format,"
         " never checked on a real file",
         expected="a range-Doppler map in which a known target has the right range and velocity",
         fix="check that in the first map; if it is wrong, name the axes with a generic format",

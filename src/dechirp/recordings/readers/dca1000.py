@@ -17,29 +17,29 @@ import numpy as np
 
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.native import check_hints_agree
+from dechirp.recordings.native import check_device_and_iq_hints
 from dechirp.recordings.readers.base import (
     Contents,
     Format,
     MatchQuality,
     RecordingHints,
-    describe_foreign_content,
+    identify_non_raw_content,
 )
 from dechirp.recordings.samples.layouts import FourLanes, Layout, TwoLanes
 from dechirp.recordings.samples.raw_samples import interpret_raw_samples
 from dechirp.recordings.settings.base import RecordingSettings
 from dechirp.recordings.settings_lookup import find_recording_settings
 from dechirp.recordings.sidecar import has_sidecar, read_sidecar
-from dechirp.recordings.streams.byte_sources import ByteSource, open_files
+from dechirp.recordings.streams.byte_sources import ByteSource, open_concatenated_files
 from dechirp.recordings.streams.packets import (
     MAX_PAYLOAD_BYTES,
-    assemble_packets,
-    find_runs,
+    assemble_packet_payloads,
+    group_packets_into_runs,
     last_sequence_number,
     read_unsigned,
-    to_run_step,
+    wrap_scan_to_return_runs,
 )
-from dechirp.recordings.streams.scan import scan_file
+from dechirp.recordings.streams.scan import scan_file_in_windows
 
 _HEADER_BYTES = 14
 SPLIT_BYTES = 2**29
@@ -63,28 +63,32 @@ class Dca1000(Format):
             return MatchQuality.SELF_DESCRIBING
         if has_packet_headers(path):
             return MatchQuality.CONTAINER
-        return MatchQuality.POSSIBLE if describe_foreign_content(path) is None else MatchQuality.NO
+        return MatchQuality.POSSIBLE if identify_non_raw_content(path) is None else MatchQuality.NO
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         if has_sidecar(path):
             sidecar = read_sidecar(path, None if hints.settings is None else hints.settings.radar)
             settings = sidecar.settings
-            check_hints_agree(path, hints, device=settings.device, iq=settings.iq)
-            return sidecar.apply_to(
+            check_device_and_iq_hints(path, hints, device=settings.device, iq=settings.iq)
+            return sidecar.apply_to_raw_contents(
                 interpret_raw_samples(
-                    path, open_files(path), possible_layouts(settings), settings, hints
+                    path,
+                    open_concatenated_files(path),
+                    possible_word_layouts(settings),
+                    settings,
+                    hints,
                 )
             )
         settings = find_recording_settings(path, hints)
-        stream, findings = _open_stream(path, settings)
+        stream, findings = _open_payload_stream(path, settings)
         return interpret_raw_samples(
-            path, stream, possible_layouts(settings), settings.with_findings(*findings), hints
+            path, stream, possible_word_layouts(settings), settings.with_findings(*findings), hints
         )
 
 
-def possible_layouts(settings: RecordingSettings) -> list[Layout]:
+def possible_word_layouts(settings: RecordingSettings) -> list[Layout]:
     """Return the word orders in which a DCA1000 may have written, given the settings."""
-    alternating = FourLanes(receivers=settings.receiver_indices(settings.radar.array.n_rx))
+    alternating = FourLanes(receivers=settings.chip_receiver_indices(settings.radar.array.n_rx))
     if settings.is_interleaved is None:
         return [TwoLanes(), alternating]
     return [alternating] if settings.is_interleaved else [TwoLanes()]
@@ -118,12 +122,16 @@ def has_packet_headers(path: Path) -> bool:
     )
 
 
-def _open_stream(path: Path, settings: RecordingSettings) -> tuple[ByteSource, tuple[Finding, ...]]:
+def _open_payload_stream(
+    path: Path, settings: RecordingSettings
+) -> tuple[ByteSource, tuple[Finding, ...]]:
     """Open the payload of a capture, with its split parts or packets, and findings about them."""
     if has_packet_headers(path):
-        return _open_packets(path)
-    parts = _find_parts(path, settings)
-    return open_files(*parts), _joined_parts_note(parts) + _later_part_warning(path, settings)
+        return _open_packet_payloads(path)
+    parts = _find_capture_parts(path, settings)
+    return open_concatenated_files(*parts), _joined_parts_note(parts) + _later_capture_part_warning(
+        path, settings
+    )
 
 
 def _joined_parts_note(parts: list[Path]) -> tuple[Finding, ...]:
@@ -141,11 +149,11 @@ def _joined_parts_note(parts: list[Path]) -> tuple[Finding, ...]:
     )
 
 
-def _later_part_warning(path: Path, settings: RecordingSettings) -> tuple[Finding, ...]:
+def _later_capture_part_warning(path: Path, settings: RecordingSettings) -> tuple[Finding, ...]:
     """Warn if a file is a later part of a split capture, whose frames began in an earlier file."""
     name_match = re.fullmatch(r"(.*_)[1-9]\d*(\.\w+)", path.name)
     first = path if name_match is None else path.with_name(f"{name_match[1]}0{name_match[2]}")
-    if first == path or not first.is_file() or path not in _find_parts(first, settings):
+    if first == path or not first.is_file() or path not in _find_capture_parts(first, settings):
         return ()
     return (
         Finding(
@@ -159,12 +167,12 @@ def _later_part_warning(path: Path, settings: RecordingSettings) -> tuple[Findin
     )
 
 
-def _open_packets(path: Path) -> tuple[ByteSource, tuple[Finding, ...]]:
+def _open_packet_payloads(path: Path) -> tuple[ByteSource, tuple[Finding, ...]]:
     """Assemble the payloads of packets with headers, from all parts of a split capture."""
-    runs, stopped = scan_file(path, to_run_step(_scan_packet_headers), 0)
+    runs, stopped = scan_file_in_windows(path, wrap_scan_to_return_runs(_scan_packet_headers), 0)
     parts, base = [path], 0
-    while (following := find_next_part(parts)) is not None:
-        continuation = _packet_across_parts(
+    while (following := find_next_capture_part(parts)) is not None:
+        continuation = _find_packet_across_parts(
             parts[-1], stopped, following, last_sequence_number(runs)
         )
         if continuation is None:
@@ -173,18 +181,20 @@ def _open_packets(path: Path) -> tuple[ByteSource, tuple[Finding, ...]]:
         crossing_run[:, 2] += base + stopped
         base += parts[-1].stat().st_size
         parts.append(following)
-        part_runs, stopped = scan_file(following, to_run_step(_scan_packet_headers), next_offset)
+        part_runs, stopped = scan_file_in_windows(
+            following, wrap_scan_to_return_runs(_scan_packet_headers), next_offset
+        )
         if len(part_runs):
             part_runs[:, 2] += base
             crossing_run = np.concatenate([crossing_run, part_runs])
         runs = np.concatenate([runs, crossing_run])
-    packets, findings = assemble_packets(path, open_files(*parts), runs)
+    packets, findings = assemble_packet_payloads(path, open_concatenated_files(*parts), runs)
     if stopped < parts[-1].stat().st_size:
         findings += (_cut_packet_warning(parts[-1], stopped),)
     return packets, _joined_parts_note(parts) + findings
 
 
-def _packet_across_parts(
+def _find_packet_across_parts(
     part: Path, stop: int, next_part: Path, last_number: int
 ) -> tuple[np.ndarray, int] | None:
     """Find the packet that a split cut in two; return its run and the offset of the next packet.
@@ -201,11 +211,11 @@ def _packet_across_parts(
     if len(remainder) == longest or not len(rows) or not 0 < rows[0, 0] - last_number < 2**16:
         return None
     if not remainder:
-        return find_runs(rows[:0]), 0
-    return find_runs(rows[:1]), _HEADER_BYTES + int(rows[0, 3]) - len(remainder)
+        return group_packets_into_runs(rows[:0]), 0
+    return group_packets_into_runs(rows[:1]), _HEADER_BYTES + int(rows[0, 3]) - len(remainder)
 
 
-def _find_parts(path: Path, settings: RecordingSettings) -> list[Path]:
+def _find_capture_parts(path: Path, settings: RecordingSettings) -> list[Path]:
     """Return the files of the capture that begins with `path`; only that file unless it was split.
 
     A capture that is complete in its first file may lie beside unrelated files with later numbers.
@@ -215,7 +225,7 @@ def _find_parts(path: Path, settings: RecordingSettings) -> list[Path]:
     if name_match is None or _is_complete_capture(size, settings):
         return [path]
     parts = [path]
-    while (following := find_next_part(parts)) is not None:
+    while (following := find_next_capture_part(parts)) is not None:
         # All parts but the last are full.
         if following.stat().st_size > size:
             break
@@ -225,7 +235,7 @@ def _find_parts(path: Path, settings: RecordingSettings) -> list[Path]:
     return parts
 
 
-def find_next_part(parts: list[Path]) -> Path | None:
+def find_next_capture_part(parts: list[Path]) -> Path | None:
     """Return the file with the next number in the same folder; None if there is none."""
     first = parts[0]
     name_match = re.fullmatch(r"(.*_)0(\.\w+)", first.name)
@@ -236,18 +246,20 @@ def find_next_part(parts: list[Path]) -> Path | None:
     return following if is_there else None
 
 
-def _is_complete_capture(size: int, settings: RecordingSettings) -> bool:
+def _is_complete_capture(file_bytes: int, settings: RecordingSettings) -> bool:
     """Return whether a file of this size contains all frames of its capture."""
     radar = settings.radar
     chirp_bytes = [
-        2 * lay.chirp_words(radar.frame.chirp, radar.array.n_rx)
-        for lay in possible_layouts(settings)
+        2 * lay.words_per_chirp(radar.frame.chirp, radar.array.n_rx)
+        for lay in possible_word_layouts(settings)
     ]
     frame_bytes = [radar.frame.n_chirps_total * size for size in chirp_bytes]
     if settings.n_frames is not None:
-        return any(size >= settings.n_frames * bytes_per_frame for bytes_per_frame in frame_bytes)
-    return size < SPLIT_BYTES and any(
-        size % bytes_per_frame == 0 for bytes_per_frame in frame_bytes
+        return any(
+            file_bytes >= settings.n_frames * bytes_per_frame for bytes_per_frame in frame_bytes
+        )
+    return file_bytes < SPLIT_BYTES and any(
+        file_bytes % bytes_per_frame == 0 for bytes_per_frame in frame_bytes
     )
 
 

@@ -9,20 +9,24 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.hdf5_datasets import (
     EXPECTED,
-    find_dataset,
-    lazy_dataset,
+    dataset_to_lazy_array,
+    find_dataset_following_links,
     open_hdf5,
-    read_text_attribute,
-    to_lazy_array,
+    open_lazy_dataset,
+    read_fixed_length_text_attribute,
 )
 from dechirp.recordings.arrays.lazy_array import (
     ALLOWED_BYTES,
     convert_parser_errors,
-    too_large_error,
+    memory_exceeds_file_error,
 )
-from dechirp.recordings.arrays.named_axes import interpret_array
-from dechirp.recordings.description import is_description
-from dechirp.recordings.native import MAX_DESCRIPTION_CHARACTERS, is_native_file, native_contents
+from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
+from dechirp.recordings.description import is_native_description
+from dechirp.recordings.native import (
+    MAX_DESCRIPTION_CHARACTERS,
+    is_native_without_array_hints,
+    read_native_contents,
+)
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -57,37 +61,41 @@ class Hdf5(Format):
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         text = _read_native_description(path)
-        if text is None or not is_native_file(text, hints):
-            return interpret_array(
-                path, lazy_dataset(path, hints), hints, file_bytes=path.stat().st_size
+        if text is None or not is_native_without_array_hints(text, hints):
+            return interpret_array_as_recording(
+                path, open_lazy_dataset(path, hints), hints, file_bytes=path.stat().st_size
             )
         with convert_parser_errors(path, f"{EXPECTED} as it was written"):
-            return _read_native(path, text, hints)
+            return _read_native_file(path, text, hints)
 
 
 def _read_native_description(path: Path) -> str | None:
     """Return the description in a native file; None if the file is foreign or damaged."""
     try:
         with open_hdf5(path) as file:
-            text = read_text_attribute(file, _DESCRIPTION)
+            text = read_fixed_length_text_attribute(file, _DESCRIPTION)
     except Exception:  # foreign bytes: `read` reports the damage
         return None
     return (
-        text if text and len(text) <= MAX_DESCRIPTION_CHARACTERS and is_description(text) else None
+        text
+        if text and len(text) <= MAX_DESCRIPTION_CHARACTERS and is_native_description(text)
+        else None
     )
 
 
-def _read_native(path: Path, text: str, hints: RecordingHints) -> Contents:
+def _read_native_file(path: Path, description_text: str, hints: RecordingHints) -> Contents:
     """Read a file written by dechirp."""
     file = open_hdf5(path)
     side_arrays = _SideArrays(path, file)
-    return native_contents(
+    return read_native_contents(
         path,
-        text,
-        to_lazy_array(path, file, side_arrays.find_dataset(_CUBE)),
+        description_text,
+        dataset_to_lazy_array(path, file, side_arrays.find_dataset(_CUBE)),
         hints,
-        columns=side_arrays.read_column,
-        gaps=None if find_dataset(path, file, _GAP) is None else side_arrays.read_array(_GAP),
+        read_column=side_arrays.read_column,
+        gaps=None
+        if find_dataset_following_links(path, file, _GAP) is None
+        else side_arrays.read_array(_GAP),
         file_bytes=path.stat().st_size,
     )
 
@@ -101,7 +109,7 @@ class _SideArrays:
 
     def find_dataset(self, name: str) -> Any:
         """Return a dataset by name; raise `KeyError` if there is none."""
-        dataset = find_dataset(self.path, self.file, name)
+        dataset = find_dataset_following_links(self.path, self.file, name)
         if dataset is None:
             raise KeyError(f"no dataset {name}")
         return dataset
@@ -114,10 +122,10 @@ class _SideArrays:
         self.held_bytes += dataset.nbytes
         if self.held_bytes > 2 * self.file_bytes + ALLOWED_BYTES:
             claim = f"tables of {self.held_bytes} bytes"
-            raise too_large_error(self.path, claim, file_bytes=self.file_bytes)
+            raise memory_exceeds_file_error(self.path, claim, file_bytes=self.file_bytes)
         if dataset.shape and dataset.size:
             part = tuple(slice(0, size) for size in dataset.shape)
-            return to_lazy_array(self.path, self.file, dataset).read(part)
+            return dataset_to_lazy_array(self.path, self.file, dataset).read(part)
         return np.asarray(dataset[()])
 
     def read_column(self, table: str, name: str) -> np.ndarray:
@@ -127,6 +135,10 @@ class _SideArrays:
         if values.dtype.kind == "S":
             rows = np.frombuffer(values.tobytes(), np.uint8)
             return rows.reshape(*values.shape, values.dtype.itemsize)
-        if read_text_attribute(dataset, "parts") == "real imaginary":
+        if read_fixed_length_text_attribute(dataset, "parts") == "real imaginary":
             return np.ascontiguousarray(values).view(np.result_type(values.dtype, 1j))[..., 0]
-        return values.astype(bool) if read_text_attribute(dataset, "dtype") == "bool" else values
+        return (
+            values.astype(bool)
+            if read_fixed_length_text_attribute(dataset, "dtype") == "bool"
+            else values
+        )

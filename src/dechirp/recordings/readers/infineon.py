@@ -19,8 +19,8 @@ from dechirp.recordings.readers.base import (
     RecordingHints,
     check_stays_in_folder,
 )
-from dechirp.recordings.readers.npy import npy_array
-from dechirp.recordings.settings.antenna_positions import fit_receivers
+from dechirp.recordings.readers.npy import open_npy_array
+from dechirp.recordings.settings.antenna_positions import fit_array_to_receiver_count
 from dechirp.recordings.settings.read import read_settings
 
 _MAX_CODE = 4095
@@ -51,7 +51,7 @@ class Infineon(Format):
         settings = hints.settings or read_settings(folders[0] / _CONFIG, hints.device)
         file = folders[0] / _SAMPLES
         check_stays_in_folder(folders[0], file)
-        codes = npy_array(file)
+        codes = open_npy_array(file)
         frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
         expected_n_rx = codes.shape[1] if len(codes.shape) == 4 and n_rx == 1 else n_rx
         expected_shape = (expected_n_rx, frame.n_chirps_total, frame.chirp.n_samples)
@@ -78,17 +78,17 @@ class Infineon(Format):
                 fix="set sampling: real",
             )
         n_present = n_rx if is_sorted else codes.shape[1]
-        radar, findings = fit_receivers(settings.radar, n_present, file=file)
+        radar, findings = fit_array_to_receiver_count(settings.radar, n_present, file=file)
 
         def decode(index: int, out: np.ndarray) -> None:
             slices = (slice(0, size) for size in codes.shape[1:])
             frame_codes = codes.read((slice(index, index + 1), *slices))[0]
             ordered_codes = (
-                _in_sent_order(frame_codes, turns, n_rx)
+                _reorder_to_sent_chirps(frame_codes, turns, n_rx)
                 if is_sorted
                 else np.swapaxes(frame_codes, 0, 1)
             )
-            _scale_codes(file, ordered_codes, index, out)
+            _scale_codes_to_full_scale(file, ordered_codes, index, out)
 
         return Contents(
             radar=radar,
@@ -109,19 +109,21 @@ def _find_recording_folders(path: Path) -> list[Path]:
     return sorted(file.parent for file in path.glob(f"*/{_SAMPLES}"))
 
 
-def _in_sent_order(codes: np.ndarray, turns: tuple[int, ...], n_rx: int) -> np.ndarray:
+def _reorder_to_sent_chirps(codes: np.ndarray, tx_order: tuple[int, ...], n_rx: int) -> np.ndarray:
     """Reorder codes (tx and rx, chirp of each tx, sample) to (chirp, rx, sample) as sent."""
-    by_transmitter = codes.reshape(len(turns), n_rx, *codes.shape[1:])
-    return by_transmitter[list(turns)].transpose(2, 0, 1, 3).reshape(-1, n_rx, codes.shape[-1])
+    by_transmitter = codes.reshape(len(tx_order), n_rx, *codes.shape[1:])
+    return by_transmitter[list(tx_order)].transpose(2, 0, 1, 3).reshape(-1, n_rx, codes.shape[-1])
 
 
-def _scale_codes(file: Path, codes: np.ndarray, index: int, out: np.ndarray) -> None:
+def _scale_codes_to_full_scale(
+    file: Path, codes: np.ndarray, frame_index: int, out: np.ndarray
+) -> None:
     """Fill `out` (chirp, rx, sample) with the codes scaled to -1 ... 1."""
     low, high = int(codes.min()), int(codes.max())
     if low < 0 or high > _MAX_CODE:
         raise RecordingError(
             file,
-            value=f"codes from {low} to {high} in frame {index}",
+            value=f"codes from {low} to {high} in frame {frame_index}",
             expected=f"codes of a 12-bit ADC, 0 to {_MAX_CODE}",
             fix="copy the recording again from its source",
         )

@@ -17,26 +17,30 @@ import numpy as np
 from dechirp.core.conventions import CUBE_AXES
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
-from dechirp.recordings.arrays.hdf5_datasets import lazy_dataset
+from dechirp.recordings.arrays.hdf5_datasets import open_lazy_dataset
 from dechirp.recordings.arrays.lazy_array import (
     ALLOWED_BYTES,
     LazyArray,
     check_plausible_size,
-    choose_array,
+    choose_array_name,
     convert_parser_errors,
-    reversed_axes,
+    reverse_axes,
 )
 from dechirp.recordings.arrays.mat5 import (
     EXPECTED,
     Element,
+    find_numeric_variables,
     iter_elements,
-    parse_variable,
-    read_variables,
+    parse_numeric_variable,
 )
-from dechirp.recordings.arrays.mat5_values import Value, read_value
-from dechirp.recordings.arrays.named_axes import interpret_array
-from dechirp.recordings.description import is_description
-from dechirp.recordings.native import MAX_DESCRIPTION_CHARACTERS, is_native_file, native_contents
+from dechirp.recordings.arrays.mat5_values import Value, read_variable_value
+from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
+from dechirp.recordings.description import is_native_description
+from dechirp.recordings.native import (
+    MAX_DESCRIPTION_CHARACTERS,
+    is_native_without_array_hints,
+    read_native_contents,
+)
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 
 _MAT5, _MAT73 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
@@ -54,7 +58,7 @@ class Matlab(Format):
     encodings: ClassVar[tuple[str, ...]] = tuple(LIMITS)
 
     def recognise(self, path: Path) -> MatchQuality:
-        head = _signature(path)
+        head = _read_signature(path)
         if head not in (_MAT5, _MAT73):
             return MatchQuality.NO
         try:
@@ -63,25 +67,27 @@ class Matlab(Format):
             return MatchQuality.CONTAINER
         return (
             MatchQuality.SELF_DESCRIBING
-            if text is not None and is_description(text)
+            if text is not None and is_native_description(text)
             else MatchQuality.CONTAINER
         )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        if _signature(path) == _MAT5:
+        if _read_signature(path) == _MAT5:
             with convert_parser_errors(path, EXPECTED):
                 text = _read_native_description(path)
-                if text is not None and is_native_file(text, hints):
-                    return _read_native(path, text, hints)
+                if text is not None and is_native_without_array_hints(text, hints):
+                    return _read_native_file(path, text, hints)
         samples = (
-            _mat5_array(path, hints) if _signature(path) == _MAT5 else _mat73_array(path, hints)
+            _open_mat5_array(path, hints)
+            if _read_signature(path) == _MAT5
+            else _open_mat73_array(path, hints)
         )
         file_bytes = path.stat().st_size
         check_plausible_size(path, samples, file_bytes=file_bytes)
-        return interpret_array(path, samples, hints, file_bytes=file_bytes)
+        return interpret_array_as_recording(path, samples, hints, file_bytes=file_bytes)
 
 
-def _signature(path: Path) -> bytes:
+def _read_signature(path: Path) -> bytes:
     """Return the first bytes of a file; empty for a folder."""
     if not path.is_file():
         return b""
@@ -89,70 +95,70 @@ def _signature(path: Path) -> bytes:
         return file.read(len(_MAT5))
 
 
-def _mat5_array(path: Path, hints: RecordingHints) -> LazyArray:
+def _open_mat5_array(path: Path, hints: RecordingHints) -> LazyArray:
     """Open the array to read in a file of version 5 to 7."""
-    variables = read_variables(path)
-    name = choose_array(
+    variables = find_numeric_variables(path)
+    name = choose_array_name(
         path, {key: (variable.shape, variable.dtype) for key, variable in variables.items()}, hints
     )
     return variables[name].to_lazy_array()
 
 
-def _mat73_array(path: Path, hints: RecordingHints) -> LazyArray:
+def _open_mat73_array(path: Path, hints: RecordingHints) -> LazyArray:
     """Open the array to read in a file of version 7.3 (HDF5)."""
-    return reversed_axes(lazy_dataset(path, hints, of_matlab=True))
+    return reverse_axes(open_lazy_dataset(path, hints, is_matlab_file=True))
 
 
 def _read_native_description(path: Path) -> str | None:
     """Return the text of the variable `dechirp`; None if there is none."""
     for element in iter_elements(path):
         if element.name == _TEXT:
-            content = read_value(element, MAX_DESCRIPTION_CHARACTERS)
+            content = read_variable_value(element, MAX_DESCRIPTION_CHARACTERS)
             return content if isinstance(content, str) else None
     return None
 
 
-def _read_native(path: Path, text: str, hints: RecordingHints) -> Contents:
+def _read_native_file(path: Path, description_text: str, hints: RecordingHints) -> Contents:
     """Read a file written by dechirp."""
     file_bytes = path.stat().st_size
     max_bytes = 2 * file_bytes + ALLOWED_BYTES
     elements = {element.name: element for element in iter_elements(path)}
-    table_descriptions = json.loads(text)["tables"]
+    table_descriptions = json.loads(description_text)["tables"]
     tables: dict[str, dict[str, np.ndarray]] = {}
 
     def column(table: str, name: str) -> np.ndarray:
         if table not in tables:
-            content = read_value(elements[table], max_bytes)
+            content = read_variable_value(elements[table], max_bytes)
             tables[table] = content if isinstance(content, dict) else {}
         description = table_descriptions[table]["variables"][name]
-        return _restore_axes(
+        return _restore_axes_from_matlab(
             tables[table][name], len(description["dims"]) + bool(description["is_text"])
         )
 
-    gaps = read_value(elements[_GAP], max_bytes) if _GAP in elements else None
-    samples = _cube_array(elements[_CUBE])
+    gaps = read_variable_value(elements[_GAP], max_bytes) if _GAP in elements else None
+    samples = _open_cube_array(elements[_CUBE])
     check_plausible_size(path, samples, file_bytes=file_bytes)
-    return native_contents(
+    return read_native_contents(
         path,
-        text,
+        description_text,
         samples,
         hints,
-        columns=column,
-        gaps=None if gaps is None else _restore_axes(gaps, 2),
+        read_column=column,
+        gaps=None if gaps is None else _restore_axes_from_matlab(gaps, 2),
         file_bytes=file_bytes,
         axes=CUBE_AXES[::-1],
     )
 
 
-def _cube_array(element: Element) -> LazyArray:
+def _open_cube_array(element: Element) -> LazyArray:
     """Open the cube, and restore trailing axes of length 1 that MATLAB removed."""
-    (variable,) = parse_variable(element).values()
+    (variable,) = parse_numeric_variable(element).values()
     # MATLAB drops trailing axes of length 1 when it saves the file again.
     n_missing_axes = len(CUBE_AXES) - len(variable.shape)
     return replace(variable, shape=variable.shape + (1,) * n_missing_axes).to_lazy_array()
 
 
-def _restore_axes(content: Value, n_axes: int) -> np.ndarray:
+def _restore_axes_from_matlab(content: Value, n_axes: int) -> np.ndarray:
     """Return an array in native axis order with `n_axes` axes.
 
     MATLAB stores at least two axes, reversed, and drops trailing ones of length 1.

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import ClassVar
 
-from dechirp.core.optional_imports import import_optional
+from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.messages.contents import read_messages
+from dechirp.recordings.messages.contents import messages_to_contents
 from dechirp.recordings.messages.mcap_messages import MAGIC, iter_mcap_messages
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 
@@ -28,5 +28,5 @@ class Mcap(Format):
             )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        import_optional("mcap", setting="recording")
-        return read_messages(path, iter_mcap_messages(path), hints, "a complete MCAP file")
+        import_from_io_extra("mcap", setting="recording")
+        return messages_to_contents(path, iter_mcap_messages(path), hints, "a complete MCAP file")

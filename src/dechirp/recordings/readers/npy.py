@@ -11,8 +11,8 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.lazy_array import LazyArray, check_numeric, format_shape
-from dechirp.recordings.arrays.lazy_files import memory_mapped_array
-from dechirp.recordings.arrays.named_axes import interpret_array
+from dechirp.recordings.arrays.lazy_files import open_memory_mapped_array
+from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 
 MAGIC = b"\x93NUMPY"
@@ -38,10 +38,12 @@ class Npy(Format):
             return MatchQuality.CONTAINER if file.read(len(MAGIC)) == MAGIC else MatchQuality.NO
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        return interpret_array(path, npy_array(path), hints, file_bytes=path.stat().st_size)
+        return interpret_array_as_recording(
+            path, open_npy_array(path), hints, file_bytes=path.stat().st_size
+        )
 
 
-def npy_array(path: Path) -> LazyArray:
+def open_npy_array(path: Path) -> LazyArray:
     """Open the array of an .npy file; nothing is read or allocated before use.
 
     Raises
@@ -52,7 +54,7 @@ def npy_array(path: Path) -> LazyArray:
     with path.open("rb") as file:
         header = NpyHeader.parse(path, file.read(HEAD_BYTES))
     header.check_file_size(path, path.stat().st_size)
-    return memory_mapped_array(
+    return open_memory_mapped_array(
         path, header.dtype, header.shape, offset=header.n_bytes, fortran=header.is_fortran
     )
 

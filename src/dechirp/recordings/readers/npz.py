@@ -19,18 +19,22 @@ from dechirp.recordings.arrays.lazy_array import (
     ALLOWED_BYTES,
     LazyArray,
     check_plausible_size,
-    choose_array,
+    choose_array_name,
     convert_parser_errors,
-    too_large_error,
+    memory_exceeds_file_error,
 )
 from dechirp.recordings.arrays.lazy_files import (
     InflateStream,
-    memory_mapped_array,
-    sequential_array,
+    open_memory_mapped_array,
+    open_sequential_array,
 )
-from dechirp.recordings.arrays.named_axes import interpret_array
-from dechirp.recordings.description import is_description
-from dechirp.recordings.native import MAX_DESCRIPTION_CHARACTERS, is_native_file, native_contents
+from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
+from dechirp.recordings.description import is_native_description
+from dechirp.recordings.native import (
+    MAX_DESCRIPTION_CHARACTERS,
+    is_native_without_array_hints,
+    read_native_contents,
+)
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.readers.npy import HEAD_BYTES, NpyHeader
 
@@ -66,7 +70,7 @@ class Npz(Format):
                 text = _read_native_description(path, archive)
         except Exception:  # foreign bytes: `read` reports the damage
             return MatchQuality.CONTAINER
-        if text is not None and is_description(text):
+        if text is not None and is_native_description(text):
             return MatchQuality.SELF_DESCRIBING
         return (
             MatchQuality.CONTAINER
@@ -78,17 +82,17 @@ class Npz(Format):
         file_bytes = path.stat().st_size
         with convert_parser_errors(path, _EXPECTED), _open_archive(path) as archive:
             text = _read_native_description(path, archive)
-            if text is not None and is_native_file(text, hints):
-                return _read_native(path, archive, text, hints)
-            headers = _read_headers(path, archive)
-            name = choose_array(
+            if text is not None and is_native_without_array_hints(text, hints):
+                return _read_native_file(path, archive, text, hints)
+            headers = _read_array_headers(path, archive)
+            name = choose_array_name(
                 path, {key: (h.shape, h.dtype) for key, h in headers.items()}, hints
             )
             info = archive.getinfo(f"{name}.npy")
             header = headers[name]
-            samples = _lazy_member(path, info, header)
+            samples = _open_lazy_member(path, info, header)
         check_plausible_size(path, samples, file_bytes=file_bytes)
-        return interpret_array(path, samples, hints, file_bytes=file_bytes)
+        return interpret_array_as_recording(path, samples, hints, file_bytes=file_bytes)
 
 
 def _open_archive(path: Path) -> zipfile.ZipFile:
@@ -111,7 +115,7 @@ def _open_archive(path: Path) -> zipfile.ZipFile:
     return zipfile.ZipFile(path)
 
 
-def _read_headers(path: Path, archive: zipfile.ZipFile) -> dict[str, NpyHeader]:
+def _read_array_headers(path: Path, archive: zipfile.ZipFile) -> dict[str, NpyHeader]:
     """Read the headers of all arrays, by name without `.npy`."""
     infos = [info for info in archive.infolist() if info.filename.endswith(".npy")]
     if len(infos) > _MAX_MEMBERS:
@@ -121,23 +125,28 @@ def _read_headers(path: Path, archive: zipfile.ZipFile) -> dict[str, NpyHeader]:
             expected=f"at most {_MAX_MEMBERS}",
             fix="save the samples as one array with an axis for the frames",
         )
-    return {info.filename.removesuffix(".npy"): _read_header(path, archive, info) for info in infos}
+    return {
+        info.filename.removesuffix(".npy"): _read_array_header(path, archive, info)
+        for info in infos
+    }
 
 
-def _read_header(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NpyHeader:
+def _read_array_header(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NpyHeader:
     """Read the header of one array."""
     with archive.open(info) as member:
         return NpyHeader.parse(path, member.read(HEAD_BYTES))
 
 
-def _read_array(path: Path, archive: zipfile.ZipFile, name: str, max_bytes: int) -> np.ndarray:
+def _read_small_array(
+    path: Path, archive: zipfile.ZipFile, name: str, max_bytes: int
+) -> np.ndarray:
     """Read a small array at once; raise `KeyError` if there is none of that name."""
     info = archive.getinfo(f"{name}.npy")
-    header = _read_header(path, archive, info)
+    header = _read_array_header(path, archive, info)
     # NumPy allocates the size that a header claims before it reads.
     claimed_bytes = header.n_bytes + math.prod(header.shape) * header.dtype.itemsize
     if info.file_size > max_bytes:
-        raise too_large_error(
+        raise memory_exceeds_file_error(
             path, f"{name} of {claimed_bytes} bytes", file_bytes=path.stat().st_size
         )
     if claimed_bytes != info.file_size:
@@ -150,32 +159,34 @@ def _read_native_description(path: Path, archive: zipfile.ZipFile) -> str | None
     """Return the text of the array `dechirp`; None if there is none."""
     if f"{_TEXT}.npy" not in archive.namelist():
         return None
-    array = _read_array(path, archive, _TEXT, 4 * MAX_DESCRIPTION_CHARACTERS)
+    array = _read_small_array(path, archive, _TEXT, 4 * MAX_DESCRIPTION_CHARACTERS)
     return str(array) if array.ndim == 0 and array.dtype.kind == "U" else None
 
 
-def _read_native(
-    path: Path, archive: zipfile.ZipFile, text: str, hints: RecordingHints
+def _read_native_file(
+    path: Path, archive: zipfile.ZipFile, description_text: str, hints: RecordingHints
 ) -> Contents:
     """Read a file written by dechirp."""
     info = archive.getinfo(f"{_CUBE}.npy")
-    samples = _lazy_member(path, info, _read_header(path, archive, info))
+    samples = _open_lazy_member(path, info, _read_array_header(path, archive, info))
     file_bytes = path.stat().st_size
     check_plausible_size(path, samples, file_bytes=file_bytes)
     max_bytes = 2 * file_bytes + ALLOWED_BYTES
     has_gaps = f"{_GAP}.npy" in archive.namelist()
-    return native_contents(
+    return read_native_contents(
         path,
-        text,
+        description_text,
         samples,
         hints,
-        columns=lambda table, column: _read_array(path, archive, f"{table}.{column}", max_bytes),
-        gaps=_read_array(path, archive, _GAP, max_bytes) if has_gaps else None,
+        read_column=lambda table, column: _read_small_array(
+            path, archive, f"{table}.{column}", max_bytes
+        ),
+        gaps=_read_small_array(path, archive, _GAP, max_bytes) if has_gaps else None,
         file_bytes=file_bytes,
     )
 
 
-def _lazy_member(path: Path, info: zipfile.ZipInfo, header: NpyHeader) -> LazyArray:
+def _open_lazy_member(path: Path, info: zipfile.ZipInfo, header: NpyHeader) -> LazyArray:
     """Open an array of the archive: mapped if it is stored, sequential if it is deflated."""
     header.check_file_size(path, info.file_size)
     with path.open("rb") as file:
@@ -185,7 +196,7 @@ def _lazy_member(path: Path, info: zipfile.ZipInfo, header: NpyHeader) -> LazyAr
     start = info.header_offset + _LOCAL_HEADER_BYTES + n_name + n_extra
     if info.compress_type == zipfile.ZIP_STORED:
         start += header.n_bytes
-        return memory_mapped_array(
+        return open_memory_mapped_array(
             path, header.dtype, header.shape, offset=start, fortran=header.is_fortran
         )
     if info.compress_type != zipfile.ZIP_DEFLATED:
@@ -200,6 +211,6 @@ def _lazy_member(path: Path, info: zipfile.ZipInfo, header: NpyHeader) -> LazyAr
     )
 
     def fill(first: int, into: np.ndarray) -> None:
-        member.fill(header.n_bytes + first, into)
+        member.decompress_into(header.n_bytes + first, into)
 
-    return sequential_array(header.shape, header.dtype, fill, fortran=header.is_fortran)
+    return open_sequential_array(header.shape, header.dtype, fill, fortran=header.is_fortran)

@@ -17,12 +17,16 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
-from dechirp.recordings.readers.dca1000 import possible_layouts
+from dechirp.recordings.readers.dca1000 import possible_word_layouts
 from dechirp.recordings.samples.raw_samples import interpret_raw_samples
 from dechirp.recordings.settings_lookup import find_recording_settings
-from dechirp.recordings.streams.byte_sources import open_files
-from dechirp.recordings.streams.packets import assemble_packets, read_unsigned, to_run_step
-from dechirp.recordings.streams.scan import scan_file
+from dechirp.recordings.streams.byte_sources import open_concatenated_files
+from dechirp.recordings.streams.packets import (
+    assemble_packet_payloads,
+    read_unsigned,
+    wrap_scan_to_return_runs,
+)
+from dechirp.recordings.streams.scan import scan_file_in_windows
 
 _DATA_PORT = 4098
 _PCAP = {  # magic numbers: microsecond and nanosecond time stamps, in both byte orders
@@ -55,10 +59,10 @@ class Pcap(Format):
         return MatchQuality.CONTAINER if head[:4] in _PCAP or is_pcapng else MatchQuality.NO
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        runs, stopped, snapped = _scan_packets(path)
+        runs, stopped, snapped = _scan_sample_packets(path)
         runs = runs.reshape(-1, 7)  # empty if the file ends after its header
-        _check_enough_captured(path, runs, snapped)
-        stream, findings = assemble_packets(path, open_files(path), runs)
+        _check_snap_length_kept_samples(path, runs, snapped)
+        stream, findings = assemble_packet_payloads(path, open_concatenated_files(path), runs)
         if n_snapped := int(runs[runs[:, 4] > 0, -2].sum()):
             findings += (_snap_length_warning(n_snapped, int(snapped[1])),)
         size = path.stat().st_size
@@ -66,7 +70,7 @@ class Pcap(Format):
             findings += (_cut_packet_warning(size - stopped, stopped),)
         settings = find_recording_settings(path, hints)
         return interpret_raw_samples(
-            path, stream, possible_layouts(settings), settings.with_findings(*findings), hints
+            path, stream, possible_word_layouts(settings), settings.with_findings(*findings), hints
         )
 
 
@@ -75,14 +79,14 @@ def _pcapng_byte_order(head: bytes) -> str | None:
     return {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}.get(head[8:12])
 
 
-def _scan_packets(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
+def _scan_sample_packets(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
     """Find all packets of samples in a capture.
 
     Returns
     -------
     runs : (n, 7) int64
         Runs of packets: number, bytes before, offset and size of the payload, missing bytes of the
-        payload, and the two columns of `packets.find_runs`.
+        payload, and the two columns of `packets.group_packets_into_runs`.
     stopped : int
         Offset at which the file ended or became unreadable.
     snapped : (2,) int64
@@ -101,19 +105,19 @@ def _scan_packets(path: Path) -> tuple[np.ndarray, int, np.ndarray]:
                 content, offset, stop, is_little_endian, links, n_links, snapped
             )
 
-        return *scan_file(path, to_run_step(scan_blocks), 0), snapped
+        return *scan_file_in_windows(path, wrap_scan_to_return_runs(scan_blocks), 0), snapped
     order = _PCAP[header[:4]]
     if len(header) < 24:
-        raise _damaged_error(path, "a capture without a complete header of 24 bytes")
+        raise _damaged_capture_error(path, "a capture without a complete header of 24 bytes")
     link = struct.unpack(f"{order}I", header[20:24])[0] & 0x0FFFFFFF
 
     def scan_records(content: np.ndarray, offset: int, stop: int) -> tuple[int, np.ndarray]:
         return _scan_pcap_records(content, offset, stop, order == "<", link, snapped)
 
-    return *scan_file(path, to_run_step(scan_records), 24), snapped
+    return *scan_file_in_windows(path, wrap_scan_to_return_runs(scan_records), 24), snapped
 
 
-def _check_enough_captured(path: Path, runs: np.ndarray, snapped: np.ndarray) -> None:
+def _check_snap_length_kept_samples(path: Path, runs: np.ndarray, snapped: np.ndarray) -> None:
     """Raise `RecordingError` if the snap length removed nearly all samples."""
     is_whole, counts = runs[:, 4] == 0, runs[:, -2]
     lost_bytes, captured_bytes = counts @ runs[:, 4], counts @ runs[:, 3]
@@ -140,7 +144,7 @@ def _snap_length_warning(n_snapped: int, snap_length: int) -> Finding:
     )
 
 
-def _damaged_error(path: Path, value: str) -> RecordingError:
+def _damaged_capture_error(path: Path, value: str) -> RecordingError:
     """Return the error of a damaged capture."""
     return RecordingError(
         path, value=value, expected="a network capture", fix="copy the file again from its source"
@@ -159,16 +163,16 @@ def _cut_packet_warning(n_bytes: int, stop: int) -> Finding:
 
 
 @numba.njit(cache=True)
-def _find_ipv4_header(content: np.ndarray, offset: int, stop: int, link: int) -> int:
+def _find_ipv4_header(content: np.ndarray, offset: int, stop: int, link_type: int) -> int:
     """Return the offset of the IPv4 header in a captured frame; `stop` if there is none."""
-    if link == _RAW_IP:
+    if link_type == _RAW_IP:
         return offset
-    size = 14 if link == _ETHERNET else 16 if link == _LINUX_SLL else 20
-    is_supported = link in (_ETHERNET, _LINUX_SLL, _LINUX_SLL2)
+    size = 14 if link_type == _ETHERNET else 16 if link_type == _LINUX_SLL else 20
+    is_supported = link_type in (_ETHERNET, _LINUX_SLL, _LINUX_SLL2)
     if not is_supported or offset + size > stop:
         return stop
     ethertype = read_unsigned(
-        content, offset if link == _LINUX_SLL2 else offset + size - 2, 2, False
+        content, offset if link_type == _LINUX_SLL2 else offset + size - 2, 2, False
     )
     offset += size
     while ethertype in (0x8100, 0x88A8) and offset + 4 <= stop:  # VLAN tags
@@ -178,12 +182,12 @@ def _find_ipv4_header(content: np.ndarray, offset: int, stop: int, link: int) ->
 
 
 @numba.njit(cache=True)
-def _parse_payload(
+def _parse_sample_packet(
     content: np.ndarray,
     offset: int,
     stop: int,
     n_bytes: int,
-    link: int,
+    link_type: int,
     row: np.ndarray,
     snapped: np.ndarray,
 ) -> bool:
@@ -195,7 +199,7 @@ def _parse_payload(
     if packet_end > stop:
         snapped[0] += 1
         snapped[1] = max(snapped[1], stop - offset)
-    offset = _find_ipv4_header(content, offset, stop, link)
+    offset = _find_ipv4_header(content, offset, stop, link_type)
     if offset + 20 > stop:
         return False
     is_udp = content[offset] >> 4 == 4 and content[offset + 9] == 17
@@ -226,7 +230,7 @@ def _scan_pcap_records(
     offset: int,
     stop: int,
     is_little_endian: bool,
-    link: int,
+    link_type: int,
     snapped: np.ndarray,
 ) -> tuple[int, np.ndarray]:
     """Return the next offset and the rows of the pcap records that begin before `stop`."""
@@ -239,7 +243,9 @@ def _scan_pcap_records(
         if offset + 16 + size > content.size:
             break
         n_sent = read_unsigned(content, offset + 12, 4, is_little_endian)
-        if _parse_payload(content, offset + 16, offset + 16 + size, n_sent, link, rows[n], snapped):
+        if _parse_sample_packet(
+            content, offset + 16, offset + 16 + size, n_sent, link_type, rows[n], snapped
+        ):
             n += 1
         offset += 16 + size
     return offset, rows[:n].copy()
@@ -251,7 +257,7 @@ def _scan_pcapng_blocks(
     offset: int,
     stop: int,
     is_little_endian: bool,
-    links: np.ndarray,
+    link_types: np.ndarray,
     n_links: np.ndarray,
     snapped: np.ndarray,
 ) -> tuple[int, np.ndarray]:
@@ -265,8 +271,10 @@ def _scan_pcapng_blocks(
         size = read_unsigned(content, offset + 4, 4, is_little_endian)
         if size < 12 or offset + size > content.size:
             break
-        if block_type == 1 and size >= 20 and n_links[0] < links.size:  # an interface description
-            links[n_links[0]] = read_unsigned(content, offset + 8, 2, is_little_endian)
+        if (
+            block_type == 1 and size >= 20 and n_links[0] < link_types.size
+        ):  # an interface description
+            link_types[n_links[0]] = read_unsigned(content, offset + 8, 2, is_little_endian)
             n_links[0] += 1
         payload_start, n_captured, n_sent, interface = 0, 0, 0, 0
         if block_type == 6 and size >= 32:  # an enhanced packet
@@ -283,8 +291,8 @@ def _scan_pcapng_blocks(
             and payload_start + n_captured <= offset + size
             and interface < n_links[0]
         )
-        link = links[interface] if is_packet else 0
-        if is_packet and _parse_payload(
+        link = link_types[interface] if is_packet else 0
+        if is_packet and _parse_sample_packet(
             content, payload_start, payload_start + n_captured, n_sent, link, rows[n], snapped
         ):
             n += 1

@@ -16,8 +16,12 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray
-from dechirp.recordings.arrays.lazy_files import memory_mapped_array
-from dechirp.recordings.arrays.named_axes import check_even_size, infer_shape, interpret_array
+from dechirp.recordings.arrays.lazy_files import open_memory_mapped_array
+from dechirp.recordings.arrays.named_axes import (
+    check_even_byte_count,
+    infer_shape,
+    interpret_array_as_recording,
+)
 from dechirp.recordings.readers.base import (
     Contents,
     Format,
@@ -64,7 +68,7 @@ class Radial(Format):
         (n_bytes,) = sizes
         for file in files:
             check_stays_in_folder(file.parent, file)
-        check_even_size(files[0], n_bytes)
+        check_even_byte_count(files[0], n_bytes)
         settings = find_recording_settings(files[0], hints)
         radar = settings.radar
         # The file of a chip is like a recording of that chip's receivers.
@@ -76,16 +80,16 @@ class Radial(Format):
         shape, findings = infer_shape(
             path, _AXES, chip_settings, n_bytes // 2, description=description
         )
-        samples = _concatenate_receivers(
-            [memory_mapped_array(file, np.dtype("<i2"), shape) for file in files]
+        samples = _concatenate_chips_along_receivers(
+            [open_memory_mapped_array(file, np.dtype("<i2"), shape) for file in files]
         )
         complete_hints = replace(hints, settings=settings, axes=_AXES, encoding="int16")
-        return interpret_array(
+        return interpret_array_as_recording(
             path,
             samples,
             complete_hints,
             file_bytes=_N_CHIPS * n_bytes,
-            findings=(*findings, _ddm_warning()),
+            findings=(*findings, _unsupported_ddm_warning()),
         )
 
 
@@ -109,7 +113,7 @@ def _find_chip_files(path: Path) -> list[Path]:
     )
 
 
-def _concatenate_receivers(chips: list[LazyArray]) -> LazyArray:
+def _concatenate_chips_along_receivers(chips: list[LazyArray]) -> LazyArray:
     """Concatenate the arrays of the chips along the receivers."""
 
     def read(part: ArrayPart) -> np.ndarray:
@@ -121,7 +125,7 @@ def _concatenate_receivers(chips: list[LazyArray]) -> LazyArray:
     return LazyArray(shape=shape, dtype=chips[0].dtype, read=read)
 
 
-def _ddm_warning() -> Finding:
+def _unsupported_ddm_warning() -> Finding:
     return Finding(
         level="warning",
         setting="radar.frame.multiplexing",

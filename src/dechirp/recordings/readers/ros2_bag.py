@@ -18,7 +18,7 @@ from dechirp.core.errors import InvalidFile, RecordingError
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
 from dechirp.recordings.messages import mcap_messages
-from dechirp.recordings.messages.contents import read_messages
+from dechirp.recordings.messages.contents import messages_to_contents
 from dechirp.recordings.messages.ros import Message
 from dechirp.recordings.readers.base import (
     Contents,
@@ -88,7 +88,7 @@ class Ros2Bag(Format):
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         with convert_parser_errors(path, _EXPECTED):
-            metadata = _read_metadata(path)
+            metadata = _read_bag_metadata(path)
             storage, names = metadata["storage_identifier"], metadata["relative_file_paths"]
             compression = str(metadata.get("compression_mode") or "none").lower()
             if storage not in _STORAGES or compression != "none":
@@ -109,10 +109,10 @@ class Ros2Bag(Format):
             for file in files:
                 yield from _STORAGES[storage](file)
 
-        return read_messages(path, messages(), hints, _EXPECTED)
+        return messages_to_contents(path, messages(), hints, _EXPECTED)
 
 
-def _read_metadata(path: Path) -> dict[str, Any]:
+def _read_bag_metadata(path: Path) -> dict[str, Any]:
     """Read the metadata of a bag; raise `ValueError` if they are damaged."""
     with (path / METADATA).open("rb") as file:
         text = file.read(_MAX_METADATA_BYTES).decode()

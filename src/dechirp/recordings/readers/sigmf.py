@@ -18,25 +18,25 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
-from dechirp.recordings.arrays.json_columns import from_json_column
+from dechirp.recordings.arrays.json_columns import column_from_json
 from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray, convert_parser_errors
-from dechirp.recordings.arrays.lazy_files import memory_mapped_array
-from dechirp.recordings.arrays.named_axes import infer_shape, interpret_array
+from dechirp.recordings.arrays.lazy_files import open_memory_mapped_array
+from dechirp.recordings.arrays.named_axes import infer_shape, interpret_array_as_recording
 from dechirp.recordings.arrays.sigmf_meta import (
     ARCHIVE,
     DATA,
     EXTENSION,
     META,
     SigmfMetadata,
-    file_pair,
-    parse_metadata,
+    meta_and_data_paths,
+    parse_metadata_file,
     read_metadata,
 )
 from dechirp.recordings.description import VERSION as DESCRIPTION_VERSION
-from dechirp.recordings.native import native_contents
+from dechirp.recordings.native import read_native_contents
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
-from dechirp.recordings.settings.antenna_positions import fit_receivers
-from dechirp.recordings.settings.json_text import is_integer, quote_json
+from dechirp.recordings.settings.antenna_positions import fit_array_to_receiver_count
+from dechirp.recordings.settings.json_text import format_json_excerpt, is_integer
 from dechirp.recordings.settings_lookup import find_recording_settings
 
 AXES = ("frame", "chirp", "sample", "rx")
@@ -60,12 +60,12 @@ class Sigmf(Format):
         if not path.is_file() or not path.name.endswith((META, DATA, ARCHIVE)):
             return MatchQuality.NO
         if path.name.endswith(ARCHIVE):
-            return MatchQuality.CONTAINER if _is_archive(path) else MatchQuality.NO
-        meta, _ = file_pair(path)
+            return MatchQuality.CONTAINER if _is_tar_archive(path) else MatchQuality.NO
+        meta, _ = meta_and_data_paths(path)
         if not meta.is_file():
             return MatchQuality.NO
         try:
-            global_fields = parse_metadata(meta)["global"]
+            global_fields = parse_metadata_file(meta)["global"]
         except RecordingError:  # `read` reports the damage
             return MatchQuality.CONTAINER
         return (
@@ -85,38 +85,43 @@ class Sigmf(Format):
         meta = read_metadata(path)
         is_layout_given = hints.axes or hints.encoding
         contents = (
-            _read_foreign(meta, hints)
-            if is_layout_given or not meta.is_native
-            else _read_native(meta, hints)
+            _read_foreign_recording(meta, hints)
+            if is_layout_given or not meta.has_dechirp_radar
+            else _read_native_recording(meta, hints)
         )
         return replace(
-            contents, findings=(*meta.findings, *_checksum_findings(meta), *contents.findings)
+            contents,
+            findings=(*meta.findings, *_checksum_mismatch_findings(meta), *contents.findings),
         )
 
 
-def _is_archive(path: Path) -> bool:
+def _is_tar_archive(path: Path) -> bool:
     """Return whether a file is a tar archive."""
     with path.open("rb") as file:
         return file.read(_TAR_AT + len(_TAR))[_TAR_AT:] == _TAR
 
 
-def _lazy_samples(meta: SigmfMetadata, shape: tuple[int, ...]) -> LazyArray:
+def _open_lazy_samples(meta: SigmfMetadata, shape: tuple[int, ...]) -> LazyArray:
     """Open the data file with a shape; both parts of complex floats as one number."""
     if meta.dtype.kind == "f" and meta.is_complex:
         size = 2 * meta.dtype.itemsize
-        return memory_mapped_array(meta.data, np.dtype(f"{meta.dtype.str[0]}c{size}"), shape)
-    return memory_mapped_array(meta.data, meta.dtype, (*shape, 2) if meta.is_complex else shape)
+        return open_memory_mapped_array(meta.data, np.dtype(f"{meta.dtype.str[0]}c{size}"), shape)
+    return open_memory_mapped_array(
+        meta.data, meta.dtype, (*shape, 2) if meta.is_complex else shape
+    )
 
 
-def _read_native(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
+def _read_native_recording(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
     """Read a recording with the extension `radar`."""
     fields, file_bytes = meta.global_fields, meta.data.stat().st_size
     names = ("n_frames", "n_chirps", "n_samples")
     sizes = [fields.get(f"{EXTENSION}:{name}") for name in names]
     sample_bytes = meta.dtype.itemsize * (2 if meta.is_complex else 1)
     if not all(isinstance(size, int) and is_integer(size) and size > 0 for size in sizes):
-        raise _damaged_error(
-            meta, f"of {', '.join(map(quote_json, sizes))} frames, chirps, samples", "counts"
+        raise _damaged_metadata_error(
+            meta,
+            f"of {', '.join(map(format_json_excerpt, sizes))} frames, chirps, samples",
+            "counts",
         )
     shape = (*(int(size) for size in sizes if size is not None), meta.n_channels)
     expected_bytes = math.prod(shape) * sample_bytes
@@ -135,22 +140,24 @@ def _read_native(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
                 "radar": fields[f"{EXTENSION}:radar"],
                 "units": fields.get(f"{EXTENSION}:units"),
                 **{name: fields.get(f"{EXTENSION}:{name}") for name in ("scale", "device", "iq")},
-                "tables": {name: _table_description(table) for name, table in tables.items()},
+                "tables": {
+                    name: _table_structure_without_values(table) for name, table in tables.items()
+                },
             }
         )
-        return native_contents(
+        return read_native_contents(
             meta.path,
             text,
-            _lazy_samples(meta, shape),
+            _open_lazy_samples(meta, shape),
             hints,
-            columns=lambda table, column: from_json_column(tables[table]["variables"][column]),
-            gaps=_lost_chirps(meta, shape),
+            read_column=lambda table, column: column_from_json(tables[table]["variables"][column]),
+            gaps=_lost_chirp_mask(meta, shape),
             file_bytes=file_bytes,
             axes=AXES,
         )
 
 
-def _table_description(table: dict[str, Any]) -> dict[str, Any]:
+def _table_structure_without_values(table: dict[str, Any]) -> dict[str, Any]:
     """Return the description of a table, without values, in the form of `core.dataset_arrays`."""
     variables = {
         name: {
@@ -164,7 +171,7 @@ def _table_description(table: dict[str, Any]) -> dict[str, Any]:
     return {"attrs": table["attrs"], "variables": variables}
 
 
-def _lost_chirps(meta: SigmfMetadata, shape: tuple[int, ...]) -> np.ndarray | None:
+def _lost_chirp_mask(meta: SigmfMetadata, shape: tuple[int, ...]) -> np.ndarray | None:
     """Return (frame, chirp), True where annotations mark a chirp as lost; None without losses."""
     n_frames, n_chirps, n_samples, _ = shape
     is_lost = np.zeros(n_frames * n_chirps, bool)
@@ -175,12 +182,14 @@ def _lost_chirps(meta: SigmfMetadata, shape: tuple[int, ...]) -> np.ndarray | No
         end = start + n_lost if isinstance(n_lost, int) else -1
         if not 0 <= start < end <= is_lost.size * n_samples or start % n_samples or end % n_samples:
             description = f"with samples from {start} to before {end} lost"
-            raise _damaged_error(meta, description, f"whole chirps, of {n_samples} samples each")
+            raise _damaged_metadata_error(
+                meta, description, f"whole chirps, of {n_samples} samples each"
+            )
         is_lost[start // n_samples : end // n_samples] = True
     return is_lost.reshape(n_frames, n_chirps) if is_lost.any() else None
 
 
-def _read_foreign(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
+def _read_foreign_recording(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
     """Read consecutive numbers as the chirps of the radar that the user gives."""
     settings = find_recording_settings(meta.path, hints)
     rate_hz, chirp = meta.sample_rate_hz, settings.radar.frame.chirp
@@ -192,7 +201,9 @@ def _read_foreign(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
             fix="correct the settings, or core:sample_rate",
         )
     if hints.axes is None:
-        radar, receiver_findings = fit_receivers(settings.radar, meta.n_channels, file=meta.path)
+        radar, receiver_findings = fit_array_to_receiver_count(
+            settings.radar, meta.n_channels, file=meta.path
+        )
         settings = replace(settings, radar=radar).with_findings(*receiver_findings)
     file_bytes = meta.data.stat().st_size
     n_values, rest = divmod(file_bytes, meta.dtype.itemsize * (2 if meta.is_complex else 1))
@@ -206,7 +217,7 @@ def _read_foreign(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
     description = f"a file of {n_values} samples,"
     axes = hints.axes or AXES
     shape, cut_findings = infer_shape(meta.data, axes, settings, n_values, description=description)
-    samples = _lazy_samples(meta, shape)
+    samples = _open_lazy_samples(meta, shape)
     is_full_scale = meta.dtype.kind == "f" or hints.encoding is not None
     complete_hints = replace(
         hints,
@@ -214,9 +225,9 @@ def _read_foreign(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
         axes=(*axes, "iq") if len(samples.shape) > len(axes) else axes,
         encoding=hints.encoding if is_full_scale else "full-scale",
     )
-    return interpret_array(
+    return interpret_array_as_recording(
         meta.path,
-        samples if is_full_scale else _to_full_scale(samples),
+        samples if is_full_scale else _scale_lazily_to_full_scale(samples),
         complete_hints,
         file_bytes=file_bytes,
         findings=(
@@ -226,8 +237,8 @@ def _read_foreign(meta: SigmfMetadata, hints: RecordingHints) -> Contents:
     )
 
 
-def _missing_samples_warning(meta: SigmfMetadata, n_per_frame: int) -> tuple[Finding, ...]:
-    """Warn about samples that are missing within a frame of `n_per_frame` numbers.
+def _missing_samples_warning(meta: SigmfMetadata, numbers_per_frame: int) -> tuple[Finding, ...]:
+    """Warn about samples that are missing within a frame of `numbers_per_frame` numbers.
 
     `core:global_index` of a capture also counts dropped samples. Gaps between frames are normal.
     """
@@ -237,7 +248,7 @@ def _missing_samples_warning(meta: SigmfMetadata, n_per_frame: int) -> tuple[Fin
         start, index = capture["core:sample_start"], capture.get("core:global_index")
         n_dropped = index - start if is_integer(index) else n_before
         sample_index = start - offset if is_integer(offset) else start
-        if number and n_dropped != n_before and sample_index * meta.n_channels % n_per_frame:
+        if number and n_dropped != n_before and sample_index * meta.n_channels % numbers_per_frame:
             gaps.append((start, n_dropped - n_before))
         n_before = n_dropped
     if not gaps:
@@ -255,7 +266,7 @@ def _missing_samples_warning(meta: SigmfMetadata, n_per_frame: int) -> tuple[Fin
     )
 
 
-def _to_full_scale(codes: LazyArray) -> LazyArray:
+def _scale_lazily_to_full_scale(codes: LazyArray) -> LazyArray:
     """Scale integers of any size to full scale 1 when they are read."""
     full_scale = np.float32(2.0 ** (8 * codes.dtype.itemsize - 1))
     zero = np.float32(full_scale if codes.dtype.kind == "u" else 0)
@@ -266,7 +277,7 @@ def _to_full_scale(codes: LazyArray) -> LazyArray:
     return replace(codes, dtype=np.dtype(np.float32), read=read)
 
 
-def _checksum_findings(meta: SigmfMetadata) -> tuple[Finding, ...]:
+def _checksum_mismatch_findings(meta: SigmfMetadata) -> tuple[Finding, ...]:
     """Compare the data file with its SHA-512, and report a difference or a file too large."""
     if meta.sha512 is None:
         return ()
@@ -298,7 +309,7 @@ def _checksum_findings(meta: SigmfMetadata) -> tuple[Finding, ...]:
     )
 
 
-def _damaged_error(meta: SigmfMetadata, value: str, expected: str) -> RecordingError:
+def _damaged_metadata_error(meta: SigmfMetadata, value: str, expected: str) -> RecordingError:
     """Return the error of damaged metadata."""
     return RecordingError(
         meta.path, value=value, expected=expected, fix="copy it again from its source"

@@ -23,8 +23,8 @@ from dechirp.radar.chirp import Chirp
 from dechirp.radar.frame import Frame
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
-from dechirp.recordings.samples.continuous import check_single_receiver, divide_into_frames
-from dechirp.recordings.samples.iq_order import guess_iq_order, wrong_side_findings
+from dechirp.recordings.samples.continuous import check_single_receiver, divide_chirps_into_frames
+from dechirp.recordings.samples.iq_order import guess_iq_order, negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq, RecordingSettings, convert_setting_errors
 
 _KEYS = ("Bandwidth", "SamplingFrequency", "Ramps", "Samps", "PRI")
@@ -66,16 +66,16 @@ class Sirad(Format):
         )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        header, start = _read_header(path)
-        n_samples = _positive_count(path, header, "Samps")
-        if _positive_count(path, header, "Ramps") != 1:
+        header, start = _read_json_header(path)
+        n_samples = _positive_header_integer(path, header, "Samps")
+        if _positive_header_integer(path, header, "Ramps") != 1:
             raise RecordingError(
                 path,
                 value=f"Ramps {header['Ramps']!r}",
                 expected="Ramps 1: the layout of several ramps is not known",
                 fix="record one ramp a frame",
             )
-        rows = _index_rows(path, start, 2 * n_samples)
+        rows = _index_row_offsets(path, start, 2 * n_samples)
         settings = hints.settings or _settings_from_header(path, header, n_samples, rows.n_rows)
         check_single_receiver(path, settings.radar, "complex")
         if settings.radar.frame.chirp.n_samples != n_samples:
@@ -85,8 +85,10 @@ class Sirad(Format):
                 expected=f"{settings.radar.frame.chirp.n_samples}, the radar.frame.chirp.n_samples",
                 fix="correct it, or leave out the radar: the file has its own settings",
             )
-        radar, n_frames, frame_findings = divide_into_frames(path, settings.radar, rows.n_rows)
-        full_scale, scale_note = _guess_full_scale(rows.lowest, rows.highest)
+        radar, n_frames, frame_findings = divide_chirps_into_frames(
+            path, settings.radar, rows.n_rows
+        )
+        full_scale, scale_note = _guess_adc_full_scale(rows.lowest, rows.highest)
         findings = (*settings.findings, *frame_findings, scale_note)
         sampled_chirps = rows.sampled_rows[:, 0::2] + 1j * rows.sampled_rows[:, 1::2]
         if hints.iq is None:
@@ -95,12 +97,14 @@ class Sirad(Format):
         else:
             iq = hints.iq
             swapped = 1j * sampled_chirps.conj() if iq == "qi" else sampled_chirps
-            findings += wrong_side_findings(swapped, iq)
+            findings += negative_beat_frequency_findings(swapped, iq)
         n_chirps = radar.frame.n_chirps_total
 
         def decode(index: int, out: np.ndarray) -> None:
-            for chirp, codes in _read_rows(path, rows, index * n_chirps, (index + 1) * n_chirps):
-                _decode_chirps(codes, full_scale, iq, out[chirp : chirp + len(codes)])
+            for chirp, codes in _iter_code_rows(
+                path, rows, index * n_chirps, (index + 1) * n_chirps
+            ):
+                _decode_iq_chirps(codes, full_scale, iq, out[chirp : chirp + len(codes)])
 
         return Contents(
             radar=radar,
@@ -128,20 +132,20 @@ class _RowIndex:
     """(row, number): rows from all over the file."""
 
 
-def _decode_chirps(codes: np.ndarray, full_scale: int, iq: Iq, out: np.ndarray) -> None:
+def _decode_iq_chirps(codes: np.ndarray, full_scale: int, iq: Iq, out: np.ndarray) -> None:
     """Fill (chirp, 1, sample) with rows of codes."""
     first, second = codes[:, None, 0::2], codes[:, None, 1::2]
     out.real, out.imag = (first, second) if iq == "iq" else (second, first)
     out *= np.float32(1 / full_scale)
 
 
-def _guess_full_scale(low: int, high: int) -> tuple[int, Finding]:
+def _guess_adc_full_scale(lowest_code: int, highest_code: int) -> tuple[int, Finding]:
     """Guess the full scale of the ADC, which the file does not contain."""
-    bits = 12 if low >= -2048 and high <= 2047 else 16
+    bits = 12 if lowest_code >= -2048 and highest_code <= 2047 else 16
     return 2 ** (bits - 1), Finding(
         level="note",
         setting="encoding",
-        value=f"codes from {low} to {high}, taken as signed ones of {bits} bits",
+        value=f"codes from {lowest_code} to {highest_code}, taken as signed ones of {bits} bits",
         expected="the full scale of the ADC, which only absolute powers need",
         fix="no action needed for ranges and velocities",
     )
@@ -151,9 +155,9 @@ def _settings_from_header(
     path: Path, header: dict[str, Any], n_samples: int, n_chirps: int
 ) -> RecordingSettings:
     """Build the settings from the header of the file."""
-    bandwidth_mhz = _positive_number(path, header, "Bandwidth")
-    sample_rate_mhz = _positive_number(path, header, "SamplingFrequency")
-    interval_s = _positive_number(path, header, "PRI")
+    bandwidth_mhz = _positive_header_number(path, header, "Bandwidth")
+    sample_rate_mhz = _positive_header_number(path, header, "SamplingFrequency")
+    interval_s = _positive_header_number(path, header, "PRI")
     with convert_setting_errors(path):
         sample_rate_hz = sample_rate_mhz * 1e6
         ramp_s = (n_samples + _UNRECORDED_SAMPLES) / sample_rate_hz
@@ -189,7 +193,7 @@ def _settings_from_header(
     )
 
 
-def _read_header(path: Path) -> tuple[dict[str, Any], int]:
+def _read_json_header(path: Path) -> tuple[dict[str, Any], int]:
     """Return the settings before the numbers, and the byte at which the rows begin."""
     with path.open("rb") as file:
         text = file.read(_HEAD_BYTES)
@@ -208,7 +212,7 @@ def _read_header(path: Path) -> tuple[dict[str, Any], int]:
     return header, data.end()
 
 
-def _positive_number(path: Path, header: dict[str, Any], key: str) -> float:
+def _positive_header_number(path: Path, header: dict[str, Any], key: str) -> float:
     """Return a positive setting; some are written as text."""
     try:
         if isinstance(header[key], bool):
@@ -226,9 +230,9 @@ def _positive_number(path: Path, header: dict[str, Any], key: str) -> float:
     return number
 
 
-def _positive_count(path: Path, header: dict[str, Any], key: str) -> int:
+def _positive_header_integer(path: Path, header: dict[str, Any], key: str) -> int:
     """Return a positive integer setting."""
-    number = _positive_number(path, header, key)
+    number = _positive_header_number(path, header, key)
     # Longer chirps would not fit into a block of text.
     if number != int(number) or number > _BLOCK_BYTES / 8:
         raise RecordingError(
@@ -240,7 +244,7 @@ def _positive_count(path: Path, header: dict[str, Any], key: str) -> int:
     return int(number)
 
 
-def _index_rows(path: Path, start: int, n_numbers: int) -> _RowIndex:
+def _index_row_offsets(path: Path, start: int, n_numbers: int) -> _RowIndex:
     """Find all rows, keeping only a few of them.
 
     As Python numbers, the whole text would take 12 times its size.
@@ -253,7 +257,7 @@ def _index_rows(path: Path, start: int, n_numbers: int) -> _RowIndex:
     with path.open("rb") as file:
         file.seek(start)
         for text_offset, text in _iter_row_text(path, file, start, n_numbers):
-            rows = _parse_rows(path, text_offset, text, n_numbers)
+            rows = _parse_rows_to_codes(path, text_offset, text, n_numbers)
             row_starts = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("["))
             offsets.append(text_offset + row_starts[-n_rows % rows_per_offset :: rows_per_offset])
             sampled_rows.append(rows[-n_rows % step :: step].copy())
@@ -275,29 +279,34 @@ def _index_rows(path: Path, start: int, n_numbers: int) -> _RowIndex:
     )
 
 
-def _read_rows(
-    path: Path, rows: _RowIndex, first: int, last: int
+def _iter_code_rows(
+    path: Path, row_index: _RowIndex, first_row: int, stop_row: int
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the codes (row, number) of some rows block by block, with the index of the first."""
-    block, last_block = first // rows.rows_per_offset, -(-last // rows.rows_per_offset)
+    block, last_block = (
+        first_row // row_index.rows_per_offset,
+        -(-stop_row // row_index.rows_per_offset),
+    )
     with path.open("rb") as file:
         while block < last_block:
-            start = int(rows.offsets[block])
-            next_block = int(np.searchsorted(rows.offsets, start + _BLOCK_BYTES, side="right")) - 1
+            start = int(row_index.offsets[block])
+            next_block = (
+                int(np.searchsorted(row_index.offsets, start + _BLOCK_BYTES, side="right")) - 1
+            )
             next_block = min(max(next_block, block + 1), last_block)
             file.seek(start)
-            text = file.read(int(rows.offsets[next_block]) - start).rstrip().removesuffix(b",")
-            codes = _parse_rows(path, start, text, rows.n_numbers)
+            text = file.read(int(row_index.offsets[next_block]) - start).rstrip().removesuffix(b",")
+            codes = _parse_rows_to_codes(path, start, text, row_index.n_numbers)
             begin, end = (
-                block * rows.rows_per_offset,
-                min(next_block * rows.rows_per_offset, rows.n_rows),
+                block * row_index.rows_per_offset,
+                min(next_block * row_index.rows_per_offset, row_index.n_rows),
             )
             if len(codes) != end - begin:
-                raise _malformed_error(
-                    path, start, "other rows than when it was opened", rows.n_numbers
+                raise _malformed_rows_error(
+                    path, start, "other rows than when it was opened", row_index.n_numbers
                 )
-            selected_codes = codes[max(first - begin, 0) : last - begin]
-            yield max(begin - first, 0), selected_codes
+            selected_codes = codes[max(first_row - begin, 0) : stop_row - begin]
+            yield max(begin - first_row, 0), selected_codes
             block = next_block
 
 
@@ -314,25 +323,25 @@ def _iter_row_text(
             yield offset, complete_rows[:-1]
             offset, text = offset + last_row, text[last_row:]
         if len(text) > _BLOCK_BYTES + 16 * n_numbers:
-            raise _malformed_error(path, offset, "a row that does not end", n_numbers)
+            raise _malformed_rows_error(path, offset, "a row that does not end", n_numbers)
     final_row = _END.fullmatch(text.lstrip())
     if final_row is None:
-        raise _malformed_error(path, offset, "rows that do not end in ]}", n_numbers)
+        raise _malformed_rows_error(path, offset, "rows that do not end in ]}", n_numbers)
     yield offset + len(text) - len(text.lstrip()), final_row[1]
 
 
-def _parse_rows(path: Path, offset: int, text: bytes, n_numbers: int) -> np.ndarray:
+def _parse_rows_to_codes(path: Path, offset: int, text: bytes, n_numbers: int) -> np.ndarray:
     """Parse the text of complete rows to codes (row, number)."""
     if unexpected := text.translate(None, _NUMBERS):
         character = chr(unexpected[0])
-        raise _malformed_error(
+        raise _malformed_rows_error(
             path, offset + text.index(unexpected[:1]), f"{character!r} among numbers", n_numbers
         )
     try:
         rows = json.loads(b"[" + text + b"]")
     except (ValueError, RecursionError) as error:
         error_offset = offset + max(getattr(error, "pos", 1) - 1, 0)
-        raise _malformed_error(
+        raise _malformed_rows_error(
             path, error_offset, "text other than a list of numbers", n_numbers
         ) from None
     for row in rows:
@@ -342,17 +351,17 @@ def _parse_rows(path: Path, offset: int, text: bytes, n_numbers: int) -> np.ndar
                 if isinstance(row, list)
                 else "a number outside of a row"
             )
-            raise _malformed_error(path, offset, found_row, n_numbers)
+            raise _malformed_rows_error(path, offset, found_row, n_numbers)
     try:
         codes = np.array(rows, dtype=np.int64)
         if codes.ndim == 2 and abs(codes).max() < 2**15:
             return codes.astype(np.int16)
     except (ValueError, TypeError, OverflowError):  # nested lists, or numbers beyond 64 bits
         pass
-    raise _malformed_error(path, offset, "a value other than a 16-bit integer", n_numbers)
+    raise _malformed_rows_error(path, offset, "a value other than a 16-bit integer", n_numbers)
 
 
-def _malformed_error(path: Path, offset: int, value: str, n_numbers: int) -> RecordingError:
+def _malformed_rows_error(path: Path, offset: int, value: str, n_numbers: int) -> RecordingError:
     """Return the error of rows that are not numbers of 16 bits."""
     return RecordingError(
         path,

@@ -22,11 +22,11 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.samples.continuous import (
     check_single_receiver,
-    divide_into_frames,
-    interval_findings,
+    chirp_interval_findings,
+    divide_chirps_into_frames,
 )
 from dechirp.recordings.settings_lookup import find_recording_settings
-from dechirp.recordings.streams.riff import Wav, is_wav_header, open_wav
+from dechirp.recordings.streams.riff import Wav, is_wav_header, parse_wav_header
 
 _BLOCK = 2**18
 _MAX_LEVEL_SAMPLES = 2**20
@@ -51,7 +51,7 @@ class SyncWav(Format):
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         sign = 1 if hints.encoding == "upright" else -1
-        recording = open_wav(path)
+        recording = parse_wav_header(path)
         settings = find_recording_settings(path, hints)
         check_single_receiver(path, settings.radar, "real")
         chirp = settings.radar.frame.chirp
@@ -65,17 +65,17 @@ class SyncWav(Format):
                 fix="correct the settings, or record both channels",
             )
         delay = round(chirp.adc_start_s * rate_hz)
-        ramps = _find_ramps(recording, sign, delay + chirp.n_samples)
-        radar, n_frames, frame_findings = divide_into_frames(
+        ramps = _find_ramps_by_sync(recording, sign, delay + chirp.n_samples)
+        radar, n_frames, frame_findings = divide_chirps_into_frames(
             path, settings.radar, len(ramps.starts)
         )
         n_chirps = radar.frame.n_chirps_total
         chirp_starts = ramps.starts[: n_frames * n_chirps].reshape(n_frames, n_chirps)
         findings = settings.findings + recording.findings + frame_findings + ramps.findings
         if hints.encoding is None:
-            findings += (_assumed_polarity_note(),)
+            findings += (_assumed_sync_polarity_note(),)
         if ramps.interval_s is not None:
-            findings += interval_findings(radar.frame, ramps.interval_s, source="the sync")
+            findings += chirp_interval_findings(radar.frame, ramps.interval_s, source="the sync")
 
         def decode(index: int, out: np.ndarray) -> None:
             for chirp_index, start in enumerate(chirp_starts[index].tolist()):
@@ -113,23 +113,23 @@ class _Ramps:
     findings: tuple[Finding, ...] = ()
 
 
-def _find_ramps(recording: Wav, sign: int, n_needed: int) -> _Ramps:
+def _find_ramps_by_sync(recording: Wav, sign: int, min_samples: int) -> _Ramps:
     """Find the ramps by their sync, and number them so that missing ramps keep their place.
 
     Raises
     ------
     RecordingError
-        If there is no sync, or most of its pulses are shorter than `n_needed` samples.
+        If there is no sync, or most of its pulses are shorter than `min_samples` samples.
     """
-    low, high = _sync_levels(recording, sign)
+    low, high = _estimate_sync_levels(recording, sign)
     middle, half = (low + high) / 2, (high - low) / 4
     if not half > 0:
-        raise _no_ramps_error(recording, n_needed, f"a sync (channel 2) that stays at {low:.3g}")
+        raise _no_ramps_error(recording, min_samples, f"a sync (channel 2) that stays at {low:.3g}")
     long_starts, n_short, n_high_samples = [], 0, 0
-    for starts, lengths in _iter_high_intervals(
-        recording, sign, middle - half, middle + half, n_needed
+    for starts, lengths in _iter_sync_high_intervals(
+        recording, sign, middle - half, middle + half, min_samples
     ):
-        long = lengths >= n_needed
+        long = lengths >= min_samples
         long_starts.append(starts[long])
         n_short += int(np.count_nonzero(~long))
         n_high_samples += int(lengths.sum())
@@ -138,14 +138,14 @@ def _find_ramps(recording: Wav, sign: int, n_needed: int) -> _Ramps:
         n_pulses = len(starts) + n_short
         raise _no_ramps_error(
             recording,
-            n_needed,
+            min_samples,
             f"a sync (channel 2) that is high {n_pulses} times, for"
             f" {n_high_samples / max(n_pulses, 1):.6g} samples on average",
         )
-    return _number_ramps(starts, n_short, recording.sample_rate_hz)
+    return _number_ramps_by_spacing(starts, n_short, recording.sample_rate_hz)
 
 
-def _sync_levels(recording: Wav, sign: int) -> tuple[float, float]:
+def _estimate_sync_levels(recording: Wav, sign: int) -> tuple[float, float]:
     """Estimate the low and high level of the sync; 0.1 % of the samples may lie beyond each."""
     rng = np.random.default_rng(1)  # regular sampling could be synchronous with the sync
     share = min(1.0, _MAX_LEVEL_SAMPLES / recording.n_samples)
@@ -164,14 +164,14 @@ def _iter_sync_blocks(recording: Wav, sign: int) -> Iterator[tuple[int, np.ndarr
         yield first, np.where(np.isfinite(block), block, np.float32(0)) * np.float32(sign)
 
 
-def _iter_high_intervals(
-    recording: Wav, sign: int, lower: float, upper: float, n_needed: int
+def _iter_sync_high_intervals(
+    recording: Wav, sign: int, lower: float, upper: float, min_samples: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield start and length of the intervals in which the sync is high, block by block.
 
     The sync is high from where it exceeds `upper` until it falls below `lower`, so noise below half
     of its amplitude makes no edges. A last interval cut by the end of the recording counts if it
-    has `n_needed` samples.
+    has `min_samples` samples.
     """
     last_edge, state = -1, 0  # index and state of the last edge
     for first, block in _iter_sync_blocks(recording, sign):
@@ -186,11 +186,11 @@ def _iter_high_intervals(
         is_high = (edge_states[:-1] > 0) & (edges[:-1] >= 0)
         yield edges[:-1][is_high], np.diff(edges)[is_high]
         last_edge, state = int(edges[-1]), int(edge_states[-1])
-    if state > 0 and 0 <= last_edge <= recording.n_samples - n_needed:
+    if state > 0 and 0 <= last_edge <= recording.n_samples - min_samples:
         yield np.array([last_edge]), np.array([recording.n_samples - last_edge])
 
 
-def _number_ramps(starts: np.ndarray, n_short: int, sample_rate_hz: float) -> _Ramps:
+def _number_ramps_by_spacing(starts: np.ndarray, n_short: int, sample_rate_hz: float) -> _Ramps:
     """Number the ramps by their spacing, with -1 for those that are missing."""
     if len(starts) == 1:
         return _Ramps(starts=starts, interval_s=None)
@@ -225,19 +225,19 @@ def _number_ramps(starts: np.ndarray, n_short: int, sample_rate_hz: float) -> _R
     )
 
 
-def _no_ramps_error(recording: Wav, n_needed: int, value: str) -> RecordingError:
+def _no_ramps_error(recording: Wav, min_samples: int, value: str) -> RecordingError:
     """Return the error of a recording without usable ramps."""
     return RecordingError(
         recording.path,
         value=value,
-        expected=f"a sync that is high for at least {n_needed} samples in most ramps"
+        expected=f"a sync that is high for at least {min_samples} samples in most ramps"
         " (radar.frame.chirp.n_samples and adc_start)",
         fix="give fewer samples or the other encoding (inverted or upright), or record the sync"
         " of the ramps in channel 2",
     )
 
 
-def _assumed_polarity_note() -> Finding:
+def _assumed_sync_polarity_note() -> Finding:
     """Return the note that the polarity of the sync was assumed."""
     return Finding(
         level="note",

@@ -17,7 +17,7 @@ from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.lazy_array import ArrayPart, LazyArray, format_shape
-from dechirp.recordings.arrays.named_axes import infer_shape, interpret_array
+from dechirp.recordings.arrays.named_axes import infer_shape, interpret_array_as_recording
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.settings_lookup import find_recording_settings
 
@@ -63,7 +63,7 @@ class TextColumns(Format):
         return MatchQuality.LIKELY if len(counts) == 1 else MatchQuality.POSSIBLE
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        table = _index_lines(path)
+        table = _index_number_lines(path)
         settings = find_recording_settings(path, hints)
         n_numbers = table.n_lines * table.n_columns
         description = f"text of {table.n_lines} lines of {table.n_columns} numbers"
@@ -71,9 +71,9 @@ class TextColumns(Format):
             path, hints.axes, settings, n_numbers, description=description
         )
         if table.n_lines > 1:
-            _check_line_length(path, shape, hints.axes or (), table)
-        numbers = _lazy_table(path, table, shape)
-        return interpret_array(
+            _check_line_holds_whole_axes(path, shape, hints.axes or (), table)
+        numbers = _open_lazy_table(path, table, shape)
+        return interpret_array_as_recording(
             path,
             numbers,
             replace(hints, settings=settings),
@@ -98,18 +98,18 @@ class _LineIndex:
 def _detect_separator(line: bytes) -> bytes | None:
     """Return the separator of a line of numbers, empty for blanks; None for other text."""
     for separator in (b";", b"\t", b","):
-        if separator in line and all(map(_is_number, _split_line(line, separator))):
+        if separator in line and all(map(_is_number, _split_number_line(line, separator))):
             return separator
-    words = _split_line(line, b"")
+    words = _split_number_line(line, b"")
     return b"" if words and all(map(_is_number, words)) else None
 
 
-def _split_line(line: bytes, separator: bytes) -> list[bytes]:
+def _split_number_line(line: bytes, separator: bytes) -> list[bytes]:
     """Split a line at its separator."""
-    return _normalise_line(line, separator).split(separator or None)
+    return _strip_and_convert_decimal_commas(line, separator).split(separator or None)
 
 
-def _normalise_line(line: bytes, separator: bytes) -> bytes:
+def _strip_and_convert_decimal_commas(line: bytes, separator: bytes) -> bytes:
     """Strip blanks and a trailing separator, and replace decimal commas by points."""
     line = line.removeprefix(_BYTE_ORDER_MARK).strip().removesuffix(separator).rstrip()
     return line if separator == b"," else line.replace(b",", b".")
@@ -124,7 +124,7 @@ def _is_number(word: bytes) -> bool:
     return b"_" not in word
 
 
-def _index_lines(path: Path) -> _LineIndex:
+def _index_number_lines(path: Path) -> _LineIndex:
     """Find the lines of numbers, check that their lengths agree, and parse none of them."""
     headings: list[bytes] = []
     offsets: list[tuple[int, int]] = []
@@ -134,18 +134,18 @@ def _index_lines(path: Path) -> _LineIndex:
         while line := file.readline(_MAX_LINE_BYTES + 1):
             number += 1
             if len(line) > _MAX_LINE_BYTES:
-                raise _malformed_error(path, number, f"longer than {_MAX_LINE_BYTES} bytes")
+                raise _malformed_line_error(path, number, f"longer than {_MAX_LINE_BYTES} bytes")
             if not line.strip():
                 pass
             elif separator is None and (separator := _detect_separator(line)) is None:
                 headings.append(line.strip())
                 if len(headings) > _MAX_HEADINGS:
-                    raise _malformed_error(path, number, "not yet a line of numbers")
+                    raise _malformed_line_error(path, number, "not yet a line of numbers")
             else:
                 count = _count_numbers(line, separator)
                 n_columns = n_columns or count
                 if count != n_columns:
-                    raise _malformed_error(
+                    raise _malformed_line_error(
                         path, number, f"a row of {count} numbers instead of {n_columns}"
                     )
                 if n_lines % _LINES_PER_OFFSET == 0:
@@ -153,7 +153,7 @@ def _index_lines(path: Path) -> _LineIndex:
                 n_lines += 1
             start += len(line)
     if separator is None:
-        raise _malformed_error(path, number, "the last, and no line consists of numbers only")
+        raise _malformed_line_error(path, number, "the last, and no line consists of numbers only")
     return _LineIndex(
         separator=separator,
         n_columns=n_columns,
@@ -165,7 +165,7 @@ def _index_lines(path: Path) -> _LineIndex:
 
 def _count_numbers(line: bytes, separator: bytes) -> int:
     """Count the numbers in a line."""
-    line = _normalise_line(line, separator)
+    line = _strip_and_convert_decimal_commas(line, separator)
     return line.count(separator) + 1 if separator else len(line.split())
 
 
@@ -181,7 +181,7 @@ def _skipped_headings_note(headings: list[bytes]) -> Finding:
     )
 
 
-def _malformed_error(path: Path, line_number: int, problem: str) -> RecordingError:
+def _malformed_line_error(path: Path, line_number: int, problem: str) -> RecordingError:
     """Return the error of a line that is not a row of numbers."""
     return RecordingError(
         path,
@@ -191,7 +191,7 @@ def _malformed_error(path: Path, line_number: int, problem: str) -> RecordingErr
     )
 
 
-def _check_line_length(
+def _check_line_holds_whole_axes(
     path: Path, shape: tuple[int, ...], axes: tuple[str, ...], table: _LineIndex
 ) -> None:
     """Raise `RecordingError` unless a line holds a whole number of the last axes."""
@@ -206,7 +206,7 @@ def _check_line_length(
         )
 
 
-def _lazy_table(path: Path, table: _LineIndex, shape: tuple[int, ...]) -> LazyArray:
+def _open_lazy_table(path: Path, table: _LineIndex, shape: tuple[int, ...]) -> LazyArray:
     """Open the lines as an array of a shape, parsed when it is read."""
     numbers_per_row = math.prod(shape[1:])
 
@@ -214,13 +214,13 @@ def _lazy_table(path: Path, table: _LineIndex, shape: tuple[int, ...]) -> LazyAr
         first, last = part[0].start * numbers_per_row, part[0].stop * numbers_per_row
         lines = slice(first // table.n_columns, -(-last // table.n_columns))
         n_skipped = first - lines.start * table.n_columns
-        numbers = _read_lines(path, table, lines)[n_skipped : n_skipped + last - first]
+        numbers = _read_numbers_of_lines(path, table, lines)[n_skipped : n_skipped + last - first]
         return numbers.reshape(-1, *shape[1:])[(slice(None), *part[1:])]
 
     return LazyArray(shape=shape, dtype=np.dtype(np.float64), read=read, outer_axis=0)
 
 
-def _read_lines(path: Path, table: _LineIndex, lines: slice) -> np.ndarray:
+def _read_numbers_of_lines(path: Path, table: _LineIndex, lines: slice) -> np.ndarray:
     """Read the numbers of some lines, flattened."""
     start, line_number = table.offsets[lines.start // _LINES_PER_OFFSET]
     n_to_skip = lines.start % _LINES_PER_OFFSET
@@ -231,25 +231,27 @@ def _read_lines(path: Path, table: _LineIndex, lines: slice) -> np.ndarray:
         while n_done < len(numbers):
             line = file.readline(_MAX_LINE_BYTES)
             if not line:
-                raise _malformed_error(
+                raise _malformed_line_error(
                     path, line_number, "missing: the file has become shorter since it was opened"
                 )
             line_number += 1
-            line = _normalise_line(line, table.separator)
+            line = _strip_and_convert_decimal_commas(line, table.separator)
             if line and n_to_skip:
                 n_to_skip -= 1
             elif line:
                 block.append(line)
                 n_bytes += len(line)
             if n_done + len(block) == len(numbers) or n_bytes > _PARSED_BYTES:
-                numbers[n_done : n_done + len(block)] = _parse_lines(
+                numbers[n_done : n_done + len(block)] = _parse_number_lines(
                     path, block, table, line_number
                 )
                 n_done, block, n_bytes = n_done + len(block), [], 0
     return numbers.reshape(-1)
 
 
-def _parse_lines(path: Path, block: list[bytes], table: _LineIndex, line_number: int) -> np.ndarray:
+def _parse_number_lines(
+    path: Path, block: list[bytes], table: _LineIndex, line_number: int
+) -> np.ndarray:
     """Parse lines of numbers, (line, column), all before line `line_number`."""
     separator = table.separator.decode() or None
     try:

@@ -30,7 +30,7 @@ from dechirp.recordings.samples.layouts import N_LANES, Pairs
 from dechirp.recordings.samples.raw_samples import interpret_raw_samples
 from dechirp.recordings.settings.base import RecordingSettings
 from dechirp.recordings.settings_lookup import find_recording_settings
-from dechirp.recordings.streams.byte_sources import open_files
+from dechirp.recordings.streams.byte_sources import open_concatenated_files
 
 CHIPS = ("master", "slave1", "slave2", "slave3")
 """Chips in the order of their receivers in the cube. Two tools disagree on which slave is which
@@ -73,7 +73,7 @@ class TiCascade(Format):
             )
         chips: list[Contents] = []
         for number in range(len(CHIPS)):
-            chips.append(_read_chip(folder, number, settings, hints))
+            chips.append(_read_chip_frames(folder, number, settings, hints))
             # All chips share one order; guessed per chip, noise could swap I and Q of one of them.
             hints = replace(hints, iq=chips[0].iq)
         n_frames = min(chip.n_frames for chip in chips)
@@ -92,7 +92,7 @@ class TiCascade(Format):
             radar=replace(settings.radar, frame=shortest),
             n_frames=n_frames,
             decode=decode,
-            findings=findings + _frame_count_warning([chip.n_frames for chip in chips]),
+            findings=findings + _unequal_frame_counts_warning([chip.n_frames for chip in chips]),
             iq=chips[0].iq,
             scale=chips[0].scale,
             device=chips[0].device,
@@ -105,12 +105,12 @@ def _capture_folder(path: Path) -> Path:
     return path if path.is_dir() else path.parent
 
 
-def _read_chip(
-    folder: Path, number: int, settings: RecordingSettings, hints: RecordingHints
+def _read_chip_frames(
+    folder: Path, chip_number: int, settings: RecordingSettings, hints: RecordingHints
 ) -> Contents:
     """Read the frames of one chip, with its four receivers only."""
-    radar, name = settings.radar, CHIPS[number]
-    rx_m = radar.array.rx_m[N_LANES * number : N_LANES * (number + 1)]
+    radar, name = settings.radar, CHIPS[chip_number]
+    rx_m = radar.array.rx_m[N_LANES * chip_number : N_LANES * (chip_number + 1)]
     chip_settings = replace(settings, radar=replace(radar, array=replace(radar.array, rx_m=rx_m)))
     data: list[Path] = []
     while (part := folder / f"{name}_{len(data):04}_data.bin").is_file():
@@ -130,7 +130,9 @@ def _read_chip(
         n_frames = sum(count for count in frame_counts if count is not None)
         chip_settings = replace(chip_settings, n_frames=n_frames)
     order = Pairs(receivers=tuple(range(N_LANES)), n_present=N_LANES)
-    return interpret_raw_samples(data[0], open_files(*data), [order], chip_settings, hints)
+    return interpret_raw_samples(
+        data[0], open_concatenated_files(*data), [order], chip_settings, hints
+    )
 
 
 def _read_frame_count(index: Path) -> int | None:
@@ -146,7 +148,7 @@ def _read_frame_count(index: Path) -> int | None:
     return int(n_frames) if n_frames and index.stat().st_size == expected else None
 
 
-def _frame_count_warning(n_frames: list[int]) -> tuple[Finding, ...]:
+def _unequal_frame_counts_warning(n_frames: list[int]) -> tuple[Finding, ...]:
     """Warn that the chips have different numbers of frames."""
     if len(set(n_frames)) == 1:
         return ()

@@ -29,9 +29,9 @@ from dechirp.recordings.streams.tlv import (
     POINTS,
     SIDE_INFO,
     TlvPackets,
-    find_packets,
-    has_fixed_point,
-    parse_header,
+    find_complete_packets,
+    has_fixed_point_coordinates,
+    parse_packet_header,
 )
 
 _HEAD_BYTES = 2**14
@@ -62,7 +62,7 @@ class TiUart(Format):
             head = file.read(_HEAD_BYTES)
         offset = head.find(MAGIC)
         while offset >= 0:
-            if parse_header(head, offset) is not None:
+            if parse_packet_header(head, offset) is not None:
                 return MatchQuality.SELF_DESCRIBING
             offset = head.find(MAGIC, offset + 1)
         return MatchQuality.NO
@@ -71,20 +71,20 @@ class TiUart(Format):
         if not path.stat().st_size:
             raise _no_packet_error(path, 0, 0)
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
-            stream = find_packets(text)
+            stream = find_complete_packets(text)
             if not len(stream.packets):
                 raise _no_packet_error(path, stream.n_damaged, stream.n_bytes_lost)
             radar = None if hints.settings is None else hints.settings.radar
-            xyzv, snr = _read_points(text, stream.packets, radar)
-        points = _to_detections(stream.packets, xyzv, snr, radar)
+            xyzv, snr = _read_points_and_snrs(text, stream.packets, radar)
+        points = _points_to_detections(stream.packets, xyzv, snr, radar)
         findings = () if hints.settings is None else hints.settings.findings
         if np.isnan(xyzv[:, 3]).any():
-            findings = (*findings, _no_velocity_warning())
+            findings = (*findings, _missing_doppler_bin_width_warning())
         return Contents(
             radar=radar,
             n_frames=len(stream.packets),
             points=points,
-            findings=(*findings, *_loss_warning(stream), *_unread_items_note(stream)),
+            findings=(*findings, *_lost_packets_warning(stream), *_unread_tlv_items_note(stream)),
         )
 
 
@@ -95,8 +95,8 @@ _UNITS = {
 }
 
 
-def _read_points(
-    text: mmap.mmap, packets: np.ndarray, radar: Radar | None
+def _read_points_and_snrs(
+    serial_bytes: mmap.mmap, packets: np.ndarray, radar: Radar | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Read the points of all packets, (point, x y z velocity) in TI's axes, and their SNRs."""
     counts = packets["n_points"]
@@ -105,19 +105,19 @@ def _read_points(
     first = 0
     for version, _, n, points_at, side_at in packets[counts > 0].tolist():
         rows = slice(first, first + n)
-        if has_fixed_point(version):
-            xyzv[rows] = _decode_fixed_point(text, version, n, points_at, radar)
+        if has_fixed_point_coordinates(version):
+            xyzv[rows] = _decode_fixed_point_coordinates(serial_bytes, version, n, points_at, radar)
         else:
-            content = text[points_at : points_at + 16 * n]
+            content = serial_bytes[points_at : points_at + 16 * n]
             xyzv[rows] = np.frombuffer(content, "<f4").reshape(n, 4)
         if side_at >= 0:
-            side = np.frombuffer(text[side_at : side_at + 4 * n], "<i2")
+            side = np.frombuffer(serial_bytes[side_at : side_at + 4 * n], "<i2")
             snr[rows] = 10 ** (side[::2] / 100)  # in steps of 0.1 dB
         first += n
     return xyzv, snr
 
 
-def _to_detections(
+def _points_to_detections(
     packets: np.ndarray, xyzv: np.ndarray, snr: np.ndarray, radar: Radar | None
 ) -> xr.Dataset:
     """Convert points to detections in single precision, as sent; overwrites `xyzv`."""
@@ -151,13 +151,13 @@ def _to_detections(
     )
 
 
-def _decode_fixed_point(
-    text: mmap.mmap, version: int, n: int, offset: int, radar: Radar | None
+def _decode_fixed_point_coordinates(
+    serial_bytes: mmap.mmap, version: int, n: int, offset: int, radar: Radar | None
 ) -> np.ndarray:
     """Decode points of SDK 1 and 2 to (point, x y z velocity), in m and m/s, TI's axes."""
-    _, q_format = struct.unpack_from("<2H", text, offset)
+    _, q_format = struct.unpack_from("<2H", serial_bytes, offset)
     raw_points = np.frombuffer(
-        text[offset + 4 : offset + 4 + n * FIXED_POINT.itemsize], FIXED_POINT
+        serial_bytes[offset + 4 : offset + 4 + n * FIXED_POINT.itemsize], FIXED_POINT
     )
     xyz = np.stack([raw_points["x"], raw_points["y"], raw_points["z"]], axis=-1) / 2.0**q_format
     velocity = np.full(n, np.nan)
@@ -170,7 +170,7 @@ def _decode_fixed_point(
     return np.column_stack([xyz, velocity])
 
 
-def _loss_warning(stream: TlvPackets) -> tuple[Finding, ...]:
+def _lost_packets_warning(stream: TlvPackets) -> tuple[Finding, ...]:
     """Warn about damaged packets, lost bytes and missing frames."""
     numbers = stream.packets["frame_number"]
     steps = np.diff(numbers)
@@ -195,7 +195,7 @@ def _loss_warning(stream: TlvPackets) -> tuple[Finding, ...]:
     )
 
 
-def _unread_items_note(stream: TlvPackets) -> tuple[Finding, ...]:
+def _unread_tlv_items_note(stream: TlvPackets) -> tuple[Finding, ...]:
     """Return a note about items other than points."""
     unread_items = [
         f"{_ITEM_NAMES.get(kind, 'unknown')} ({kind}) in {count}"
@@ -217,7 +217,7 @@ def _unread_items_note(stream: TlvPackets) -> tuple[Finding, ...]:
     )
 
 
-def _no_velocity_warning() -> Finding:
+def _missing_doppler_bin_width_warning() -> Finding:
     """Warn that velocities need the radar."""
     return Finding(
         level="warning",

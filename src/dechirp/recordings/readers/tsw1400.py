@@ -11,15 +11,15 @@ from dechirp.recordings.readers.base import (
     Format,
     MatchQuality,
     RecordingHints,
-    describe_foreign_content,
+    identify_non_raw_content,
 )
 from dechirp.recordings.samples.layouts import N_LANES, Pairs
 from dechirp.recordings.samples.raw_samples import (
-    check_alternating_receivers,
+    check_receivers_can_alternate,
     interpret_raw_samples,
 )
 from dechirp.recordings.settings_lookup import find_recording_settings
-from dechirp.recordings.streams.byte_sources import open_files
+from dechirp.recordings.streams.byte_sources import open_concatenated_files
 
 _SAMPLED_BYTES = 2**16  # bytes
 
@@ -34,7 +34,7 @@ class Tsw1400(Format):
     options: ClassVar[tuple[str, ...]] = ("iq",)
 
     def recognise(self, path: Path) -> MatchQuality:
-        if not path.is_file() or describe_foreign_content(path) is not None:
+        if not path.is_file() or identify_non_raw_content(path) is not None:
             return MatchQuality.NO
         with path.open("rb") as file:
             content = file.read(_SAMPLED_BYTES)
@@ -46,10 +46,10 @@ class Tsw1400(Format):
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         settings = find_recording_settings(path, hints)
-        check_alternating_receivers(path, settings)
+        check_receivers_can_alternate(path, settings)
         order = Pairs(
-            receivers=settings.receiver_indices(settings.radar.array.n_rx), n_present=N_LANES
+            receivers=settings.chip_receiver_indices(settings.radar.array.n_rx), n_present=N_LANES
         )
         return interpret_raw_samples(
-            path, open_files(path), [order], settings, hints, offset_binary=True
+            path, open_concatenated_files(path), [order], settings, hints, offset_binary=True
         )

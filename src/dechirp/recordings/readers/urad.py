@@ -21,10 +21,10 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.readers.base import Contents, Format, MatchQuality, RecordingHints
 from dechirp.recordings.samples.continuous import (
     check_single_receiver,
-    divide_into_frames,
-    interval_findings,
+    chirp_interval_findings,
+    divide_chirps_into_frames,
 )
-from dechirp.recordings.samples.iq_order import wrong_side_findings
+from dechirp.recordings.samples.iq_order import negative_beat_frequency_findings
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings_lookup import find_recording_settings
 
@@ -57,7 +57,7 @@ class Urad(Format):
         lines = [line for line in lines if line.strip()]
         # A stopped recording may end within a line.
         lines = lines[:-1] if len(lines) > 1 else lines
-        counts = {_count_codes(line) for line in lines}
+        counts = {_count_codes_or_none(line) for line in lines}
         n_numbers = counts.pop() if len(counts) == 1 else None
         if n_numbers is None or not n_numbers or n_numbers % 2:
             return MatchQuality.NO
@@ -65,12 +65,12 @@ class Urad(Format):
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         ramp = hints.encoding or "up"
-        lines = _index_lines(path)
+        lines = _index_measurement_lines(path)
         settings = find_recording_settings(path, hints)
         check_single_receiver(path, settings.radar, "complex")
         n_samples = settings.radar.frame.chirp.n_samples
         columns = _iq_columns(path, lines.n_numbers, n_samples, ramp)
-        radar, n_frames, frame_findings = divide_into_frames(
+        radar, n_frames, frame_findings = divide_chirps_into_frames(
             path, settings.radar, len(lines.starts)
         )
         iq = hints.iq or "iq"
@@ -78,20 +78,22 @@ class Urad(Format):
 
         def decode(index: int, out: np.ndarray) -> None:
             first = index * n_chirps
-            _decode_chirps(path, lines, range(first, first + n_chirps), columns, iq, out)
+            _decode_lines_to_chirps(path, lines, range(first, first + n_chirps), columns, iq, out)
 
         sampled_chirps = np.empty((min(n_chirps, _MAX_SAMPLED_CHIRPS), 1, n_samples), np.complex64)
-        _decode_chirps(path, lines, range(len(sampled_chirps)), columns, iq, sampled_chirps)
+        _decode_lines_to_chirps(
+            path, lines, range(len(sampled_chirps)), columns, iq, sampled_chirps
+        )
         findings = (
             settings.findings
             + lines.findings
             + frame_findings
-            + wrong_side_findings(sampled_chirps, iq)
+            + negative_beat_frequency_findings(sampled_chirps, iq)
         )
         if ramp == "down":
-            findings += (_down_ramp_note(),)
+            findings += (_down_ramp_coupling_note(),)
         if lines.interval_s is not None:
-            findings += interval_findings(
+            findings += chirp_interval_findings(
                 radar.frame, lines.interval_s, source="the times in the file"
             )
         return Contents(radar=radar, n_frames=n_frames, decode=decode, findings=findings, iq=iq)
@@ -110,14 +112,14 @@ class _LineIndex:
     findings: tuple[Finding, ...] = ()
 
 
-def _count_codes(line: bytes) -> int | None:
+def _count_codes_or_none(line: bytes) -> int | None:
     """Count the codes of a line; None if it holds anything else, except a time at its end."""
-    codes, _ = _split_line(line)
+    codes, _ = _split_codes_and_time(line)
     fits = all(code.isdigit() and len(code) <= 4 and int(code) <= _MAX_CODE for code in codes)
     return len(codes) if fits and not line.translate(None, _CHARACTERS) else None
 
 
-def _split_line(line: bytes) -> tuple[list[bytes], bytes | None]:
+def _split_codes_and_time(line: bytes) -> tuple[list[bytes], bytes | None]:
     """Split a line into its codes and its time, which contains a decimal point."""
     words = line.split()
     if words and b"." in words[-1]:
@@ -125,7 +127,7 @@ def _split_line(line: bytes) -> tuple[list[bytes], bytes | None]:
     return words, None
 
 
-def _index_lines(path: Path) -> _LineIndex:
+def _index_measurement_lines(path: Path) -> _LineIndex:
     """Find the lines and check that their lengths agree; the last may be incomplete."""
     starts = array("q")
     times_s: list[float] = []  # of the first and of the last complete line
@@ -135,10 +137,10 @@ def _index_lines(path: Path) -> _LineIndex:
         while line := file.readline(_MAX_LINE_BYTES + 1):
             line_number += 1
             if len(line) > _MAX_LINE_BYTES:
-                raise _malformed_error(path, line_number, f"more than {_MAX_LINE_BYTES} bytes")
-            words, time = _split_line(line)
+                raise _malformed_line_error(path, line_number, f"more than {_MAX_LINE_BYTES} bytes")
+            words, time = _split_codes_and_time(line)
             if odd_line and words:
-                raise _malformed_error(
+                raise _malformed_line_error(
                     path, odd_line[0], f"{odd_line[1]} numbers after lines of {n_numbers}"
                 )
             n_numbers = n_numbers or len(words)
@@ -155,20 +157,22 @@ def _index_lines(path: Path) -> _LineIndex:
             if odd_line
             else f"{n_numbers} numbers"
         )
-        raise _malformed_error(path, odd_line[0] if odd_line else 1, count_text)
+        raise _malformed_line_error(path, odd_line[0] if odd_line else 1, count_text)
     return _LineIndex(
         starts=np.frombuffer(starts, np.int64),
         n_numbers=n_numbers,
-        interval_s=_mean_interval(times_s, len(starts)),
-        findings=(_cut_line_note(*odd_line, n_numbers),) if odd_line and odd_line[1] else (),
+        interval_s=_mean_line_interval_s(times_s, len(starts)),
+        findings=(_incomplete_last_line_note(*odd_line, n_numbers),)
+        if odd_line and odd_line[1]
+        else (),
     )
 
 
-def _mean_interval(times_s: list[float], n_lines: int) -> float | None:
+def _mean_line_interval_s(first_and_last_time_s: list[float], n_lines: int) -> float | None:
     """Return the mean interval between lines; None without two times."""
-    if len(times_s) < 2 or n_lines < 2:
+    if len(first_and_last_time_s) < 2 or n_lines < 2:
         return None
-    interval_s = (times_s[1] - times_s[0]) / (n_lines - 1)
+    interval_s = (first_and_last_time_s[1] - first_and_last_time_s[0]) / (n_lines - 1)
     return interval_s if 0 < interval_s < math.inf else None
 
 
@@ -177,7 +181,7 @@ def _parse_time_s(path: Path, line_number: int, time: bytes) -> float:
     try:
         return float(time)
     except ValueError:
-        raise _malformed_error(path, line_number, f"{time[:20].decode('latin-1')!r}") from None
+        raise _malformed_line_error(path, line_number, f"{time[:20].decode('latin-1')!r}") from None
 
 
 def _iq_columns(path: Path, n_numbers: int, n_samples: int, ramp: str) -> tuple[slice, slice]:
@@ -201,7 +205,7 @@ def _iq_columns(path: Path, n_numbers: int, n_samples: int, ramp: str) -> tuple[
     )
 
 
-def _decode_chirps(
+def _decode_lines_to_chirps(
     path: Path,
     lines: _LineIndex,
     line_indices: range,
@@ -214,7 +218,7 @@ def _decode_chirps(
     with path.open("rb") as file:
         for chirp_index, index in enumerate(line_indices):
             file.seek(int(lines.starts[index]))
-            words, _ = _split_line(file.readline(_MAX_LINE_BYTES + 1))
+            words, _ = _split_codes_and_time(file.readline(_MAX_LINE_BYTES + 1))
             codes = _parse_codes(path, index + 1, words, lines.n_numbers)
             scaled = codes.astype(np.float32) * np.float32(2 / _MAX_CODE) - np.float32(1)
             parts = scaled[first], scaled[second]
@@ -225,7 +229,7 @@ def _decode_chirps(
 def _parse_codes(path: Path, line_number: int, words: list[bytes], n_numbers: int) -> np.ndarray:
     """Parse and check the codes of a line."""
     if len(words) != n_numbers:
-        raise _malformed_error(
+        raise _malformed_line_error(
             path, line_number, f"{len(words)} numbers after lines of {n_numbers}"
         )
     try:
@@ -238,10 +242,10 @@ def _parse_codes(path: Path, line_number: int, words: list[bytes], n_numbers: in
     bad_word = next(
         word for word in words if len(word) > 4 or not word.isdigit() or int(word) > _MAX_CODE
     )
-    raise _malformed_error(path, line_number, f"{bad_word[:20].decode('latin-1')!r}")
+    raise _malformed_line_error(path, line_number, f"{bad_word[:20].decode('latin-1')!r}")
 
 
-def _malformed_error(path: Path, line_number: int, value: str) -> RecordingError:
+def _malformed_line_error(path: Path, line_number: int, value: str) -> RecordingError:
     """Return the error of a line that is not a row of codes."""
     return RecordingError(
         path,
@@ -251,7 +255,7 @@ def _malformed_error(path: Path, line_number: int, value: str) -> RecordingError
     )
 
 
-def _cut_line_note(line_number: int, n_numbers: int, n_expected: int) -> Finding:
+def _incomplete_last_line_note(line_number: int, n_numbers: int, n_expected: int) -> Finding:
     """Return a note that an incomplete last line was left out."""
     return Finding(
         level="note",
@@ -262,7 +266,7 @@ def _cut_line_note(line_number: int, n_numbers: int, n_expected: int) -> Finding
     )
 
 
-def _down_ramp_note() -> Finding:
+def _down_ramp_coupling_note() -> Finding:
     """Return a note on the coupling of down-ramps."""
     return Finding(
         level="note",

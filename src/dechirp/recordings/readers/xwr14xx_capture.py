@@ -12,15 +12,15 @@ from dechirp.recordings.readers.base import (
     Format,
     MatchQuality,
     RecordingHints,
-    describe_foreign_content,
+    identify_non_raw_content,
 )
 from dechirp.recordings.samples.layouts import Pairs
 from dechirp.recordings.samples.raw_samples import (
-    check_alternating_receivers,
+    check_receivers_can_alternate,
     interpret_raw_samples,
 )
 from dechirp.recordings.settings_lookup import find_recording_settings
-from dechirp.recordings.streams.byte_sources import open_files
+from dechirp.recordings.streams.byte_sources import open_concatenated_files
 
 
 @frozen_dataclass
@@ -35,13 +35,13 @@ class Xwr14xxCapture(Format):
     def recognise(self, path: Path) -> MatchQuality:
         return (
             MatchQuality.POSSIBLE
-            if path.is_file() and describe_foreign_content(path) is None
+            if path.is_file() and identify_non_raw_content(path) is None
             else MatchQuality.NO
         )
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
         settings = find_recording_settings(path, hints)
-        check_alternating_receivers(path, settings)
+        check_receivers_can_alternate(path, settings)
         n_rx = settings.radar.array.n_rx
         order = Pairs(receivers=tuple(range(n_rx)), n_present=n_rx)
-        return interpret_raw_samples(path, open_files(path), [order], settings, hints)
+        return interpret_raw_samples(path, open_concatenated_files(path), [order], settings, hints)

@@ -12,12 +12,12 @@ from dechirp.core.errors import RecordingError
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.encodings import LIMITS
 from dechirp.recordings.arrays.lazy_array import convert_parser_errors
-from dechirp.recordings.arrays.named_axes import interpret_array
+from dechirp.recordings.arrays.named_axes import interpret_array_as_recording
 from dechirp.recordings.arrays.zarr_arrays import (
     EXPECTED,
     METADATA_NAMES,
-    lazy_zarr_array,
-    read_json,
+    open_lazy_zarr_array,
+    read_json_object,
     read_small_array,
 )
 from dechirp.recordings.arrays.zarr_tables import ZarrTables
@@ -27,7 +27,7 @@ from dechirp.recordings.arrays.zarr_uncompressed import (
     scale_codes,
 )
 from dechirp.recordings.description import UNITS, parse_radar
-from dechirp.recordings.native import MAX_SCALE, check_hints_agree, lost_chirp_mask
+from dechirp.recordings.native import MAX_SCALE, check_device_and_iq_hints, lost_chirp_mask
 from dechirp.recordings.readers.base import (
     IQ_ORDERS,
     Contents,
@@ -56,7 +56,7 @@ class Zarr(Format):
         if folder is None:
             return MatchQuality.NO
         try:
-            attributes = read_json(folder / _MARK).get("attributes")
+            attributes = read_json_object(folder / _MARK).get("attributes")
         except (OSError, ValueError, RecursionError):
             return MatchQuality.NO
         is_native = isinstance(attributes, dict) and {"format_version", "radar"} <= set(attributes)
@@ -67,8 +67,8 @@ class Zarr(Format):
         with convert_parser_errors(path, EXPECTED):
             if folder is None:
                 raise FileNotFoundError(f"no {_CUBE}")
-            attributes = read_json(folder / _MARK)["attributes"]
-            cube = read_json(folder / "cube" / _MARK)
+            attributes = read_json_object(folder / _MARK)["attributes"]
+            cube = read_json_object(folder / "cube" / _MARK)
             cube_attributes = cube["attributes"]
             units, scale = cube_attributes["units"], float(cube_attributes.get("scale", 1.0))
             if not 0 < scale < MAX_SCALE:
@@ -78,7 +78,7 @@ class Zarr(Format):
             device, iq = attributes.get("device"), attributes.get("iq")
             if not isinstance(device, str | None) or iq not in (None, *IQ_ORDERS):
                 raise ValueError(f"its device is {device!r} and its order {iq!r}")
-            check_hints_agree(path, hints, device=device, iq=iq)
+            check_device_and_iq_hints(path, hints, device=device, iq=iq)
         if attributes.get("format_version") != _VERSION or units not in UNITS:
             raise RecordingError(
                 path,
@@ -87,29 +87,31 @@ class Zarr(Format):
                 fix="read them with the version of dechirp that wrote them",
             )
         settings = hints.settings or RecordingSettings(radar=parse_radar(folder / _MARK, radar))
-        samples, file_bytes = lazy_zarr_array(folder, replace(hints, inner_name="cube"))
+        samples, file_bytes = open_lazy_zarr_array(folder, replace(hints, inner_name="cube"))
         chunks = None
         if axes[: len(CUBE_AXES)] == CUBE_AXES and samples.absent_chunks is None:
             with convert_parser_errors(path, EXPECTED):
                 chunks = parse_uncompressed_chunks(folder / "cube", cube, samples.dtype)
         if chunks is not None:
-            samples = replace(samples, read=chunks.read_part)
+            samples = replace(samples, read=chunks.read_array_part)
         cube_hints = RecordingHints(settings=settings, axes=axes, encoding="full-scale")
-        contents = interpret_array(path, samples, cube_hints, file_bytes=file_bytes)
+        contents = interpret_array_as_recording(path, samples, cube_hints, file_bytes=file_bytes)
         has_codes = samples.dtype == np.int16
         return replace(
             contents,
-            decode=_scaled_decoder(path, contents, chunks, scale) if has_codes else contents.decode,
+            decode=_make_scaled_decoder(path, contents, chunks, scale)
+            if has_codes
+            else contents.decode,
             units=cast(Units, units),
             scale=scale if has_codes else None,
-            gaps=lost_chirp_mask(path, _read_gaps(path, folder / "gap"), contents),
+            gaps=lost_chirp_mask(path, _read_lost_chirp_mask(path, folder / "gap"), contents),
             tables=ZarrTables(folder, without=("calibration",)),
             device=device,
             iq=iq,
         )
 
 
-def _scaled_decoder(
+def _make_scaled_decoder(
     path: Path, contents: Contents, chunks: UncompressedChunks | None, scale: float
 ) -> Callable[[int, np.ndarray], None]:
     """Return a function that decodes codes to scaled samples, without a second copy if possible."""
@@ -133,7 +135,7 @@ def _scaled_decoder(
     return scaled
 
 
-def _read_gaps(path: Path, folder: Path) -> np.ndarray | None:
+def _read_lost_chirp_mask(path: Path, folder: Path) -> np.ndarray | None:
     """Read (frame, chirp), not zero where samples were lost; None if nothing was stored."""
     return read_small_array(path, folder) if (folder / _MARK).is_file() else None
 
@@ -158,5 +160,5 @@ class ZarrArray(Format):
         return MatchQuality.CONTAINER if is_zarr else MatchQuality.NO
 
     def read(self, path: Path, hints: RecordingHints) -> Contents:
-        samples, file_bytes = lazy_zarr_array(path, hints)
-        return interpret_array(path, samples, hints, file_bytes=file_bytes)
+        samples, file_bytes = open_lazy_zarr_array(path, hints)
+        return interpret_array_as_recording(path, samples, hints, file_bytes=file_bytes)

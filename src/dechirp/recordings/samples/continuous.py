@@ -22,7 +22,7 @@ def check_single_receiver(path: Path, radar: Radar, sampling: Sampling) -> None:
         )
 
 
-def divide_into_frames(
+def divide_chirps_into_frames(
     path: Path, radar: Radar, n_chirps: int
 ) -> tuple[Radar, int, tuple[Finding, ...]]:
     """Return the radar, the number of complete frames in so many chirps, and findings.
@@ -56,13 +56,13 @@ def divide_into_frames(
             )
         )
     period_s = frame.period_s
-    if period_s is not None and period_s > 1.01 * _mean_duration_s(frame):
+    if period_s is not None and period_s > 1.01 * _mean_frame_duration_s(frame):
         findings.append(
             Finding(
                 level="warning",
                 setting="radar.frame.period",
                 value=f"{period_s:.6g} s, ignored: the recording has no pauses",
-                expected=f"{_mean_duration_s(frame):.6g} s, the chirps of a frame",
+                expected=f"{_mean_frame_duration_s(frame):.6g} s, the chirps of a frame",
                 fix="leave out radar.frame.period",
             )
         )
@@ -70,17 +70,19 @@ def divide_into_frames(
     return radar, n_frames, tuple(findings)
 
 
-def interval_findings(frame: Frame, measured_s: float, *, source: str) -> tuple[Finding, ...]:
+def chirp_interval_findings(
+    frame: Frame, measured_interval_s: float, *, source: str
+) -> tuple[Finding, ...]:
     """Warn if the measured chirp interval differs from the settings by more than 1 %."""
-    expected_s = _mean_duration_s(frame) / frame.n_chirps_total
-    ratio = measured_s / expected_s
+    expected_s = _mean_frame_duration_s(frame) / frame.n_chirps_total
+    ratio = measured_interval_s / expected_s
     if abs(ratio - 1) <= 0.01:
         return ()
     return (
         Finding(
             level="warning",
             setting="radar.frame.interval",
-            value=f"{expected_s:.6g} s, but {measured_s:.6g} s on average by {source}",
+            value=f"{expected_s:.6g} s, but {measured_interval_s:.6g} s on average by {source}",
             expected="the interval at which the chirps were sent",
             fix=f"give the measured one: true times are {ratio:.4g} of those shown, true velocities"
             f" {1 / ratio:.4g}",
@@ -88,7 +90,7 @@ def interval_findings(frame: Frame, measured_s: float, *, source: str) -> tuple[
     )
 
 
-def _mean_duration_s(frame: Frame) -> float:
+def _mean_frame_duration_s(frame: Frame) -> float:
     """Return the mean duration of the chirps of a frame, over all intervals."""
     durations_s = [frame.for_frame(index).duration_s for index in range(frame.n_intervals)]
     return sum(durations_s) / len(durations_s)

@@ -6,7 +6,7 @@ from dechirp.core.findings import Finding
 from dechirp.recordings.settings.base import Iq
 
 
-def negative_beat_energy(samples: np.ndarray) -> float:
+def negative_beat_energy_fraction(samples: np.ndarray) -> float:
     """Return the fraction of the energy at negative beat frequencies, of samples (..., sample).
 
     DC, to which the mean of each chirp contributes, counts for neither side. An up-chirp has its
@@ -30,7 +30,7 @@ def guess_iq_order(samples: np.ndarray) -> tuple[Iq, Finding]:
     finding
         The guess and its evidence.
     """
-    negative = negative_beat_energy(samples)
+    negative = negative_beat_energy_fraction(samples)
     iq: Iq = "qi" if negative > 0.5 else "iq"
     positive_share = max(negative, 1 - negative)
     # Noise has equal sides within 0.1 dB over 64 chirps of 256 samples. 1 dB is 0.557.
@@ -48,9 +48,9 @@ def guess_iq_order(samples: np.ndarray) -> tuple[Iq, Finding]:
     )
 
 
-def wrong_side_findings(samples: np.ndarray, iq: Iq) -> tuple[Finding, ...]:
+def negative_beat_frequency_findings(samples: np.ndarray, iq: Iq) -> tuple[Finding, ...]:
     """Warn if echoes lie at negative beat frequencies, where an up-chirp has none."""
-    negative = negative_beat_energy(samples)
+    negative = negative_beat_energy_fraction(samples)
     # Noise has equal sides; 6 dB are no coincidence.
     if negative <= 0.8:
         return ()

@@ -42,7 +42,7 @@ class SampleCode:
         return 16 - self.bits
 
     @property
-    def scale(self) -> float:
+    def step_relative_to_full_scale(self) -> float:
         """Size of one step, relative to full scale 1."""
         return 2.0 ** (1 - self.bits)
 
@@ -67,7 +67,7 @@ class Layout(ABC):
     name: ClassVar[str]
 
     @abstractmethod
-    def chirp_words(self, chirp: Chirp, n_rx: int) -> int:
+    def words_per_chirp(self, chirp: Chirp, n_rx: int) -> int:
         """Return the number of words of a chirp."""
 
     @abstractmethod
@@ -102,15 +102,15 @@ class TwoLanes(Layout):
 
     name: ClassVar[str] = "two lanes, one receiver after the other"
 
-    def chirp_words(self, chirp: Chirp, n_rx: int) -> int:
+    def words_per_chirp(self, chirp: Chirp, n_rx: int) -> int:
         return n_rx * chirp.n_samples * (2 if chirp.sampling == "complex" else 1)
 
     def decode(self, words: np.ndarray, out: np.ndarray, code: SampleCode) -> None:
         if np.iscomplexobj(out):
-            sort = _sort_iq_groups if code.iq == "iq" else _sort_qi_groups
+            sort = _reorder_iiqq_to_iqiq if code.iq == "iq" else _reorder_qqii_to_iqiq
             sort(words.reshape(-1).view(np.uint64))
         rows = out.reshape(len(out), -1).view(np.float32)
-        _convert_words(words.reshape(rows.shape), rows, code.unused_bits, code.sign_mask)
+        _words_to_full_scale(words.reshape(rows.shape), rows, code.unused_bits, code.sign_mask)
 
     def encode(self, codes: np.ndarray, code: SampleCode) -> np.ndarray:
         """Return the words of codes; the number of complex samples must be even."""
@@ -130,11 +130,11 @@ class FourLanes(Layout):
     """Lanes in use, from 0 to 3; all four are always present."""
     n_present: ClassVar[int] = N_LANES
 
-    def chirp_words(self, chirp: Chirp, n_rx: int) -> int:
+    def words_per_chirp(self, chirp: Chirp, n_rx: int) -> int:
         return chirp.n_samples * N_LANES * (2 if chirp.sampling == "complex" else 1)
 
     def decode(self, words: np.ndarray, out: np.ndarray, code: SampleCode) -> None:
-        _decode_alternating(
+        _decode_alternating_receivers(
             words, out, code, np.array(self.receivers), n_present=N_LANES, is_lane_order=True
         )
 
@@ -156,12 +156,14 @@ class Pairs(Layout):
     n_present: int
     """Receivers for which a sample has room."""
 
-    def chirp_words(self, chirp: Chirp, n_rx: int) -> int:
+    def words_per_chirp(self, chirp: Chirp, n_rx: int) -> int:
         return chirp.n_samples * self.n_present * (2 if chirp.sampling == "complex" else 1)
 
     def decode(self, words: np.ndarray, out: np.ndarray, code: SampleCode) -> None:
         places = np.array(self.receivers)
-        _decode_alternating(words, out, code, places, n_present=self.n_present, is_lane_order=False)
+        _decode_alternating_receivers(
+            words, out, code, places, n_present=self.n_present, is_lane_order=False
+        )
 
     def encode(self, codes: np.ndarray, code: SampleCode) -> np.ndarray:
         """Return the words of codes; unused positions are zero."""
@@ -171,26 +173,28 @@ class Pairs(Layout):
         return words.reshape(len(codes), -1)
 
 
-def _decode_alternating(
+def _decode_alternating_receivers(
     words: np.ndarray,
     out: np.ndarray,
     code: SampleCode,
-    positions: np.ndarray,
+    receiver_positions: np.ndarray,
     *,
     n_present: int,
     is_lane_order: bool,
 ) -> None:
     """Decode receivers that alternate sample by sample."""
     if not np.iscomplexobj(out):
-        _decode_real(words, out, positions, n_present, code.unused_bits, code.sign_mask)
+        _decode_alternating_real(
+            words, out, receiver_positions, n_present, code.unused_bits, code.sign_mask
+        )
         return
     numbers = out.view(np.float32)
     q_first = code.iq == "qi"
-    sort = _decode_lanes if is_lane_order else _decode_pairs
+    sort = _decode_four_lane_iq if is_lane_order else _decode_alternating_iq_pairs
     sort(
         words.view(np.uint32),
         numbers,
-        positions,
+        receiver_positions,
         n_present,
         q_first,
         code.unused_bits,
@@ -204,7 +208,9 @@ def _decode_alternating(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _convert_words(words: np.ndarray, out: np.ndarray, unused_bits: int, sign_mask: int) -> None:
+def _words_to_full_scale(
+    words: np.ndarray, out: np.ndarray, unused_bits: int, sign_mask: int
+) -> None:
     """Convert words to numbers at full scale 1, in the same order."""
     scale = np.float32(1 / 32768)
     for m in range(words.shape[0]):
@@ -213,7 +219,7 @@ def _convert_words(words: np.ndarray, out: np.ndarray, unused_bits: int, sign_ma
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sort_iq_groups(groups: np.ndarray) -> None:
+def _reorder_iiqq_to_iqiq(groups: np.ndarray) -> None:
     """Sort words I0 I1 Q0 Q1 to I0 Q0 I1 Q1; the first of a group is its lowest."""
     outer, second, third = (
         np.uint64(0xFFFF00000000FFFF),
@@ -227,7 +233,7 @@ def _sort_iq_groups(groups: np.ndarray) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sort_qi_groups(groups: np.ndarray) -> None:
+def _reorder_qqii_to_iqiq(groups: np.ndarray) -> None:
     """Sort words Q0 Q1 I0 I1 to I0 Q0 I1 Q1; the first of a group is its lowest."""
     first, second, third, fourth = (
         np.uint64(0x000000000000FFFF),
@@ -247,7 +253,7 @@ def _sort_qi_groups(groups: np.ndarray) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _convert_pairs(
+def _iq_word_pairs_to_full_scale(
     pairs: np.ndarray, out: np.ndarray, q_first: bool, unused_bits: int, sign_mask: int
 ) -> None:
     """Convert pairs of words (receiver, sample) to numbers (receiver, sample and part)."""
@@ -256,14 +262,14 @@ def _convert_pairs(
         for k in range(pairs.shape[0]):
             for n in range(pairs.shape[1]):
                 pairs[k, n] = (pairs[k, n] >> shift) | (pairs[k, n] << shift)
-    _convert_words(pairs.view(np.int16), out, unused_bits, sign_mask)
+    _words_to_full_scale(pairs.view(np.int16), out, unused_bits, sign_mask)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _decode_lanes(
+def _decode_four_lane_iq(
     words: np.ndarray,
     out: np.ndarray,
-    positions: np.ndarray,
+    receiver_positions: np.ndarray,
     n_present: int,
     q_first: bool,
     unused_bits: int,
@@ -281,14 +287,16 @@ def _decode_lanes(
             lanes[1, n] = (i12 >> shift) | (q12 & upper)
             lanes[2, n] = (i34 & lower) | (q34 << shift)
             lanes[3, n] = (i34 >> shift) | (q34 & upper)
-        _convert_pairs(lanes[positions], out[m], q_first, unused_bits, sign_mask)
+        _iq_word_pairs_to_full_scale(
+            lanes[receiver_positions], out[m], q_first, unused_bits, sign_mask
+        )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _decode_pairs(
+def _decode_alternating_iq_pairs(
     words: np.ndarray,
     out: np.ndarray,
-    positions: np.ndarray,
+    receiver_positions: np.ndarray,
     n_present: int,
     q_first: bool,
     unused_bits: int,
@@ -296,20 +304,20 @@ def _decode_pairs(
 ) -> None:
     """Decode I1 Q1 I2 Q2 ... of each sample, given two words in each integer."""
     n_samples = out.shape[2] // 2
-    pairs = np.empty((positions.size, n_samples), np.uint32)
+    pairs = np.empty((receiver_positions.size, n_samples), np.uint32)
     for m in range(words.shape[0]):
         turns = words[m].reshape(n_samples, n_present)
-        for k in range(positions.size):
+        for k in range(receiver_positions.size):
             for n in range(n_samples):
-                pairs[k, n] = turns[n, positions[k]]
-        _convert_pairs(pairs, out[m], q_first, unused_bits, sign_mask)
+                pairs[k, n] = turns[n, receiver_positions[k]]
+        _iq_word_pairs_to_full_scale(pairs, out[m], q_first, unused_bits, sign_mask)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _decode_real(
+def _decode_alternating_real(
     words: np.ndarray,
     out: np.ndarray,
-    positions: np.ndarray,
+    receiver_positions: np.ndarray,
     n_present: int,
     unused_bits: int,
     sign_mask: int,
@@ -317,7 +325,7 @@ def _decode_real(
     """Decode real samples of alternating receivers."""
     scale = np.float32(1 / 32768)
     for m in range(words.shape[0]):
-        for k in range(positions.size):
+        for k in range(receiver_positions.size):
             for n in range(out.shape[2]):
-                word = words[m, n * n_present + positions[k]]
+                word = words[m, n * n_present + receiver_positions[k]]
                 out[m, k, n] = scale * np.int16((word << unused_bits) ^ sign_mask)

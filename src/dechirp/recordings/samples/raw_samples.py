@@ -8,15 +8,15 @@ import numpy as np
 
 from dechirp.core.errors import RecordingError
 from dechirp.core.findings import Finding
-from dechirp.core.text import format_ranges
+from dechirp.core.text import format_number_ranges
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.recordings.readers.base import Contents, RecordingHints
-from dechirp.recordings.samples.iq_order import guess_iq_order, wrong_side_findings
+from dechirp.recordings.samples.iq_order import guess_iq_order, negative_beat_frequency_findings
 from dechirp.recordings.samples.layouts import FourLanes, Layout, Pairs, SampleCode, TwoLanes
 from dechirp.recordings.samples.sample_order import choose_sample_order, spectral_concentration
 from dechirp.recordings.settings.base import RecordingSettings
-from dechirp.recordings.settings_lookup import assumed_receiver_findings
+from dechirp.recordings.settings_lookup import assumed_single_receiver_findings
 from dechirp.recordings.streams.byte_sources import ByteSource
 
 _BLOCK_BYTES = 2**19  # decoded before the bytes leave the cache of a core
@@ -46,13 +46,13 @@ def interpret_raw_samples(
     for layout in layouts:
         code = SampleCode(bits=settings.bits, offset_binary=offset_binary)
         try:
-            interpretations.append(_interpret_bytes(path, stream, layout, code, settings))
+            interpretations.append(_interpret_with_layout(path, stream, layout, code, settings))
         except RecordingError as error:
             errors.append(error)
     if not interpretations:
         raise errors[0]
     concentrations = [
-        spectral_concentration(interpretation.decode_first_chirps())
+        spectral_concentration(interpretation.decode_first_chirps_without_gaps())
         for interpretation in interpretations
     ]
     best_index, order_findings = choose_sample_order(
@@ -65,26 +65,26 @@ def interpret_raw_samples(
     best = interpretations[best_index]
     findings = (
         best.settings.findings
-        + assumed_receiver_findings(settings)
-        + _loss_findings(stream, best)
+        + assumed_single_receiver_findings(settings)
+        + _lost_frames_and_gaps_findings(stream, best)
         + order_findings
     )
     iq = hints.iq or settings.iq
     if best.radar.frame.chirp.sampling == "real":
         iq = None
     elif iq is None:
-        iq, guess_finding = guess_iq_order(best.decode_first_chirps())
+        iq, guess_finding = guess_iq_order(best.decode_first_chirps_without_gaps())
         findings += (guess_finding,)
     if iq is not None:
         best = replace(best, code=replace(best.code, iq=iq))
-        findings += wrong_side_findings(best.decode_first_chirps(), iq)
+        findings += negative_beat_frequency_findings(best.decode_first_chirps_without_gaps(), iq)
     return Contents(
         radar=best.radar,
         n_frames=best.n_frames,
-        decode=best.decode,
-        gaps=best.find_gaps(),
+        decode=best.decode_frame,
+        gaps=best.lost_chirp_mask(),
         findings=findings,
-        scale=best.code.scale,
+        scale=best.code.step_relative_to_full_scale,
         device=settings.device,
         iq=iq,
         settings_path=settings.path,
@@ -109,32 +109,32 @@ class _Interpretation:
         return self.settings.radar
 
     @property
-    def chirp_bytes(self) -> int:
-        return 2 * self.layout.chirp_words(self.radar.frame.chirp, self.radar.array.n_rx)
+    def bytes_per_chirp(self) -> int:
+        return 2 * self.layout.words_per_chirp(self.radar.frame.chirp, self.radar.array.n_rx)
 
     @property
-    def first_frame_offset(self) -> int:
+    def first_frame_byte_offset(self) -> int:
         """Offset of the first frame in bytes."""
-        return self.first_frame * self.radar.frame.n_chirps_total * self.chirp_bytes
+        return self.first_frame * self.radar.frame.n_chirps_total * self.bytes_per_chirp
 
-    def decode_first_chirps(self) -> np.ndarray:
+    def decode_first_chirps_without_gaps(self) -> np.ndarray:
         """Return (chirp, rx, sample) of a frame: enough chirps to distinguish echoes from noise.
 
         The first frame without gaps is used: lost samples, which are zero, are no evidence.
         """
-        frame, gaps = self.radar.frame, self.find_gaps()
+        frame, gaps = self.radar.frame, self.lost_chirp_mask()
         n_chirps = min(frame.n_chirps_total, _MAX_GUESS_CHIRPS)
         # Without a complete frame, the one with the fewest gaps.
         index = 0 if gaps is None else int(np.argmin(gaps[:, :n_chirps].sum(axis=1)))
         shape = (n_chirps, self.radar.array.n_rx, frame.chirp.n_samples)
         samples = np.empty(shape, np.complex64 if frame.chirp.sampling == "complex" else np.float32)
-        self.decode(index, samples)
+        self.decode_frame(index, samples)
         return samples
 
-    def decode(self, index: int, out: np.ndarray) -> None:
+    def decode_frame(self, frame_index: int, out: np.ndarray) -> None:
         """Fill (chirp, rx, sample) with one frame."""
-        size = self.chirp_bytes
-        start = self.first_frame_offset + index * self.radar.frame.n_chirps_total * size
+        size = self.bytes_per_chirp
+        start = self.first_frame_byte_offset + frame_index * self.radar.frame.n_chirps_total * size
         per_block = max(1, _BLOCK_BYTES // size)
         block = np.empty((min(per_block, len(out)), size), np.uint8)
         for first in range(0, len(out), per_block):
@@ -143,13 +143,13 @@ class _Interpretation:
             self.stream.read(start + first * size, chirp_bytes.reshape(-1))
             self.layout.decode(chirp_bytes.view("<i2"), part, self.code)
 
-    def find_gaps(self) -> np.ndarray | None:
+    def lost_chirp_mask(self) -> np.ndarray | None:
         """Return (frame, chirp), True where bytes of the chirp were lost; None without losses."""
-        lost_ranges = self.stream.lost_ranges
+        lost_ranges = self.stream.lost_byte_ranges
         n_sent = self.radar.frame.n_chirps_total
         starts_at = self.first_frame * n_sent
-        first = lost_ranges[:, 0] // self.chirp_bytes - starts_at
-        last = (lost_ranges[:, 1] - 1) // self.chirp_bytes - starts_at
+        first = lost_ranges[:, 0] // self.bytes_per_chirp - starts_at
+        last = (lost_ranges[:, 1] - 1) // self.bytes_per_chirp - starts_at
         # +1 where a gap begins and -1 after it: inside gaps the running sum is positive.
         steps = np.zeros(self.n_frames * n_sent + 1, np.int64)
         inside = (last >= 0) & (first < steps.size - 1)
@@ -159,7 +159,7 @@ class _Interpretation:
         return gaps.reshape(self.n_frames, n_sent) if gaps.any() else None
 
 
-def check_alternating_receivers(path: Path, settings: RecordingSettings) -> None:
+def check_receivers_can_alternate(path: Path, settings: RecordingSettings) -> None:
     """Raise `RecordingError` if the settings exclude alternating receivers."""
     if settings.is_interleaved is False:
         raise RecordingError(
@@ -170,7 +170,7 @@ def check_alternating_receivers(path: Path, settings: RecordingSettings) -> None
         )
 
 
-def _interpret_bytes(
+def _interpret_with_layout(
     path: Path, stream: ByteSource, layout: Layout, code: SampleCode, settings: RecordingSettings
 ) -> _Interpretation:
     """Interpret the bytes with a layout; raise `RecordingError` if they do not fit."""
@@ -191,7 +191,7 @@ def _interpret_bytes(
             expected=f"at most {layout.n_present} receivers: {layout.name}",
             fix="correct radar.array.rx, or the device",
         )
-    settings, first_frame, n_frames = _count_frames(path, stream, layout, settings)
+    settings, first_frame, n_frames = _locate_first_frame_and_count(path, stream, layout, settings)
     return _Interpretation(
         stream=stream,
         layout=layout,
@@ -202,14 +202,14 @@ def _interpret_bytes(
     )
 
 
-def _count_frames(
+def _locate_first_frame_and_count(
     path: Path, stream: ByteSource, layout: Layout, settings: RecordingSettings
 ) -> tuple[RecordingSettings, int, int]:
     """Return the settings, the first frame and the number of frames; warn of a cut last frame."""
     frame, n_rx = settings.radar.frame, settings.radar.array.n_rx
-    chirp_bytes = 2 * layout.chirp_words(frame.chirp, n_rx)
+    chirp_bytes = 2 * layout.words_per_chirp(frame.chirp, n_rx)
     frame_bytes = frame.n_chirps_total * chirp_bytes
-    lost_ranges = stream.lost_ranges
+    lost_ranges = stream.lost_byte_ranges
     # A capture started during a measurement begins with frames of which no byte arrived.
     leading_bytes = int(lost_ranges[0, 1]) if len(lost_ranges) and lost_ranges[0, 0] == 0 else 0
     first_frame = leading_bytes // frame_bytes
@@ -230,7 +230,7 @@ def _count_frames(
         )
         found_text = f"{n_chirps} complete chirps and {rest} bytes"
         return (
-            _add_cut_warning(
+            _add_cut_short_warning(
                 replace(settings, radar=shorter_radar), size, value=found_text, expected=frame_text
             ),
             0,
@@ -259,29 +259,31 @@ def _count_frames(
         f", {expected_frames} of them" if expected_frames else ""
     )
     return (
-        _add_cut_warning(settings, size, value=found_text, expected=expected_text),
+        _add_cut_short_warning(settings, size, value=found_text, expected=expected_text),
         first_frame,
         n_frames,
     )
 
 
-def _add_cut_warning(
-    settings: RecordingSettings, size: int, *, value: str, expected: str
+def _add_cut_short_warning(
+    settings: RecordingSettings, n_bytes: int, *, value: str, expected: str
 ) -> RecordingSettings:
     """Add the warning that the recording is cut short."""
     warning = Finding(
         level="warning",
         setting="recording",
-        value=f"{size} bytes, cut short: {value} left out",
+        value=f"{n_bytes} bytes, cut short: {value} left out",
         expected=expected,
         fix="if more than the end is missing, the settings are not those of this recording",
     )
     return replace(settings, findings=(*settings.findings, warning))
 
 
-def _loss_findings(stream: ByteSource, interpretation: _Interpretation) -> tuple[Finding, ...]:
+def _lost_frames_and_gaps_findings(
+    stream: ByteSource, interpretation: _Interpretation
+) -> tuple[Finding, ...]:
     """Report frames that were not captured, and gaps."""
-    gaps = interpretation.find_gaps()
+    gaps = interpretation.lost_chirp_mask()
     findings = []
     if interpretation.first_frame:
         findings.append(
@@ -296,8 +298,8 @@ def _loss_findings(stream: ByteSource, interpretation: _Interpretation) -> tuple
     if gaps is not None:
         frames = np.flatnonzero(gaps.any(axis=1))
         # Other findings report losses before the first and after the last frame.
-        end = interpretation.first_frame_offset + gaps.size * interpretation.chirp_bytes
-        lost_ranges = np.clip(stream.lost_ranges, interpretation.first_frame_offset, end)
+        end = interpretation.first_frame_byte_offset + gaps.size * interpretation.bytes_per_chirp
+        lost_ranges = np.clip(stream.lost_byte_ranges, interpretation.first_frame_byte_offset, end)
         lost_ranges = lost_ranges[lost_ranges[:, 1] > lost_ranges[:, 0]]
         n_bytes = int(np.sum(lost_ranges[:, 1] - lost_ranges[:, 0]))
         findings.append(
@@ -305,7 +307,7 @@ def _loss_findings(stream: ByteSource, interpretation: _Interpretation) -> tuple
                 level="warning",
                 setting="recording",
                 value=f"{n_bytes} bytes lost in {len(lost_ranges)} ranges: {gaps.sum()} of"
-                f" {gaps.size} chirps have gaps, in {format_ranges('frame', frames)}",
+                f" {gaps.size} chirps have gaps, in {format_number_ranges('frame', frames)}",
                 expected="every packet that the radar sent",
                 fix="leave those frames out, or record again with a longer packet delay; the lost"
                 " samples are zero, and the cube's coordinate `gap` marks their chirps",

@@ -43,7 +43,9 @@ def choose_sample_order(
     """
     best = int(np.argmax(concentrations))
     chosen_index = (
-        best if _is_clearly_better(concentrations[best], concentrations[0], n_samples) else 0
+        best
+        if _is_clearly_more_concentrated(concentrations[best], concentrations[0], n_samples)
+        else 0
     )
     if len(names) == 1:
         return chosen_index, ()
@@ -55,18 +57,20 @@ def choose_sample_order(
     )
     return chosen_index, (
         Finding(
-            level="note" if _is_clearly_better(level, other_level, n_samples) else "warning",
+            level="note"
+            if _is_clearly_more_concentrated(level, other_level, n_samples)
+            else "warning",
             setting=setting,
             value=f"not given, taken as {names[chosen_index]}: its energy lies in"
-            f" {_equivalent_tones(level)} beat frequencies, in {_equivalent_tones(other_level)}"
-            f" read as {name}",
+            f" {_format_equivalent_tone_count(level)} beat frequencies,"
+            f" in {_format_equivalent_tone_count(other_level)} read as {name}",
             expected="the device that wrote the samples, which raw samples do not contain",
             fix=f"no action needed if the map looks right; else {fix}",
         ),
     )
 
 
-def _is_clearly_better(best: float, other: float, n_samples: int) -> bool:
+def _is_clearly_more_concentrated(best: float, other: float, n_samples: int) -> bool:
     """Return whether one order of samples is right and the other wrong, by their concentrations.
 
     The right one has 1.6 to 12 times the next best in fourteen real captures, and 1.2 in a scene of
@@ -76,6 +80,6 @@ def _is_clearly_better(best: float, other: float, n_samples: int) -> bool:
     return best > 1.15 * other and best > 2 / n_samples
 
 
-def _equivalent_tones(level: float) -> str:
+def _format_equivalent_tone_count(concentration: float) -> str:
     """Format the number of equal tones with the same concentration, without mirrored energy."""
-    return f"{1 / level:.3g}" if level > 1e-4 else "too many"
+    return f"{1 / concentration:.3g}" if concentration > 1e-4 else "too many"

@@ -13,7 +13,7 @@ from dechirp.radar.devices.lookup import device
 from dechirp.radar.radar import Radar
 
 
-def find_device(name: str) -> Device | None:
+def find_device_or_none(name: str) -> Device | None:
     """Return the device with the name in a file; None if it is unknown."""
     try:
         return device(name)
@@ -80,7 +80,9 @@ def assumed_positions_note(n_rx: int, n_tx: int = 1) -> Finding:
     )
 
 
-def fit_receivers(radar: Radar, n_rx: int, *, file: Path) -> tuple[Radar, tuple[Finding, ...]]:
+def fit_array_to_receiver_count(
+    radar: Radar, n_rx: int, *, file: Path
+) -> tuple[Radar, tuple[Finding, ...]]:
     """Fit the array to the number of receivers in a recording.
 
     A radar with the default array gets a uniform linear array, with a finding.

@@ -49,7 +49,7 @@ class RecordingSettings:
         """Return the settings with further findings."""
         return replace(self, findings=(*self.findings, *findings))
 
-    def with_device(self, device: Device | None) -> "RecordingSettings":
+    def completed_from_device(self, device: Device | None) -> "RecordingSettings":
         """Return the settings, completed by the properties of a chip."""
         if device is None:
             return self
@@ -60,7 +60,7 @@ class RecordingSettings:
             device=self.device or device.kind(),
         )
 
-    def receiver_indices(self, n_rx: int) -> tuple[int, ...]:
+    def chip_receiver_indices(self, n_rx: int) -> tuple[int, ...]:
         """Return the receivers of the chip in the array; the first ones if unknown."""
         receivers = self.receivers
         return receivers if receivers is not None and len(receivers) == n_rx else tuple(range(n_rx))

@@ -7,14 +7,13 @@ from typing import Any
 
 from dechirp.config.dumping import to_json_data
 from dechirp.config.suggestions import CHOOSE_OR_OMIT, did_you_mean
-from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake
-from dechirp.core.text import quote_text
+from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, quote_for_message
 from dechirp.radar.calibration import Calibration
 
 _MAX_BYTES = 2**20  # 192 elements take 40 kB
 
 
-def format_calibration(calibration: Calibration) -> str:
+def format_calibration_json(calibration: Calibration) -> str:
     """Return the JSON from which `read_calibration` restores an equal value, an element a line."""
     lines = []
     for name, content in to_json_data(calibration).items():
@@ -38,14 +37,14 @@ def read_calibration(path: str | Path) -> Calibration:
     content = _read_json_object(file)
     known_fields = {field.name: field for field in fields(Calibration)}
     mistakes = [
-        _calibration_error(file, key, value="an unknown key",
+        _calibration_mistake(file, key, value="an unknown key",
                  expected=f"one of {', '.join(known_fields)}",
                  fix=did_you_mean(key, list(known_fields), CHOOSE_OR_OMIT))
         for key in content
         if key not in known_fields
     ]  # fmt: skip
     mistakes += [
-        _calibration_error(
+        _calibration_mistake(
             file, name, value="absent", expected="one value for each element", fix=_RECALIBRATE_FIX
         )
         for name, field in known_fields.items()
@@ -58,10 +57,10 @@ def read_calibration(path: str | Path) -> Calibration:
     except InvalidSetting as error:
         raise InvalidFile(
             *(
-                _calibration_error(
+                _calibration_mistake(
                     file,
                     mistake.setting.removeprefix("Calibration."),
-                    value=quote_text(mistake.value),
+                    value=quote_for_message(mistake.value),
                     expected=mistake.expected,
                     fix=mistake.fix,
                 )
@@ -88,13 +87,12 @@ def _read_json_object(file: Path) -> dict[str, Any]:
     except OSError as error:
         problem = f"not readable ({error.strerror})"
     except json.JSONDecodeError as error:
-        problem = (
-            f"not JSON from line {error.lineno}, column {error.colno} on: {quote_text(error.msg)}"
-        )
+        reason = quote_for_message(error.msg)
+        problem = f"not JSON from line {error.lineno}, column {error.colno} on: {reason}"
     except (ValueError, RecursionError):  # bytes that are not text, or nesting too deep
         problem = "not JSON"
     raise InvalidFile(
-        _calibration_error(
+        _calibration_mistake(
             file,
             "the file",
             value=problem,
@@ -104,8 +102,10 @@ def _read_json_object(file: Path) -> dict[str, Any]:
     )
 
 
-def _calibration_error(file: Path, setting: str, *, value: str, expected: str, fix: str) -> Mistake:
+def _calibration_mistake(
+    file: Path, setting: str, *, value: str, expected: str, fix: str
+) -> Mistake:
     """Return a mistake in a calibration file."""
     return Mistake(
-        setting=quote_text(setting), value=value, expected=expected, fix=fix, file=str(file)
+        setting=quote_for_message(setting), value=value, expected=expected, fix=fix, file=str(file)
     )

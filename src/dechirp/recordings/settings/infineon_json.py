@@ -11,7 +11,12 @@ from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
 from dechirp.recordings.settings.antenna_positions import antenna_positions
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
-from dechirp.recordings.settings.json_text import is_integer, is_number, parse_json, quote_json
+from dechirp.recordings.settings.json_text import (
+    format_json_excerpt,
+    is_float_sized_number,
+    is_integer,
+    parse_json,
+)
 
 _COUNTS = ("num_samples_per_chirp", "num_chirps_per_frame")
 _NUMBERS = (
@@ -43,19 +48,19 @@ def read_infineon_json(file: Path, text: str, device: Device | None = None) -> R
     RecordingError
         If it is not JSON, or keys are missing or of the wrong type; the message names all of them.
     """
-    shape = _read_chirp_shape(file, parse_json(file, text))
+    shape = _read_chirp_settings(file, parse_json(file, text))
     n_samples, sample_rate_hz = shape["num_samples_per_chirp"], float(shape["sample_rate_Hz"])
     mode = shape.get("mimo_mode", "off")
     if mode not in (*_OFF, *_TDM):
         raise RecordingError(
             file,
-            value=f"mimo_mode {quote_json(mode)}",
+            value=f"mimo_mode {format_json_excerpt(mode)}",
             expected="mimo_mode off or tdm",
             fix="record with one transmitter, or with two that take turns",
         )
     take_turns = mode in _TDM
-    receivers = _read_antennas(file, shape, "rx_antennas")
-    transmitters = (1, 2) if take_turns else _read_antennas(file, shape, "tx_antennas")
+    receivers = _read_antenna_numbers(file, shape, "rx_antennas")
+    transmitters = (1, 2) if take_turns else _read_antenna_numbers(file, shape, "tx_antennas")
     if len(transmitters) > 1 and not take_turns:
         raise RecordingError(
             file,
@@ -83,8 +88,8 @@ def read_infineon_json(file: Path, text: str, device: Device | None = None) -> R
         )
         array, findings = antenna_positions(
             chirp,
-            tx_mask=_antenna_mask(transmitters),
-            rx_mask=_antenna_mask(receivers),
+            tx_mask=_antennas_to_bit_mask(transmitters),
+            rx_mask=_antennas_to_bit_mask(receivers),
             device=device,
         )
         radar = Radar(frame=frame, array=array)
@@ -97,7 +102,7 @@ def read_infineon_json(file: Path, text: str, device: Device | None = None) -> R
     )
 
 
-def _read_chirp_shape(file: Path, document: Any) -> dict[str, Any]:
+def _read_chirp_settings(file: Path, document: Any) -> dict[str, Any]:
     """Return the settings of the chirps; raise `RecordingError` if they are incomplete."""
     shape = document
     for key in ("device_config", "fmcw_single_shape"):
@@ -111,11 +116,11 @@ def _read_chirp_shape(file: Path, document: Any) -> dict[str, Any]:
         )
     missing = [key for key in (*_COUNTS, *_NUMBERS, *_LISTS) if key not in shape]
     wrong = [
-        f"{key} = {quote_json(shape[key])}"
+        f"{key} = {format_json_excerpt(shape[key])}"
         for keys, is_valid in (
             (_COUNTS, is_integer),
-            (_NUMBERS, is_number),
-            (_LISTS, _is_filled_list),
+            (_NUMBERS, is_float_sized_number),
+            (_LISTS, _is_list_of_1_to_64_items),
         )
         for key in keys
         if key in shape and not is_valid(shape[key])
@@ -133,12 +138,12 @@ def _read_chirp_shape(file: Path, document: Any) -> dict[str, Any]:
     return shape
 
 
-def _is_filled_list(value: Any) -> bool:
+def _is_list_of_1_to_64_items(value: Any) -> bool:
     """Return whether a JSON value is a list of 1 to 64 items."""
     return isinstance(value, list) and 0 < len(value) <= 64
 
 
-def _read_antennas(file: Path, shape: dict[str, Any], key: str) -> tuple[int, ...]:
+def _read_antenna_numbers(file: Path, shape: dict[str, Any], key: str) -> tuple[int, ...]:
     """Return the numbers of antennas, from 1; the first if the key is missing."""
     numbers = shape.get(key, [1])
     is_valid = isinstance(numbers, list) and all(
@@ -147,13 +152,13 @@ def _read_antennas(file: Path, shape: dict[str, Any], key: str) -> tuple[int, ..
     if not is_valid or not numbers or len(set(numbers)) < len(numbers):
         raise RecordingError(
             file,
-            value=f"{key} = {quote_json(numbers)} with invalid antennas",
+            value=f"{key} = {format_json_excerpt(numbers)} with invalid antennas",
             expected=f"a list {key} of different antennas, counted from 1",
             fix="copy the file again from its source, or give the radar",
         )
     return tuple(sorted(numbers))
 
 
-def _antenna_mask(antennas_used: tuple[int, ...]) -> int:
+def _antennas_to_bit_mask(antennas_used: tuple[int, ...]) -> int:
     """Return the mask of antennas."""
     return sum(1 << antenna - 1 for antenna in antennas_used)

@@ -34,17 +34,17 @@ def parse_json(file: Path, text: str) -> Any:
     ) from None
 
 
-def is_number(value: Any) -> bool:
+def is_float_sized_number(value: Any) -> bool:
     """Return whether a value is a number that fits into a float, and not a boolean."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 def is_integer(value: Any) -> bool:
     """Return whether a value is an integer."""
-    return isinstance(value, int) and is_number(value)
+    return isinstance(value, int) and is_float_sized_number(value)
 
 
-def quote_json(value: Any) -> str:
+def format_json_excerpt(value: Any) -> str:
     """Format a JSON value for a message, in at most 40 characters."""
     if isinstance(value, list | dict):
         return "a list" if isinstance(value, list) else "an object"

@@ -13,8 +13,17 @@ from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
-from dechirp.recordings.settings.json_text import is_number, parse_json, quote_json
-from dechirp.recordings.settings.ti_frame import BITS, MAX_CHIRPS, TiFrame, to_recording_settings
+from dechirp.recordings.settings.json_text import (
+    format_json_excerpt,
+    is_float_sized_number,
+    parse_json,
+)
+from dechirp.recordings.settings.ti_frame import (
+    BITS,
+    MAX_CHIRPS,
+    TiFrame,
+    ti_frame_to_recording_settings,
+)
 
 _TX, _RX = 3, 4  # antennas of each chip of a cascade
 
@@ -103,7 +112,7 @@ def read_mmwave_json(
         )
     problems: list[str] = []
     chip_settings = [
-        _read_chip(chip, f"mmWaveDevices[{n}]", problems) for n, chip in enumerate(chips)
+        _parse_chip_settings(chip, f"mmWaveDevices[{n}]", problems) for n, chip in enumerate(chips)
     ]
     if problems:
         more = f" and {len(problems) - 8} more" if len(problems) > 8 else ""
@@ -115,18 +124,20 @@ def read_mmwave_json(
             fix="record so, or give the radar; other settings are not supported yet",
         )
     first = chip_settings[0]
-    profile, masks = _find_profile(file, chip_settings)
+    profile, masks = _find_profile_and_transmitters(file, chip_settings)
     with convert_setting_errors(file):
         ti_frame = TiFrame(
-            chirp=_to_chirp(profile, real=first.codes["b2AdcOutFmt"] == 0),
+            chirp=_profile_to_chirp(profile, is_real_sampling=first.codes["b2AdcOutFmt"] == 0),
             interval_s=(profile["idleTimeConst_usec"] + profile["rampEndTime_usec"]) / 1e6,
             masks=masks,
             n_loops=int(first.frame["numLoops"]),
             n_frames=int(first.frame["numFrames"]),
-            period_s=first.period_ms / 1e3,
-            rx_mask=_join_masks([int(chip.codes["rxChannelEn"]) for chip in chip_settings], _RX),
+            period_s=first.frame_period_ms / 1e3,
+            rx_mask=_join_antenna_masks(
+                [int(chip.codes["rxChannelEn"]) for chip in chip_settings], _RX
+            ),
         )
-        return to_recording_settings(
+        return ti_frame_to_recording_settings(
             ti_frame,
             iq="qi" if first.codes["iqSwapSel"] else "iq",
             interleaved=not first.codes["chInterleave"],
@@ -146,7 +157,7 @@ class _Chip:
     frame: Numbers
 
     @property
-    def loop_chirps(self) -> range:
+    def loop_chirp_indices(self) -> range:
         """Chirp indices of a loop."""
         first = int(self.frame["chirpStartIdx"])
         if "numOfChirps" in self.frame:
@@ -154,41 +165,50 @@ class _Chip:
         return range(first, int(self.frame["chirpEndIdx"]) + 1)
 
     @property
-    def period_ms(self) -> float:
+    def frame_period_ms(self) -> float:
         """Frame period; a frame has one sub-frame."""
         in_sub_frames = "subFramePeriodicity_msec" in self.frame
         return self.frame["subFramePeriodicity_msec" if in_sub_frames else "framePeriodicity_msec"]
 
 
-def _read_chip(chip: Any, path: str, problems: list[str]) -> _Chip:
+def _parse_chip_settings(chip: Any, json_path: str, problems: list[str]) -> _Chip:
     """Read the numbers of a chip; append errors to `problems`."""
 
     def read_object(key_path: str, keys: tuple[str, ...]) -> Numbers:
-        return _read_numbers(_get_path(chip, key_path), f"{path}.{key_path}", keys, problems)
+        return _read_numbers_of_keys(
+            _value_at_key_path(chip, key_path), f"{json_path}.{key_path}", keys, problems
+        )
 
     def read_each(key_path: str, keys: tuple[str, ...]) -> list[Numbers]:
-        parts = enumerate(_get_list(chip, key_path))
-        return [_read_numbers(part, f"{path}.{key_path}[{n}]", keys, problems) for n, part in parts]
+        parts = enumerate(_list_at_key_path(chip, key_path))
+        return [
+            _read_numbers_of_keys(part, f"{json_path}.{key_path}[{n}]", keys, problems)
+            for n, part in parts
+        ]
 
     radio = "rfConfig"
     codes = read_object(f"{radio}.rlChanCfg_t", _CHANNELS)
     codes |= read_object(f"{radio}.rlAdcOutCfg_t.fmt", _CODES)
     codes |= read_object("rawDataCaptureConfig.rlDevDataFmtCfg_t", _LAYOUT)
     advanced = f"{radio}.rlAdvFrameCfg_t.frameSeq"
-    in_sub_frames = _get_path(chip, f"{radio}.waveformType") == "advancedFrameChirp"
-    in_sub_frames = in_sub_frames or _get_path(chip, f"{radio}.rlFrameCfg_t") is None
-    if in_sub_frames and _get_path(chip, advanced) is not None:
+    in_sub_frames = _value_at_key_path(chip, f"{radio}.waveformType") == "advancedFrameChirp"
+    in_sub_frames = in_sub_frames or _value_at_key_path(chip, f"{radio}.rlFrameCfg_t") is None
+    if in_sub_frames and _value_at_key_path(chip, advanced) is not None:
         frame = read_object(advanced, _SEQUENCE)
         # The file always lists four sub-frames, of which `numOfSubFrames` are in use.
-        first = [*_get_list(chip, f"{advanced}.subFrameCfg"), None][0]
-        frame |= _read_numbers(first, f"{path}.{advanced}.subFrameCfg[0]", _SUB_FRAME, problems)
+        first = [*_list_at_key_path(chip, f"{advanced}.subFrameCfg"), None][0]
+        frame |= _read_numbers_of_keys(
+            first, f"{json_path}.{advanced}.subFrameCfg[0]", _SUB_FRAME, problems
+        )
     else:
         frame = read_object(f"{radio}.rlFrameCfg_t", _FRAME)
-    if _get_list(chip, f"{radio}.rlBpmChirps"):
-        problems.append(f"{path}.{radio}.rlBpmChirps (simultaneous transmitters)")
+    if _list_at_key_path(chip, f"{radio}.rlBpmChirps"):
+        problems.append(f"{json_path}.{radio}.rlBpmChirps (simultaneous transmitters)")
     for key_path in ("rlRfPhaseShiftCfgs", "rlDynPerChirpPhShftCfgs"):
-        if any(map(_has_phase_shift, _get_list(chip, f"{radio}.{key_path}"))):
-            problems.append(f"{path}.{radio}.{key_path} (phases that change from chirp to chirp)")
+        if any(map(_has_phase_shift, _list_at_key_path(chip, f"{radio}.{key_path}"))):
+            problems.append(
+                f"{json_path}.{radio}.{key_path} (phases that change from chirp to chirp)"
+            )
     return _Chip(
         codes=codes,
         profiles=read_each(f"{radio}.rlProfiles", _PROFILE),
@@ -197,50 +217,55 @@ def _read_chip(chip: Any, path: str, problems: list[str]) -> _Chip:
     )
 
 
-def _find_profile(file: Path, chips: Sequence[_Chip]) -> tuple[Numbers, tuple[int, ...]]:
+def _find_profile_and_transmitters(
+    file: Path, chips: Sequence[_Chip]
+) -> tuple[Numbers, tuple[int, ...]]:
     """Return the common profile of the chirps of the frame, and the transmitters of each chirp."""
     first = chips[0]
     profiles = {profile["profileId"]: profile for profile in first.profiles}
-    loop = first.loop_chirps[:MAX_CHIRPS]
-    chirps_by_index = [[_chirp_at(chip, index) for chip in chips] for index in loop]
+    indices = first.loop_chirp_indices
+    loop = indices[:MAX_CHIRPS]
+    chirps_by_index = [[_chirp_settings_at(chip, index) for chip in chips] for index in loop]
     chirps = [[chirp for chirp in simultaneous if chirp] for simultaneous in chirps_by_index]
     used = {chirp["profileId"] for simultaneous in chirps for chirp in simultaneous[:1]}
     are_equal = len(used) == 1 and not any(
         chirp[key] for simultaneous in chirps for chirp in simultaneous for key in _VARIATIONS
     )
-    are_complete = 0 <= first.loop_chirps.start < first.loop_chirps.stop <= MAX_CHIRPS
+    are_complete = 0 <= indices.start < indices.stop <= MAX_CHIRPS
     are_complete = are_complete and all(len(simultaneous) == len(chips) for simultaneous in chirps)
     if not (are_equal and are_complete and used <= profiles.keys()):
         raise RecordingError(
             file,
-            value=f"chirps {first.loop_chirps.start} to {first.loop_chirps.stop - 1} of the frame,"
+            value=f"chirps {indices.start} to {indices.stop - 1} of the frame,"
             " which differ or are not set",
             expected="equal chirps, of any transmitters in turn",
             fix="record equal chirps; others are not supported yet",
         )
     masks = tuple(
-        _join_masks([int(chirp["txEnable"]) for chirp in simultaneous], _TX)
+        _join_antenna_masks([int(chirp["txEnable"]) for chirp in simultaneous], _TX)
         for simultaneous in chirps
     )
     return profiles[used.pop()], masks
 
 
-def _chirp_at(chip: _Chip, index: int) -> Numbers | None:
+def _chirp_settings_at(chip: _Chip, chirp_index: int) -> Numbers | None:
     """Return the chirp setting of an index, the last of several; None without one."""
     chirps = [
-        chirp for chirp in chip.chirps if chirp["chirpStartIdx"] <= index <= chirp["chirpEndIdx"]
+        chirp
+        for chirp in chip.chirps
+        if chirp["chirpStartIdx"] <= chirp_index <= chirp["chirpEndIdx"]
     ]
     return chirps[-1] if chirps else None
 
 
-def _join_masks(masks: Sequence[int], width: int) -> int:
+def _join_antenna_masks(masks: Sequence[int], antennas_per_chip: int) -> int:
     """Join the antenna masks of several chips; a single chip may have any number of antennas."""
-    if len(masks) > 1 and any(mask >> width for mask in masks):
+    if len(masks) > 1 and any(mask >> antennas_per_chip for mask in masks):
         return 0  # an empty mask, which its user rejects
-    return sum(mask << n * width for n, mask in enumerate(masks))
+    return sum(mask << n * antennas_per_chip for n, mask in enumerate(masks))
 
 
-def _to_chirp(profile: Numbers, *, real: bool) -> Chirp:
+def _profile_to_chirp(profile: Numbers, *, is_real_sampling: bool) -> Chirp:
     """Convert a profile to a chirp."""
     return Chirp(
         start_frequency_hz=profile["startFreqConst_GHz"] * 1e9,
@@ -249,43 +274,46 @@ def _to_chirp(profile: Numbers, *, real: bool) -> Chirp:
         ramp_duration_s=profile["rampEndTime_usec"] / 1e6,
         sample_rate_hz=profile["digOutSampleRate"] * 1e3,
         n_samples=int(profile["numAdcSamples"]),
-        sampling="real" if real else "complex",
+        sampling="real" if is_real_sampling else "complex",
     )
 
 
-def _get_path(document: Any, path: str) -> Any:
+def _value_at_key_path(document: Any, key_path: str) -> Any:
     """Return the value at a path of keys; None if there is none."""
-    for key in path.split("."):
+    for key in key_path.split("."):
         document = document.get(key) if isinstance(document, dict) else None
     return document
 
 
-def _get_list(document: Any, path: str) -> list[Any]:
+def _list_at_key_path(document: Any, key_path: str) -> list[Any]:
     """Return the items of the list at a path; unwrap items that are objects of a single key."""
-    parts = _get_path(document, path)
+    parts = _value_at_key_path(document, key_path)
     return [
         next(iter(part.values())) if isinstance(part, dict) and len(part) == 1 else part
         for part in (parts if isinstance(parts, list) else [])
     ]
 
 
-def _read_numbers(document: Any, path: str, keys: Sequence[str], problems: list[str]) -> Numbers:
+def _read_numbers_of_keys(
+    document: Any, json_path: str, keys: Sequence[str], problems: list[str]
+) -> Numbers:
     """Read the numbers of some keys; append errors to `problems`."""
     if not isinstance(document, dict):
-        problems.append(f"{path} missing")
+        problems.append(f"{json_path} missing")
         return dict.fromkeys(keys, 0)
     numbers = {
-        key: _parse_number(document.get(key), whole=not key.endswith(_FRACTIONS)) for key in keys
+        key: _parse_number(document.get(key), must_be_integer=not key.endswith(_FRACTIONS))
+        for key in keys
     }
     for key, number in numbers.items():
         if key not in document:
-            problems.append(f"{path}.{key} missing")
+            problems.append(f"{json_path}.{key} missing")
         elif number is None or number not in _SUPPORTED_VALUES.get(key, (number,)):
-            problems.append(f"{path}.{key} = {quote_json(document[key])}")
+            problems.append(f"{json_path}.{key} = {format_json_excerpt(document[key])}")
     return {key: number or 0 for key, number in numbers.items()}
 
 
-def _parse_number(value: Any, *, whole: bool) -> float | None:
+def _parse_number(value: Any, *, must_be_integer: bool) -> float | None:
     """Return a number, also from text in decimal or hexadecimal; None if it is invalid."""
     if isinstance(value, str) and len(value) <= 40 and value.isascii():
         try:
@@ -293,13 +321,16 @@ def _parse_number(value: Any, *, whole: bool) -> float | None:
         except ValueError:
             return None
     # No number of these files is larger; the comparison also excludes NaN.
-    is_valid = is_number(value) and abs(value) <= 1e9 and not (whole and value % 1)
+    is_valid = (
+        is_float_sized_number(value) and abs(value) <= 1e9 and not (must_be_integer and value % 1)
+    )
     return float(value) if is_valid else None
 
 
-def _has_phase_shift(part: Any) -> bool:
+def _has_phase_shift(phase_settings: Any) -> bool:
     """Return whether a phase setting is not zero."""
-    phases = part.items() if isinstance(part, dict) else ()
+    phases = phase_settings.items() if isinstance(phase_settings, dict) else ()
     return any(
-        "PhaseShift" in key and _parse_number(phase, whole=False) != 0 for key, phase in phases
+        "PhaseShift" in key and _parse_number(phase, must_be_integer=False) != 0
+        for key, phase in phases
     )

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from dechirp.core.errors import RecordingError
-from dechirp.recordings.settings.json_text import parse_json, quote_json
+from dechirp.recordings.settings.json_text import format_json_excerpt, parse_json
 
 
 def is_mmwave_setup(text: str) -> bool:
@@ -11,7 +11,7 @@ def is_mmwave_setup(text: str) -> bool:
     return '"configUsed"' in text
 
 
-def find_named_settings(file: Path, text: str) -> tuple[Path, str]:
+def find_named_settings_and_chip(file: Path, text: str) -> tuple[Path, str]:
     """Return the `.mmwave.json` named by such a file, and the name of the chip, or empty text.
 
     Raises
@@ -28,7 +28,7 @@ def find_named_settings(file: Path, text: str) -> tuple[Path, str]:
             return named_file, chip if isinstance(chip, str) else ""
     raise RecordingError(
         file,
-        value=f"configUsed {quote_json(name)}",
+        value=f"configUsed {format_json_excerpt(name)}",
         expected="the bare name of a .mmwave.json file in the same folder",
         fix="put that file beside it and write its name without a folder, or give the"
         " .mmwave.json file itself",

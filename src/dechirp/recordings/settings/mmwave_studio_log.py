@@ -13,7 +13,12 @@ from dechirp.radar.devices.ti import (
     SLOPE_STEP_77_HZ_PER_S,
 )
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
-from dechirp.recordings.settings.ti_frame import BITS, MAX_CHIRPS, TiFrame, to_recording_settings
+from dechirp.recordings.settings.ti_frame import (
+    BITS,
+    MAX_CHIRPS,
+    TiFrame,
+    ti_frame_to_recording_settings,
+)
 
 _CALL = re.compile(r"API:(\w+),(.*)")
 
@@ -54,7 +59,7 @@ def read_mmwave_studio_log(
         If a call is missing or invalid, the chirps of a frame differ in more than their
         transmitters, or several transmitters send at once.
     """
-    chip, calls = _parse_calls(file, text)
+    chip, calls = _parse_chip_name_and_calls(file, text)
     profiles = {call[0]: call for call in calls["ProfileConfig"]}
     channel, layout, frame = (
         calls[name][-1] for name in ("ChannelConfig", "DataFmtConfig", "FrameConfig")
@@ -70,10 +75,12 @@ def read_mmwave_studio_log(
             fix="record so; other layouts are not supported yet",
         )
     first, last, n_frames, n_loops, period = frame[:5]
-    profile, masks = _find_profile(file, calls["ChirpConfig"], profiles, range(first, last + 1))
+    profile, masks = _find_profile_and_transmitters(
+        file, calls["ChirpConfig"], profiles, range(first, last + 1)
+    )
     with convert_setting_errors(file):
         ti_frame = TiFrame(
-            chirp=_to_chirp(chip, profile, real=form == 0),
+            chirp=_profile_to_chirp(chip, profile, is_real_sampling=form == 0),
             interval_s=(profile[2] + profile[4]) / _TIMES_PER_S,
             masks=masks,
             n_loops=n_loops,
@@ -81,7 +88,7 @@ def read_mmwave_studio_log(
             period_s=period / _PERIODS_PER_S,
             rx_mask=channel[1],
         )
-        return to_recording_settings(
+        return ti_frame_to_recording_settings(
             ti_frame,
             iq="qi" if iq_swap else "iq",
             interleaved=interleave == 0,
@@ -91,7 +98,7 @@ def read_mmwave_studio_log(
         )
 
 
-def _parse_calls(file: Path, text: str) -> tuple[str, dict[str, list[Call]]]:
+def _parse_chip_name_and_calls(file: Path, text: str) -> tuple[str, dict[str, list[Call]]]:
     """Return the name of the chip, and the calls before the last start, by name and in order."""
     lines = text.splitlines()
     starts = [number for number, line in enumerate(lines) if "API:SensorStart," in line]
@@ -105,7 +112,7 @@ def _parse_calls(file: Path, text: str) -> tuple[str, dict[str, list[Call]]]:
         if name == "select_chip_version":
             chip = rest.split(",")[0]
         elif name in calls:
-            calls[name].append(_parse_numbers(file, number, name, rest))
+            calls[name].append(_parse_call_arguments(file, number, name, rest))
     missing = [name for name, matching_calls in calls.items() if not matching_calls]
     if missing:
         raise RecordingError(
@@ -117,7 +124,7 @@ def _parse_calls(file: Path, text: str) -> tuple[str, dict[str, list[Call]]]:
     return chip, calls
 
 
-def _parse_numbers(file: Path, line: int, name: str, text: str) -> Call:
+def _parse_call_arguments(file: Path, line: int, name: str, text: str) -> Call:
     """Parse the arguments of a call."""
     try:
         numbers = tuple(int(word) for word in text.strip().rstrip(",").split(","))
@@ -133,7 +140,7 @@ def _parse_numbers(file: Path, line: int, name: str, text: str) -> Call:
     return numbers
 
 
-def _find_profile(
+def _find_profile_and_transmitters(
     file: Path, calls: list[Call], profiles: dict[int, Call], chirp_indices: range
 ) -> tuple[Call, tuple[int, ...]]:
     """Return the common profile of the chirps of the frame, and the transmitters of each chirp."""
@@ -160,7 +167,7 @@ def _find_profile(
     return profiles[kind[0]], tuple(chirp[5] for chirp in used_chirps if chirp)
 
 
-def _to_chirp(chip: str, profile: Call, *, real: bool) -> Chirp:
+def _profile_to_chirp(chip: str, profile: Call, *, is_real_sampling: bool) -> Chirp:
     """Convert a profile to a chirp."""
     _, start, _, adc_start, ramp_end, _, _, slope, _, n_samples, sample_rate_khz = profile[:11]
     at_60_ghz = "68" in chip
@@ -173,5 +180,5 @@ def _to_chirp(chip: str, profile: Call, *, real: bool) -> Chirp:
         ramp_duration_s=ramp_end / _TIMES_PER_S,
         sample_rate_hz=sample_rate_khz * 1e3,
         n_samples=n_samples,
-        sampling="real" if real else "complex",
+        sampling="real" if is_real_sampling else "complex",
     )

@@ -55,7 +55,7 @@ def read_settings(file: Path, device: Device | None = None) -> RecordingSettings
 
     See `read_radar` for supported files and errors.
     """
-    text = _read_text(file)
+    text = _read_settings_text(file)
     name = file.name.lower()
     if mmwave_studio_log.is_mmwave_studio_log(text):
         settings = mmwave_studio_log.read_mmwave_studio_log(file, text, device)
@@ -64,17 +64,17 @@ def read_settings(file: Path, device: Device | None = None) -> RecordingSettings
     elif mmwave_json.is_mmwave_json(text):
         settings = mmwave_json.read_mmwave_json(file, text, device)
     elif mmwave_setup.is_mmwave_setup(text):
-        used, chip = mmwave_setup.find_named_settings(file, text)
-        settings = mmwave_json.read_mmwave_json(used, _read_text(used), device, chip)
+        used, chip = mmwave_setup.find_named_settings_and_chip(file, text)
+        settings = mmwave_json.read_mmwave_json(used, _read_settings_text(used), device, chip)
     elif infineon_json.is_infineon_json(text) or name.endswith(".json"):
         settings = infineon_json.read_infineon_json(file, text, device)
     else:
         readers: Readers = {Calibration: read_calibration}
         settings = RecordingSettings(radar=loading.read_settings(file, Radar, readers=readers))
-    return replace(settings.with_device(device), path=file)
+    return replace(settings.completed_from_device(device), path=file)
 
 
-def find_settings(recording: Path) -> Path:
+def find_settings_file(recording: Path) -> Path:
     """Find the settings file beside a recording: the one of the same name, else the only one.
 
     A `.setup.json` and the `.mmwave.json` that it names count as one; of several equivalent files
@@ -89,7 +89,9 @@ def find_settings(recording: Path) -> Path:
         file for file in recording.parent.iterdir() if file != recording and holds_settings(file)
     )
     setup_files = {
-        named_file: file for file in candidates if (named_file := _named_settings(file)) is not None
+        named_file: file
+        for file in candidates
+        if (named_file := _settings_file_named_in(file)) is not None
     }
     candidates = [file for file in candidates if file not in setup_files]
     # mmWave Studio calls the settings of adc_data_Raw_0.bin adc_data_LogFile.txt.
@@ -108,7 +110,7 @@ def find_settings(recording: Path) -> Path:
     ]
     for choices in (exact, named, candidates):
         if len(choices) == 1 or (
-            choices and choices is not candidates and _are_equivalent(choices)
+            choices and choices is not candidates and _have_equal_settings(choices)
         ):
             return choices[0]
         if choices:
@@ -123,7 +125,7 @@ def find_settings(recording: Path) -> Path:
     )
 
 
-def _are_equivalent(files: Sequence[Path]) -> bool:
+def _have_equal_settings(files: Sequence[Path]) -> bool:
     """Return whether several files contain the same radar and layout."""
     try:
         settings = [replace(read_settings(file), path=None, findings=()) for file in files]
@@ -140,23 +142,23 @@ def holds_settings(file: Path) -> bool:
     if not mmwave_setup.is_file_in_folder(file):
         return False
     try:
-        text = _read_text(file)
+        text = _read_settings_text(file)
     except RecordingError:
         return False
     if file.suffix.lower() == ".json":
         is_recognised = infineon_json.is_infineon_json(text) or mmwave_json.is_mmwave_json(text)
-        return is_recognised or _named_settings(file) is not None
+        return is_recognised or _settings_file_named_in(file) is not None
     if file.suffix.lower() in _YAML:
         return any(line.startswith("frame:") for line in text.splitlines())
     return mmwave_studio_log.is_mmwave_studio_log(text) or ti_cfg.is_ti_cfg(text)
 
 
-def _named_settings(file: Path) -> Path | None:
+def _settings_file_named_in(setup_file: Path) -> Path | None:
     """Return the settings file that a setup file names; None for other files."""
     try:
-        text = _read_text(file) if file.suffix.lower() == ".json" else ""
+        text = _read_settings_text(setup_file) if setup_file.suffix.lower() == ".json" else ""
         return (
-            mmwave_setup.find_named_settings(file, text)[0]
+            mmwave_setup.find_named_settings_and_chip(setup_file, text)[0]
             if mmwave_setup.is_mmwave_setup(text)
             else None
         )
@@ -164,7 +166,7 @@ def _named_settings(file: Path) -> Path | None:
         return None
 
 
-def _read_text(file: Path) -> str:
+def _read_settings_text(file: Path) -> str:
     """Read the text of a settings file; raise `RecordingError` if it cannot be read."""
     try:
         if not file.is_file():

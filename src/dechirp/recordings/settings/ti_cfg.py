@@ -15,13 +15,13 @@ from dechirp.core.errors import InvalidFile, InvalidSetting, Mistake, RecordingE
 from dechirp.radar.chirp import Chirp
 from dechirp.radar.devices.base import Device
 from dechirp.recordings.settings.base import RecordingSettings, convert_setting_errors
-from dechirp.recordings.settings.ti_cfg_lines import COMMANDS, Command, parse_commands
+from dechirp.recordings.settings.ti_cfg_lines import COMMANDS, Command, parse_commands_at_last_start
 from dechirp.recordings.settings.ti_frame import (
     BITS,
     MAX_CHIRPS,
     TiFrame,
-    to_recording_settings,
-    transmitter_order,
+    tdm_transmitter_order,
+    ti_frame_to_recording_settings,
 )
 
 _NEWER = re.compile(r"^[ \t]*(chirpComnCfg|chirpTimingCfg)\b", re.MULTILINE)
@@ -87,46 +87,46 @@ def read_ti_cfg(file: Path, text: str, device: Device | None = None) -> Recordin
         )
     xwrl_command = _NEWER.search(text)
     if xwrl_command:
-        raise InvalidFile(_unsupported_chip_mistake(file, text, xwrl_command))
+        raise InvalidFile(_low_power_chip_mistake(file, text, xwrl_command))
     mistakes: list[Mistake] = []
-    commands = parse_commands(file, text, mistakes)
+    commands = parse_commands_at_last_start(file, text, mistakes)
     last_commands = {line.name: line for line in commands}
     mode = last_commands.get("dfeDataOutputMode")
     frames = _SUB_FRAMES if mode and mode["mode"] == 3 else _FRAMES
-    _note_missing_commands(file, (*_REQUIRED_COMMANDS, *frames), last_commands, mistakes)
+    _append_missing_command_mistakes(file, (*_REQUIRED_COMMANDS, *frames), last_commands, mistakes)
     if mistakes:
         raise InvalidFile(*mistakes[:_MAX_MISTAKES])
     frame = last_commands[frames[-1]]
-    chirps = _chirp_commands(file, commands, frame)
-    _check_supported(file, [*last_commands.values()], chirps, frames)
+    chirps = _chirp_commands_as_sent(file, commands, frame)
+    _check_values_supported(file, [*last_commands.values()], chirps, frames)
     bpm = last_commands.get("bpmCfg")
     if bpm is not None and not bpm["enabled"]:
         bpm = None
-    profile = _find_profile(file, commands, chirps, frame, bpm)
+    profile = _find_common_profile(file, commands, chirps, frame, bpm)
     adc, buffer = last_commands["adcCfg"], last_commands["adcbufCfg"]
     platform = _PLATFORM.search(text)
     with convert_setting_errors(file):
         ti_frame = TiFrame(
-            chirp=_to_chirp(profile, real=adc["format"] == 0),
+            chirp=_profile_to_chirp(profile, is_real_sampling=adc["format"] == 0),
             interval_s=(profile["idle_us"] + profile["ramp_end_us"]) / 1e6,
-            masks=tuple(chirp.integer("tx_mask") for chirp in chirps),
-            n_loops=frame.integer("n_loops"),
-            n_frames=last_commands[frames[0]].integer("n_frames"),
+            masks=tuple(chirp.integer_argument("tx_mask") for chirp in chirps),
+            n_loops=frame.integer_argument("n_loops"),
+            n_frames=last_commands[frames[0]].integer_argument("n_frames"),
             period_s=frame["period_ms"] / 1e3,
-            rx_mask=last_commands["channelCfg"].integer("rx_mask"),
+            rx_mask=last_commands["channelCfg"].integer_argument("rx_mask"),
             bpm=bpm is not None,
         )
-        return to_recording_settings(
+        return ti_frame_to_recording_settings(
             ti_frame,
             iq="qi" if buffer["sample_swap"] else "iq",
             interleaved=not buffer["interleave"],
-            bits=BITS[adc.integer("bits")],
+            bits=BITS[adc.integer_argument("bits")],
             chip_name=platform.group(1) if platform else "",
             device=device,
         )
 
 
-def _unsupported_chip_mistake(file: Path, text: str, match: re.Match[str]) -> Mistake:
+def _low_power_chip_mistake(file: Path, text: str, match: re.Match[str]) -> Mistake:
     """Return the mistake of a file for low-power chips."""
     return Mistake(
         setting=match.group(1),
@@ -138,7 +138,7 @@ def _unsupported_chip_mistake(file: Path, text: str, match: re.Match[str]) -> Mi
     )
 
 
-def _note_missing_commands(
+def _append_missing_command_mistakes(
     file: Path, required: Sequence[str], commands: dict[str, Command], mistakes: list[Mistake]
 ) -> None:
     """Append a mistake for each missing command, unless it is present but invalid."""
@@ -156,25 +156,30 @@ def _note_missing_commands(
     ]
 
 
-def _chirp_commands(file: Path, commands: Sequence[Command], frame: Command) -> list[Command]:
+def _chirp_commands_as_sent(
+    file: Path, commands: Sequence[Command], frame_command: Command
+) -> list[Command]:
     """Return the chirpCfg command of each chirp of a loop, in the order sent."""
-    first = frame.integer("first")
+    first = frame_command.integer_argument("first")
     last = (
-        frame.integer("last") if "last" in frame.numbers else first + frame.integer("n_chirps") - 1
+        frame_command.integer_argument("last")
+        if "last" in frame_command.numbers
+        else first + frame_command.integer_argument("n_chirps") - 1
     )
     by_index = {
         index: command
         for command in commands
         if command.name == "chirpCfg"
         for index in range(
-            max(command.integer("first"), 0), min(command.integer("last") + 1, MAX_CHIRPS)
+            max(command.integer_argument("first"), 0),
+            min(command.integer_argument("last") + 1, MAX_CHIRPS),
         )
     }
     missing = [n for n in range(max(first, 0), min(last + 1, MAX_CHIRPS)) if n not in by_index]
     if not 0 <= first <= last < MAX_CHIRPS or missing:
         description = f"chirps {first} to {last}"
         raise InvalidFile(
-            frame.mistake(
+            frame_command.mistake(
                 file,
                 value=description + (f", without chirpCfg for {missing[0]}" if missing else ""),
                 expected=f"chirps within 0 to {MAX_CHIRPS - 1}, each with its chirpCfg",
@@ -184,7 +189,7 @@ def _chirp_commands(file: Path, commands: Sequence[Command], frame: Command) -> 
     return [by_index[index] for index in range(first, last + 1)]
 
 
-def _check_supported(
+def _check_values_supported(
     file: Path,
     last_commands: Sequence[Command],
     chirps: Sequence[Command],
@@ -223,11 +228,11 @@ def _check_supported(
         raise InvalidFile(*sorted(mistakes, key=lambda mistake: mistake.line or 0))
 
 
-def _find_profile(
+def _find_common_profile(
     file: Path,
     commands: Sequence[Command],
     chirps: Sequence[Command],
-    frame: Command,
+    frame_command: Command,
     bpm: Command | None,
 ) -> Command:
     """Return the common profile of the chirps; check that transmitters use TDM or a BPM pair."""
@@ -245,15 +250,15 @@ def _find_profile(
         if len(used) > 1 or chirp["profile"] not in profiles
     ]
     if bpm is None:
-        mistakes += _tdm_mistakes(file, chirps, frame)
+        mistakes += _tdm_mistakes(file, chirps, frame_command)
     else:
-        mistakes += _bpm_mistakes(file, chirps, frame, bpm)
+        mistakes += _bpm_mistakes(file, chirps, frame_command, bpm)
     if mistakes:
         raise InvalidFile(*mistakes)
     return profiles[used.pop()]
 
 
-def _tdm_mistakes(file: Path, chirps: Sequence[Command], frame: Command) -> list[Mistake]:
+def _tdm_mistakes(file: Path, chirps: Sequence[Command], frame_command: Command) -> list[Mistake]:
     """Return the mistakes of transmitters that do not take turns."""
     mistakes = [
         chirp.mistake(
@@ -263,29 +268,34 @@ def _tdm_mistakes(file: Path, chirps: Sequence[Command], frame: Command) -> list
             fix="record so, or give the radar as a YAML file with its multiplexing",
         )
         for chirp in _unique_commands(chirps)
-        if chirp.integer("tx_mask").bit_count() != 1
+        if chirp.integer_argument("tx_mask").bit_count() != 1
     ]
     if mistakes:
         return mistakes
     try:
-        transmitter_order([chirp.integer("tx_mask") for chirp in chirps])
+        tdm_transmitter_order([chirp.integer_argument("tx_mask") for chirp in chirps])
     except InvalidSetting as error:
         (order,) = error.mistakes
         description = f"chirps of transmitters {order.value}"
-        return [frame.mistake(file, value=description, expected=order.expected, fix=order.fix)]
+        return [
+            frame_command.mistake(file, value=description, expected=order.expected, fix=order.fix)
+        ]
     return []
 
 
 def _bpm_mistakes(
-    file: Path, chirps: Sequence[Command], frame: Command, bpm: Command
+    file: Path, chirps: Sequence[Command], frame_command: Command, bpm: Command
 ) -> list[Mistake]:
     """Return the mistakes of the two chirps that two transmitters send together.
 
     The demo sends the first without phase shift, the second with 180 degrees on the later
     transmitter (SDK User Guide, bpmCfg).
     """
-    masks = [chirp.integer("tx_mask") for chirp in chirps]
-    covers_frame = (bpm["first"], bpm["second"]) == (frame["first"], frame["first"] + 1)
+    masks = [chirp.integer_argument("tx_mask") for chirp in chirps]
+    covers_frame = (bpm["first"], bpm["second"]) == (
+        frame_command["first"],
+        frame_command["first"] + 1,
+    )
     if covers_frame and len(masks) == 2 and masks[0] == masks[1] and masks[0].bit_count() == 2:
         return []
     mask_text = ", ".join(map(str, masks[:8])) + (" ..." if len(masks) > 8 else "")
@@ -306,7 +316,7 @@ def _unique_commands(chirps: Sequence[Command]) -> list[Command]:
     return [*{chirp.line_number: chirp for chirp in chirps}.values()]
 
 
-def _to_chirp(profile: Command, *, real: bool) -> Chirp:
+def _profile_to_chirp(profile: Command, *, is_real_sampling: bool) -> Chirp:
     """Convert a profile to a chirp."""
     return Chirp(
         start_frequency_hz=profile["start_ghz"] * 1e9,
@@ -314,6 +324,6 @@ def _to_chirp(profile: Command, *, real: bool) -> Chirp:
         adc_start_s=profile["adc_start_us"] / 1e6,
         ramp_duration_s=profile["ramp_end_us"] / 1e6,
         sample_rate_hz=profile["sample_rate_ksps"] * 1e3,
-        n_samples=profile.integer("n_samples"),
-        sampling="real" if real else "complex",
+        n_samples=profile.integer_argument("n_samples"),
+        sampling="real" if is_real_sampling else "complex",
     )

@@ -83,7 +83,7 @@ class Command:
     def __getitem__(self, name: str) -> float:
         return self.numbers[name]
 
-    def integer(self, name: str) -> int:
+    def integer_argument(self, name: str) -> int:
         """Return an argument that was checked to be an integer."""
         return int(self.numbers[name])
 
@@ -99,7 +99,7 @@ class Command:
         )
 
 
-def parse_commands(file: Path, text: str, mistakes: list[Mistake]) -> list[Command]:
+def parse_commands_at_last_start(file: Path, text: str, mistakes: list[Mistake]) -> list[Command]:
     """Return the commands that were valid when the sensor was last started; append `mistakes`.
 
     Commands before a `flushCfg` were discarded by the chip, and commands after the last
@@ -134,7 +134,7 @@ def _parse_command(
     names = COMMANDS[command]
     if command == "adcbufCfg" and len(words) == 4:
         names = names[1:]
-    parsed = {name: _parse_number(name, word) for name, word in zip(names, words, strict=False)}
+    parsed = {name: _parse_argument(name, word) for name, word in zip(names, words, strict=False)}
     numbers = {
         name: number_or_none
         for name, number_or_none in parsed.items()
@@ -167,7 +167,7 @@ def _parse_command(
     return None
 
 
-def _parse_number(name: str, word: str) -> float | None:
+def _parse_argument(name: str, word: str) -> float | None:
     """Return a number; None if it is invalid, or has a fraction where it may not."""
     number = float(word) if _NUMBER.fullmatch(word) else None
     # The largest numbers are 24-bit codes: back-off and phase of three transmitters.

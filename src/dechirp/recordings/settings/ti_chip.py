@@ -11,10 +11,14 @@ from dechirp.radar.devices.lookup import device as device_named
 from dechirp.radar.radar import Radar
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.samples.layouts import N_LANES, FourLanes, SampleCode, TwoLanes
-from dechirp.recordings.settings.antenna_positions import find_device
+from dechirp.recordings.settings.antenna_positions import find_device_or_none
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.ti_frame import BITS
-from dechirp.recordings.settings.ti_numbers import check_one_profile, find_antennas, round_to_steps
+from dechirp.recordings.settings.ti_numbers import (
+    check_one_profile,
+    match_antennas_to_device,
+    round_to_chip_steps,
+)
 from dechirp.recordings.settings.write_ti_cfg import format_ti_cfg
 
 CFG_BITS = BITS[2]
@@ -39,13 +43,13 @@ class TiChip:
     """Whether the antennas lie as on its board."""
     iq: Iq
 
-    def encode_words(self, codes: np.ndarray) -> bytes:
+    def codes_to_bytes(self, codes: np.ndarray) -> bytes:
         """Return the words of a frame, from codes (chirp, rx, sample) or (chirp, rx, sample, 2)."""
         layout = TwoLanes() if self.lanes != N_LANES else FourLanes(receivers=self.rx)
         return layout.encode(codes, SampleCode(iq=self.iq)).astype("<i2", copy=False).tobytes()
 
 
-def check_single_chip(radar: Radar) -> None:
+def check_fits_single_chip(radar: Radar) -> None:
     """Raise `DechirpError` unless a single TI chip can have such chirps and antennas."""
     for name, positions, max_count in (
         ("rx", radar.array.rx_m, N_LANES),
@@ -72,18 +76,20 @@ def check_single_chip(radar: Radar) -> None:
             expected="a rate in steps of 1 kS/s and a slope in steps of 0.1 kHz/us, to 0.1 %",
             fix="write another format, such as .h5",
         )
-    round_to_steps(radar.frame)
+    round_to_chip_steps(radar.frame)
 
 
 def choose_chip(recording: Recording) -> TiChip:
     """Return the chip of the recording, else a suitable one, preferably one with a `.cfg`."""
     radar = recording.radar
-    chip_device = find_device(recording.contents.device or "")
+    chip_device = find_device_or_none(recording.contents.device or "")
     if chip_device is not None and chip_device.lvds_lanes is not None:
-        chips = [_assign_chip(chip_device, recording)]
+        chips = [_assign_antennas_to_chip(chip_device, recording)]
     else:
-        chips = [_assign_chip(device_named(kind), recording) for kind in _BOARDS]
-    possible_chips = [chip for chip in chips if _can_hold_samples(chip, radar, recording.n_frames)]
+        chips = [_assign_antennas_to_chip(device_named(kind), recording) for kind in _BOARDS]
+    possible_chips = [
+        chip for chip in chips if _can_fill_word_groups(chip, radar, recording.n_frames)
+    ]
     if not possible_chips:
         chirp = radar.frame.chirp
         raise InvalidSetting(
@@ -94,17 +100,19 @@ def choose_chip(recording: Recording) -> TiChip:
             fix="leave the last sample out, or write another format, such as .h5",
         )
     describable_chips = [
-        chip for chip in possible_chips if describe_as_cfg(recording, chip, CFG_BITS)[0] is not None
+        chip
+        for chip in possible_chips
+        if format_cfg_or_reason(recording, chip, CFG_BITS)[0] is not None
     ]
     board_chips = [chip for chip in possible_chips if chip.is_board]
     return [*describable_chips, *board_chips, *possible_chips][0]
 
 
-def _assign_chip(device: Device, recording: Recording) -> TiChip:
+def _assign_antennas_to_chip(device: Device, recording: Recording) -> TiChip:
     """Assign the antennas to a chip; the first ones of the chip if their positions differ."""
     array = recording.radar.array
     try:
-        (tx, rx), is_board = find_antennas(array, device), True
+        (tx, rx), is_board = match_antennas_to_device(array, device), True
     except InvalidSetting:
         tx, rx, is_board = tuple(range(len(array.tx_m))), tuple(range(array.n_rx)), False
     return TiChip(
@@ -117,7 +125,7 @@ def _assign_chip(device: Device, recording: Recording) -> TiChip:
     )
 
 
-def _can_hold_samples(chip: TiChip, radar: Radar, n_frames: int) -> bool:
+def _can_fill_word_groups(chip: TiChip, radar: Radar, n_frames: int) -> bool:
     """Return whether the samples fill the groups of the chip."""
     chirp = radar.frame.chirp
     is_complex = chirp.sampling == "complex"
@@ -127,15 +135,15 @@ def _can_hold_samples(chip: TiChip, radar: Radar, n_frames: int) -> bool:
     return chirp.n_samples % 2 == 0 if is_complex else n_words % 4 == 0
 
 
-def describe_as_cfg(recording: Recording, chip: TiChip, bits: int) -> tuple[str | None, str]:
+def format_cfg_or_reason(recording: Recording, chip: TiChip, bits: int) -> tuple[str | None, str]:
     """Return the text of the `.cfg`; None, and the reason, if the demo cannot be configured so."""
     if bits != CFG_BITS:
         return None, f"its codes have {bits} bits, but those of the demo {CFG_BITS}"
     try:
         text = format_ti_cfg(
-            chip_radar(recording),
+            radar_with_frame_period(recording),
             device=chip.device,
-            n_frames=chip_frame_count(recording),
+            n_frames=frame_count_or_zero(recording),
             iq=chip.iq,
         )
     except DechirpError as error:
@@ -143,12 +151,12 @@ def describe_as_cfg(recording: Recording, chip: TiChip, bits: int) -> tuple[str 
     return text, ""
 
 
-def chip_frame_count(recording: Recording) -> int:
+def frame_count_or_zero(recording: Recording) -> int:
     """Return the number of frames as the chip counts them; 0 means until stopped."""
     return recording.n_frames if recording.n_frames <= _MAX_FRAMES else 0
 
 
-def chip_radar(recording: Recording) -> Radar:
+def radar_with_frame_period(recording: Recording) -> Radar:
     """Return the radar with a frame period, which chip settings need even for a single frame."""
     radar = recording.radar
     if radar.frame.period_s is not None or recording.n_frames > 1:

@@ -12,7 +12,7 @@ from dechirp.radar.multiplexing.base import Multiplexing
 from dechirp.radar.multiplexing.bpm import Bpm
 from dechirp.radar.multiplexing.tdm import Tdm
 from dechirp.radar.radar import Radar
-from dechirp.recordings.settings.antenna_positions import antenna_positions, find_device
+from dechirp.recordings.settings.antenna_positions import antenna_positions, find_device_or_none
 from dechirp.recordings.settings.base import Iq, RecordingSettings
 
 MAX_CHIRPS = 512
@@ -39,7 +39,7 @@ class TiFrame:
     """Whether the loop is two chirps of the same two transmitters, + + and then + -."""
 
 
-def transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
+def tdm_transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
     """Return the transmitters of one TDM round, from 0, in the order in which they send.
 
     Parameters
@@ -55,7 +55,7 @@ def transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
     for index, mask in enumerate(masks):
         if mask > 0 and mask.bit_count() == 1:
             continue
-        problem = f"chirp {index} with transmitters {_format_mask(mask)} at once"
+        problem = f"chirp {index} with transmitters {_format_transmitters_of_mask(mask)} at once"
         raise InvalidSetting(
             "transmitters",
             value=problem if mask > 0 else f"chirp {index} without transmitter",
@@ -66,7 +66,7 @@ def transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
     one_round = tuple(dict.fromkeys(masks))
     n_rounds, rest = divmod(len(masks), len(one_round))
     if rest or tuple(masks) != one_round * n_rounds:
-        order_text = " ".join(_format_mask(mask) for mask in masks[:16])
+        order_text = " ".join(_format_transmitters_of_mask(mask) for mask in masks[:16])
         raise InvalidSetting(
             "transmitters",
             value=f"the order {order_text}{' ...' if len(masks) > 16 else ''}",
@@ -76,7 +76,7 @@ def transmitter_order(masks: Sequence[int]) -> tuple[int, ...]:
     return tuple(mask.bit_length() - 1 for mask in one_round)
 
 
-def to_recording_settings(
+def ti_frame_to_recording_settings(
     ti_frame: TiFrame,
     *,
     iq: Iq | None,
@@ -106,9 +106,11 @@ def to_recording_settings(
     InvalidSetting
         If the frame is impossible.
     """
-    known_device = device or find_device(chip_name)
+    known_device = device or find_device_or_none(chip_name)
     order = (
-        _mask_to_indices(ti_frame.masks[0]) if ti_frame.bpm else transmitter_order(ti_frame.masks)
+        _mask_to_indices(ti_frame.masks[0])
+        if ti_frame.bpm
+        else tdm_transmitter_order(ti_frame.masks)
     )
     transmitters = sorted(order)
     # The array has the transmitters that send, in the chip's order.
@@ -157,7 +159,7 @@ def _mask_to_indices(mask: int) -> tuple[int, ...]:
     return tuple(n for n in range(mask.bit_length()) if mask >> n & 1)
 
 
-def _format_mask(mask: int) -> str:
+def _format_transmitters_of_mask(mask: int) -> str:
     """Format the transmitters of a mask, from 1."""
     return "+".join(str(n + 1) for n in _mask_to_indices(mask)) or "none"
 

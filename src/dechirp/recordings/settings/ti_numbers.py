@@ -15,7 +15,9 @@ _TIMES_PER_S, _PERIODS_PER_S, _RATE_HZ = 1e8, 2e8, 1e3
 _APART_M = 10e-6  # tolerance of equal positions: 1 degree of phase
 
 
-def find_antennas(array: Array, device: Device) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def match_antennas_to_device(
+    array: Array, device: Device
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the indices of transmitters and receivers of a device that match an array, from 0.
 
     All transmitters, and all receivers, may be shifted by a common vector, which changes the phases
@@ -38,7 +40,7 @@ def find_antennas(array: Array, device: Device) -> tuple[tuple[int, ...], tuple[
     return tx, rx
 
 
-def to_mask(indices: Sequence[int]) -> int:
+def indices_to_bit_mask(indices: Sequence[int]) -> int:
     """Return the mask of antenna indices, the lowest bit for the first."""
     return sum(1 << place for place in indices)
 
@@ -64,14 +66,14 @@ def check_one_profile(frame: Frame) -> None:
         )
 
 
-def round_to_steps(frame: Frame) -> Frame:
+def round_to_chip_steps(frame: Frame) -> Frame:
     """Round the times and rates of a frame to steps of the chip; a missing period stays missing."""
     chirp = frame.chirp
     rate_hz = round(chirp.sample_rate_hz / _RATE_HZ) * _RATE_HZ
     adc_start_s = round(chirp.adc_start_s * _TIMES_PER_S) / _TIMES_PER_S
     # The end of the ramp and the period are rounded up, so that their content still fits.
     last_sample_s = adc_start_s + (chirp.n_samples - 1) / rate_hz if rate_hz else 0.0
-    ramp_s = _round_up(max(chirp.ramp_duration_s, last_sample_s), _TIMES_PER_S)
+    ramp_s = _round_up_to_step(max(chirp.ramp_duration_s, last_sample_s), _TIMES_PER_S)
     idle_s = max(round((frame.single_interval_s - ramp_s) * _TIMES_PER_S), 0) / _TIMES_PER_S
     return replace(
         frame,
@@ -79,11 +81,13 @@ def round_to_steps(frame: Frame) -> Frame:
             chirp, sample_rate_hz=rate_hz, adc_start_s=adc_start_s, ramp_duration_s=ramp_s
         ),
         interval_s=ramp_s + idle_s,
-        period_s=None if frame.period_s is None else _round_up(frame.period_s, _PERIODS_PER_S),
+        period_s=None
+        if frame.period_s is None
+        else _round_up_to_step(frame.period_s, _PERIODS_PER_S),
     )
 
 
-def format_decimal(number: float, digits: int) -> str:
+def format_decimal_rounded_up(number: float, digits: int) -> str:
     """Format a number in fixed point, rounded up so that no step of the chip becomes the one below.
 
     The last digit is at most 1/50 of a step of the chip, for start and slope.
@@ -126,6 +130,6 @@ def _match_positions(
     )
 
 
-def _round_up(time_s: float, steps_per_s: float) -> float:
+def _round_up_to_step(time_s: float, steps_per_s: float) -> float:
     """Round up to a step, tolerating floating-point error."""
     return math.ceil(time_s * steps_per_s - 1e-4) / steps_per_s

@@ -16,9 +16,9 @@ from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.ti_frame import BITS
 from dechirp.recordings.settings.ti_numbers import (
     check_one_profile,
-    format_decimal,
-    round_to_steps,
-    to_mask,
+    format_decimal_rounded_up,
+    indices_to_bit_mask,
+    round_to_chip_steps,
 )
 
 _FEW_LANES = 2  # of chips that write one receiver after the other
@@ -60,15 +60,15 @@ def format_mmwave_json(
         If chirps differ, or several transmitters send in one.
     """
     check_one_profile(radar.frame)
-    frame = round_to_steps(radar.frame)
+    frame = round_to_chip_steps(radar.frame)
     device = {
         "mmWaveDeviceId": 0,
         "rfConfig": {
             "waveformType": "legacyFrameChirp",
             "MIMOScheme": "TDM",
             "rlChanCfg_t": {
-                "rxChannelEn": hex(to_mask(rx)),
-                "txChannelEn": hex(to_mask(tx)),
+                "rxChannelEn": hex(indices_to_bit_mask(rx)),
+                "txChannelEn": hex(indices_to_bit_mask(tx)),
                 "cascading": 0,
                 "cascadingPinoutCfg": "0x0",
             },
@@ -80,9 +80,9 @@ def format_mmwave_json(
                 }
             },
             "rlLowPowerModeCfg_t": {"lpAdcMode": 0},
-            "rlProfiles": [{"rlProfileCfg_t": _profile_fields(frame)}],
+            "rlProfiles": [{"rlProfileCfg_t": _profile_json_fields(frame)}],
             "rlChirps": [
-                {"rlChirpCfg_t": _chirp_fields(number, 1 << tx[turn])}
+                {"rlChirpCfg_t": _chirp_json_fields(number, 1 << tx[turn])}
                 for number, turn in enumerate(frame.tdm_order or ())
             ],
             "rlFrameCfg_t": {
@@ -90,7 +90,9 @@ def format_mmwave_json(
                 "chirpEndIdx": frame.n_slots - 1,
                 "numLoops": frame.n_chirps,
                 "numFrames": n_frames,
-                "framePeriodicity_msec": _round_digits((frame.period_s or frame.duration_s) * 1e3),
+                "framePeriodicity_msec": _round_to_twelve_digits(
+                    (frame.period_s or frame.duration_s) * 1e3
+                ),
                 "triggerSelect": 1,
                 "numDummyChirpsAtEnd": 0,
                 "frameTriggerDelay": 0.0,
@@ -168,7 +170,7 @@ def format_mmwave_setup(device: Device, *, settings_file: PurePath, capture_file
     )
 
 
-def _profile_fields(frame: Frame) -> dict[str, Any]:
+def _profile_json_fields(frame: Frame) -> dict[str, Any]:
     """Return the fields of a profile."""
     chirp = frame.chirp
     return {
@@ -176,15 +178,15 @@ def _profile_fields(frame: Frame) -> dict[str, Any]:
         "pfVcoSelect": "0x0",
         "pfCalLutUpdate": "0x0",
         # As many digits as in a .cfg, so that both files agree.
-        "startFreqConst_GHz": float(format_decimal(chirp.start_frequency_hz / 1e9, 9)),
-        "idleTimeConst_usec": _round_digits(
+        "startFreqConst_GHz": float(format_decimal_rounded_up(chirp.start_frequency_hz / 1e9, 9)),
+        "idleTimeConst_usec": _round_to_twelve_digits(
             (frame.single_interval_s - chirp.ramp_duration_s) * 1e6
         ),
-        "adcStartTimeConst_usec": _round_digits(chirp.adc_start_s * 1e6),
-        "rampEndTime_usec": _round_digits(chirp.ramp_duration_s * 1e6),
+        "adcStartTimeConst_usec": _round_to_twelve_digits(chirp.adc_start_s * 1e6),
+        "rampEndTime_usec": _round_to_twelve_digits(chirp.ramp_duration_s * 1e6),
         "txOutPowerBackoffCode": "0x0",
         "txPhaseShifter": "0x0",
-        "freqSlopeConst_MHz_usec": float(format_decimal(chirp.slope_hz_per_s / 1e12, 4)),
+        "freqSlopeConst_MHz_usec": float(format_decimal_rounded_up(chirp.slope_hz_per_s / 1e12, 4)),
         "txStartTime_usec": 0.0,
         "numAdcSamples": chirp.n_samples,
         "digOutSampleRate": round(chirp.sample_rate_hz / 1e3),
@@ -194,11 +196,11 @@ def _profile_fields(frame: Frame) -> dict[str, Any]:
     }
 
 
-def _chirp_fields(number: int, tx_mask: int) -> dict[str, Any]:
+def _chirp_json_fields(chirp_index: int, tx_mask: int) -> dict[str, Any]:
     """Return the fields of a chirp."""
     return {
-        "chirpStartIdx": number,
-        "chirpEndIdx": number,
+        "chirpStartIdx": chirp_index,
+        "chirpEndIdx": chirp_index,
         "profileId": 0,
         "startFreqVar_MHz": 0.0,
         "freqSlopeVar_KHz_usec": 0.0,
@@ -208,7 +210,7 @@ def _chirp_fields(number: int, tx_mask: int) -> dict[str, Any]:
     }
 
 
-def _round_digits(number: float) -> float:
+def _round_to_twelve_digits(number: float) -> float:
     """Round to twelve digits, so that 60 us are 60 in spite of a division."""
     return float(f"{number:.12g}")
 

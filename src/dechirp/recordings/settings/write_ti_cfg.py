@@ -22,10 +22,10 @@ from dechirp.radar.radar import Radar
 from dechirp.recordings.settings.base import Iq
 from dechirp.recordings.settings.ti_numbers import (
     check_one_profile,
-    find_antennas,
-    format_decimal,
-    round_to_steps,
-    to_mask,
+    format_decimal_rounded_up,
+    indices_to_bit_mask,
+    match_antennas_to_device,
+    round_to_chip_steps,
 )
 
 _XWR1443 = "xwr1443"  # its demo ended with SDK 2, and has no sub-frames
@@ -75,10 +75,10 @@ def format_ti_cfg(
     """
     board = device_named(device) if isinstance(device, str) else device
     check_integer("n_frames", n_frames, at_least=0, at_most=65_535)
-    _check_demo(board, sdk)
-    tx, rx = find_antennas(radar.array, board)
-    _check_expressible(radar.frame)
-    rounded = replace(radar, frame=round_to_steps(radar.frame))
+    _check_demo_exists(board, sdk)
+    tx, rx = match_antennas_to_device(radar.array, board)
+    _check_expressible_as_commands(radar.frame)
+    rounded = replace(radar, frame=round_to_chip_steps(radar.frame))
     broken_rules = [rule for rule in board.find_broken_rules(rounded) if rule.level == "error"]
     if broken_rules:
         raise DechirpError(
@@ -101,18 +101,24 @@ def format_ti_cfg(
         "sensorStop",
         "flushCfg",
         "dfeDataOutputMode 1",
-        f"channelCfg {to_mask(rx)} {to_mask(tx)} 0",
+        f"channelCfg {indices_to_bit_mask(rx)} {indices_to_bit_mask(tx)} 0",
         "adcCfg 2 1",
         f"adcbufCfg {index}{layout}",
-        *_waveform_commands(rounded.frame, tx, n_frames, gain=_GAINS.get(board.kind(), 30)),
+        *_profile_chirp_frame_commands(
+            rounded.frame, tx, n_frames, gain=_GAINS.get(board.kind(), 30)
+        ),
         f"lowPower 0 {int(board.kind() in _LOW_POWER)}",
-        *(_sdk3_commands(rounded, board) if is_sdk3 else _sdk2_commands(rounded, board, index)),
+        *(
+            _sdk3_processing_commands(rounded, board)
+            if is_sdk3
+            else _sdk2_processing_commands(rounded, board, index)
+        ),
         "sensorStart",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _check_demo(board: Device, sdk: int) -> None:
+def _check_demo_exists(board: Device, sdk: int) -> None:
     """Raise `InvalidSetting` unless the board has a demo of this SDK."""
     sdks = _SDKS.get(board.kind())
     if sdks is None:
@@ -131,7 +137,7 @@ def _check_demo(board: Device, sdk: int) -> None:
         )
 
 
-def _check_expressible(frame: Frame) -> None:
+def _check_expressible_as_commands(frame: Frame) -> None:
     """Raise `InvalidSetting` for settings that the commands cannot express."""
     check_one_profile(frame)
     if frame.chirp.sampling != "complex":
@@ -150,26 +156,28 @@ def _check_expressible(frame: Frame) -> None:
         )
 
 
-def _waveform_commands(frame: Frame, tx: Sequence[int], n_frames: int, gain: int) -> list[str]:
+def _profile_chirp_frame_commands(
+    frame: Frame, tx: Sequence[int], n_frames: int, gain: int
+) -> list[str]:
     """Return the commands of profile, chirps and frame."""
     chirp = frame.chirp
     idle_s = frame.single_interval_s - chirp.ramp_duration_s
     numbers = (
         "0",
-        format_decimal(chirp.start_frequency_hz / 1e9, 9),
+        format_decimal_rounded_up(chirp.start_frequency_hz / 1e9, 9),
         *(
-            format_decimal(time_s * 1e6, 2)
+            format_decimal_rounded_up(time_s * 1e6, 2)
             for time_s in (idle_s, chirp.adc_start_s, chirp.ramp_duration_s)
         ),
         "0 0",
-        format_decimal(chirp.slope_hz_per_s / 1e12, 4),
+        format_decimal_rounded_up(chirp.slope_hz_per_s / 1e12, 4),
         "1",
         str(chirp.n_samples),
-        format_decimal(chirp.sample_rate_hz / 1e3, 0),
+        format_decimal_rounded_up(chirp.sample_rate_hz / 1e3, 0),
         f"0 0 {gain}",
     )
     tx_masks = [1 << tx[index] for index in frame.tdm_order or ()]
-    period_ms = format_decimal((frame.period_s or frame.duration_s) * 1e3, 6)
+    period_ms = format_decimal_rounded_up((frame.period_s or frame.duration_s) * 1e3, 6)
     return [
         f"profileCfg {' '.join(numbers)}",
         *(f"chirpCfg {n} {n} 0 0 0 0 0 {mask}" for n, mask in enumerate(tx_masks)),
@@ -177,7 +185,7 @@ def _waveform_commands(frame: Frame, tx: Sequence[int], n_frames: int, gain: int
     ]
 
 
-def _sdk3_commands(radar: Radar, board: Device) -> list[str]:
+def _sdk3_processing_commands(radar: Radar, board: Device) -> list[str]:
     """Return the processing commands of the demo of SDK 3."""
     frame, chirp = radar.frame, radar.frame.chirp
     velocity = f"{frame.max_velocity_m_per_s:.2f}"
@@ -191,8 +199,8 @@ def _sdk3_commands(radar: Radar, board: Device) -> list[str]:
         "extendedMaxVelocity -1 0",
         *(["bpmCfg -1 0 0 1"] if board.kind() in _BPM else []),
         "lvdsStreamCfg -1 0 1 0",
-        *_correction_commands(board),
-        *_monitor_commands(chirp),
+        *_neutral_correction_commands(board),
+        *_disabled_monitor_commands(chirp),
         "aoaFovCfg -1 -90 90 -90 90",
         f"cfarFovCfg -1 0 0 {USABLE_BAND * chirp.max_range_m:.2f}",
         f"cfarFovCfg -1 1 -{velocity} {velocity}",
@@ -200,7 +208,7 @@ def _sdk3_commands(radar: Radar, board: Device) -> list[str]:
     ]
 
 
-def _sdk2_commands(radar: Radar, board: Device, subframe_index: str) -> list[str]:
+def _sdk2_processing_commands(radar: Radar, board: Device, subframe_index: str) -> list[str]:
     """Return the processing commands of the demos of SDK 1 and 2, with logarithmic thresholds."""
     # Bins of the next power of two; for the xWR1443 the visualizer omits the last tenth.
     n_bins = 1 << (radar.frame.chirp.n_samples - 1).bit_length()
@@ -219,8 +227,8 @@ def _sdk2_commands(radar: Radar, board: Device, subframe_index: str) -> list[str
         f"multiObjBeamForming {subframe_index}1 0.5",
         f"clutterRemoval {subframe_index}0",
         f"calibDcRangeSig {subframe_index}0 -5 8 256",
-        *_correction_commands(board),
-        *_monitor_commands(radar.frame.chirp),
+        *_neutral_correction_commands(board),
+        *_disabled_monitor_commands(radar.frame.chirp),
     ]
     if board.kind() != _XWR1443:
         lines += [
@@ -232,7 +240,7 @@ def _sdk2_commands(radar: Radar, board: Device, subframe_index: str) -> list[str
     return lines
 
 
-def _correction_commands(board: Device) -> list[str]:
+def _neutral_correction_commands(board: Device) -> list[str]:
     """Return the commands without range bias and channel corrections."""
     pairs = " 1 0" * (len(board.tx_m) * len(board.rx_m))
     return [
@@ -241,7 +249,7 @@ def _correction_commands(board: Device) -> list[str]:
     ]
 
 
-def _monitor_commands(chirp: Chirp) -> list[str]:
+def _disabled_monitor_commands(chirp: Chirp) -> list[str]:
     """Return the commands of disabled monitors, with slices that fit into a chirp: at most 64.
 
     A saturation slice lasts a multiple of 0.16 us, at least four; one of the image band has an even

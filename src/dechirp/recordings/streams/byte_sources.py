@@ -21,7 +21,7 @@ class ByteSource(ABC):
         """Fill `into`, uint8, with the bytes from `start` on, and zeros for lost ones."""
 
     @property
-    def lost_ranges(self) -> np.ndarray:
+    def lost_byte_ranges(self) -> np.ndarray:
         """(n, 2): first byte, and the one after the last, of each range that never arrived."""
         return _NOTHING_LOST
 
@@ -46,7 +46,7 @@ class FileSource(ByteSource):
             begin += size
 
 
-def open_files(*paths: Path) -> FileSource:
+def open_concatenated_files(*paths: Path) -> FileSource:
     """Return a source over files, with their present sizes."""
     sizes = tuple(path.stat().st_size for path in paths)
     return FileSource(paths=paths, sizes=sizes, n_bytes=sum(sizes))
@@ -100,11 +100,13 @@ class PacketSource(ByteSource):
             else:
                 part[:] = block[offset + skip - low : offset + end - low]
 
-    def _packets_in_range(self, runs: slice, start: int, stop: int) -> tuple[np.ndarray, ...]:
+    def _packets_in_range(
+        self, runs: slice, start_byte: int, stop_byte: int
+    ) -> tuple[np.ndarray, ...]:
         """Return starts, offsets and sizes of the packets of runs that overlap a byte range."""
         starts, sizes = self.starts[runs], self.sizes[runs]
-        first = np.maximum((start - starts) // sizes, 0)
-        n_packets = np.minimum(-((starts - stop) // sizes), self.counts[runs]) - first
+        first = np.maximum((start_byte - starts) // sizes, 0)
+        n_packets = np.minimum(-((starts - stop_byte) // sizes), self.counts[runs]) - first
         n_packets = np.maximum(n_packets, 0)
         run = np.repeat(np.arange(n_packets.size), n_packets)
         first_row = np.repeat(np.cumsum(n_packets) - n_packets, n_packets)
@@ -116,16 +118,16 @@ class PacketSource(ByteSource):
         )
 
     @property
-    def lost_ranges(self) -> np.ndarray:
+    def lost_byte_ranges(self) -> np.ndarray:
         ends = np.concatenate([[0], self.starts + self.sizes * self.counts])
         begins = np.concatenate([self.starts, [self.n_bytes]])
         return np.stack([ends, begins], axis=1)[begins > ends]
 
 
-def _read_file_part(path: Path, start: int, into: np.ndarray) -> None:
+def _read_file_part(path: Path, start_byte: int, into: np.ndarray) -> None:
     """Fill `into` from a file that must be long enough."""
     with path.open("rb", buffering=0) as file:
-        file.seek(start)
+        file.seek(start_byte)
         view, filled = into.data, 0
         while filled < into.size:
             n_read = file.readinto(view[filled:])

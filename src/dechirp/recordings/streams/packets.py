@@ -41,22 +41,22 @@ class PacketTable:
 ScanStep = Callable[[np.ndarray, int, int], tuple[int, np.ndarray]]
 
 
-def to_run_step(step: ScanStep) -> ScanStep:
-    """Convert a step of `scan_file` to one that returns runs instead of rows; see `find_runs`."""
+def wrap_scan_to_return_runs(scan_packets: ScanStep) -> ScanStep:
+    """Convert a step of `scan_file_in_windows` to one that returns runs instead of rows."""
 
     def run_step(content: np.ndarray, offset: int, stop: int) -> tuple[int, np.ndarray]:
-        next_offset, rows = step(content, offset, stop)
-        return next_offset, find_runs(rows)
+        next_offset, rows = scan_packets(content, offset, stop)
+        return next_offset, group_packets_into_runs(rows)
 
     return run_step
 
 
-def find_runs(rows: np.ndarray) -> np.ndarray:
+def group_packets_into_runs(packet_rows: np.ndarray) -> np.ndarray:
     """Group packets into runs of consecutive number, stream position and file position.
 
     Parameters
     ----------
-    rows : (n, k) int64
+    packet_rows : (n, k) int64
         For each packet: its number, the bytes sent before, offset and size of its payload, and
         other columns that must be equal within a run.
 
@@ -65,18 +65,18 @@ def find_runs(rows: np.ndarray) -> np.ndarray:
     (m, k + 2) int64
         The row of the first packet of each run, their number, and their distance in the file.
     """
-    steps = np.diff(rows, axis=0)
+    steps = np.diff(packet_rows, axis=0)
     # Other traffic between packets only adds runs.
     distance = int(np.median(steps[:, 2])) if len(steps) else 0
     follows = (
         (steps[:, 0] == 1)
-        & (steps[:, 1] == rows[:-1, 3])
+        & (steps[:, 1] == packet_rows[:-1, 3])
         & (steps[:, 2] == distance)
         & (steps[:, 3:] == 0).all(axis=1)
     )
-    heads = np.flatnonzero(np.concatenate([[True], ~follows])[: len(rows)])
-    counts = np.diff(np.append(heads, len(rows)))
-    return np.column_stack([rows[heads], counts, np.full(len(heads), distance)])
+    heads = np.flatnonzero(np.concatenate([[True], ~follows])[: len(packet_rows)])
+    counts = np.diff(np.append(heads, len(packet_rows)))
+    return np.column_stack([packet_rows[heads], counts, np.full(len(heads), distance)])
 
 
 def last_sequence_number(runs: np.ndarray) -> int:
@@ -84,7 +84,7 @@ def last_sequence_number(runs: np.ndarray) -> int:
     return int(runs[-1, 0] + runs[-1, -2] - 1)
 
 
-def _expand_runs(runs: np.ndarray) -> PacketTable:
+def _expand_runs_to_packets(runs: np.ndarray) -> PacketTable:
     """Expand runs to single packets."""
     counts = runs[:, -2]
     run = np.repeat(np.arange(len(runs)), counts)
@@ -97,7 +97,7 @@ def _expand_runs(runs: np.ndarray) -> PacketTable:
     )
 
 
-def assemble_packets(
+def assemble_packet_payloads(
     path: Path, files: FileSource, runs: np.ndarray
 ) -> tuple[PacketSource, tuple[Finding, ...]]:
     """Assemble payloads by their byte counters, not by arrival; return the stream and findings.
@@ -129,9 +129,9 @@ def assemble_packets(
             counts=runs[:, -2],
             spacings=runs[:, -1],
         )
-        _check_counters(path, stream)
+        _check_counter_jumps(path, stream)
         return stream, ()
-    return _sort_packets(path, files, _expand_runs(runs))
+    return _sort_packets(path, files, _expand_runs_to_packets(runs))
 
 
 def _sort_packets(
@@ -154,15 +154,15 @@ def _sort_packets(
         counts=np.ones(unique.size, np.int64),
         spacings=np.zeros(unique.size, np.int64),
     )
-    _check_counters(path, stream)
+    _check_counter_jumps(path, stream)
     if n_late:
         findings += (
             _packet_order_note(f"{n_late} packets out of order, sorted by their counters"),
         )
-    return stream, findings + _duplicate_findings(path, stream, packets, order[~is_new])
+    return stream, findings + _duplicate_packet_findings(path, stream, packets, order[~is_new])
 
 
-def _check_counters(path: Path, stream: PacketSource) -> None:
+def _check_counter_jumps(path: Path, stream: PacketSource) -> None:
     """Raise `RecordingError` if jumps of the counters leave out most of the samples."""
     received = int((stream.sizes * stream.counts).sum())
     span = stream.n_bytes - int(stream.starts[0])
@@ -175,14 +175,14 @@ def _check_counters(path: Path, stream: PacketSource) -> None:
         )
 
 
-def _duplicate_findings(
+def _duplicate_packet_findings(
     path: Path, stream: PacketSource, packets: PacketTable, duplicates: np.ndarray
 ) -> tuple[Finding, ...]:
     """Report duplicate packets; raise `RecordingError` if too many differ from the first ones."""
     if not duplicates.size:
         return ()
     compared = duplicates[:: -(-duplicates.size // _MAX_COMPARED)]
-    n_other = sum(_has_other_payload(stream, packets, index) for index in compared.tolist())
+    n_other = sum(_differs_from_kept_packet(stream, packets, index) for index in compared.tolist())
     description = f"{duplicates.size} duplicate packets, left out"
     if not n_other:
         return (_packet_order_note(description),)
@@ -199,7 +199,7 @@ def _duplicate_findings(
     return (replace(_packet_order_note(description), level="warning"),)
 
 
-def _has_other_payload(stream: PacketSource, packets: PacketTable, index: int) -> bool:
+def _differs_from_kept_packet(stream: PacketSource, packets: PacketTable, index: int) -> bool:
     """Return whether a duplicate packet differs from the packet kept in its place."""
     first, second = np.empty((2, int(packets.sizes[index])), np.uint8)
     stream.read(int(packets.starts[index]), first)

@@ -68,7 +68,7 @@ def is_wav_header(head: bytes) -> bool:
     return head[:4] in (b"RIFF", b"RF64") and head[8:12] == b"WAVE"
 
 
-def open_wav(path: Path) -> Wav:
+def parse_wav_header(path: Path) -> Wav:
     """Parse the header of a WAV file, without reading samples.
 
     Raises
@@ -80,36 +80,38 @@ def open_wav(path: Path) -> Wav:
     format_chunk, long_size = b"", None
     with path.open("rb") as file:
         if not is_wav_header(file.read(12)):
-            raise _damaged_error(path, "without its signature")
+            raise _damaged_wav_error(path, "without its signature")
         for _ in range(_MAX_CHUNKS):
             head = file.read(8)
             if len(head) < 8:
                 break
             name, n_bytes = head[:4], int.from_bytes(head[4:], "little")
             if name == b"data":
-                return _wav_from_header(path, format_chunk, file.tell(), long_size or n_bytes, size)
+                return _wav_from_format_chunk(
+                    path, format_chunk, file.tell(), long_size or n_bytes, size
+                )
             body = file.read(min(n_bytes, 64))
             if name == b"fmt ":
                 format_chunk = body
             elif name == b"ds64" and len(body) >= 16:  # 64-bit sizes of the file and of the samples
                 long_size = int.from_bytes(body[8:16], "little")
             file.seek(n_bytes + n_bytes % 2 - len(body), 1)
-    raise _damaged_error(path, "without samples (no chunk named data)")
+    raise _damaged_wav_error(path, "without samples (no chunk named data)")
 
 
-def _wav_from_header(
+def _wav_from_format_chunk(
     path: Path, format_chunk: bytes, data_offset: int, declared_bytes: int, file_bytes: int
 ) -> Wav:
     """Check the format, and return the position of the samples."""
     if len(format_chunk) < 16:
-        raise _damaged_error(path, "whose samples come before their format")
+        raise _damaged_wav_error(path, "whose samples come before their format")
     kind, n_channels, rate_hz, _, frame_bytes, bits = struct.unpack("<HHIIHH", format_chunk[:16])
     if kind == _EXTENSIBLE and len(format_chunk) >= 26:
         kind = int.from_bytes(format_chunk[24:26], "little")
     if bits not in _BITS.get(kind, ()):
-        raise _damaged_error(path, f"of {bits} bits in encoding {kind}")
+        raise _damaged_wav_error(path, f"of {bits} bits in encoding {kind}")
     if not n_channels or not rate_hz or frame_bytes != n_channels * bits // 8:
-        raise _damaged_error(
+        raise _damaged_wav_error(
             path, f"of {n_channels} channels, {rate_hz} Hz and {frame_bytes} bytes a sample"
         )
     present_bytes = file_bytes - data_offset
@@ -117,7 +119,7 @@ def _wav_from_header(
     is_unfinished = declared_bytes in (0, _UNKNOWN) or declared_bytes > present_bytes
     n_samples = (present_bytes if is_unfinished else declared_bytes) // frame_bytes
     if not n_samples:
-        raise _damaged_error(path, f"with {present_bytes} bytes of samples")
+        raise _damaged_wav_error(path, f"with {present_bytes} bytes of samples")
     findings = (
         (_unfinished_header_warning(declared_bytes, present_bytes, n_samples / rate_hz),)
         if is_unfinished
@@ -149,7 +151,7 @@ def _unfinished_header_warning(
     )
 
 
-def _damaged_error(path: Path, value: str) -> RecordingError:
+def _damaged_wav_error(path: Path, value: str) -> RecordingError:
     """Return the error of a file that is not a readable WAV file."""
     return RecordingError(
         path,

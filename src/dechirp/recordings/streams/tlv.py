@@ -82,12 +82,12 @@ class TlvPackets:
     """Packets that begin, but are incomplete."""
 
 
-def parse_header(text: bytes | mmap.mmap, offset: int) -> _Header | None:
+def parse_packet_header(serial_bytes: bytes | mmap.mmap, offset: int) -> _Header | None:
     """Return the header after a magic word; None if it is invalid."""
-    if offset + 36 > len(text):
+    if offset + 36 > len(serial_bytes):
         return None
     version, n_bytes, platform, number, _, n_objects, n_items = struct.unpack_from(
-        "<7I", text, offset + 8
+        "<7I", serial_bytes, offset + 8
     )
     if not 36 <= n_bytes <= _MAX_PACKET_BYTES or n_items > _MAX_ITEMS or n_objects > n_bytes:
         return None
@@ -101,21 +101,23 @@ def parse_header(text: bytes | mmap.mmap, offset: int) -> _Header | None:
     )
 
 
-def find_packets(text: mmap.mmap) -> TlvPackets:
+def find_complete_packets(serial_bytes: mmap.mmap) -> TlvPackets:
     """Find all complete packets, in the order of the file."""
     packets, packets_per_item_type = array("q"), Counter[int]()
     n_bytes_lost = n_gaps = n_damaged = 0
     end = 0  # end of the last complete packet
-    offset = text.find(MAGIC)
+    offset = serial_bytes.find(MAGIC)
     while offset >= 0:
-        header = parse_header(text, offset)
-        items = None if header is None else _parse_packet(text, offset, header)
+        header = parse_packet_header(serial_bytes, offset)
+        items = None if header is None else _parse_packet_items(serial_bytes, offset, header)
         if header is None or items is None:
             n_damaged += 1
-            offset = text.find(MAGIC, offset + 1)
+            offset = serial_bytes.find(MAGIC, offset + 1)
             continue
         n_bytes_lost, n_gaps = n_bytes_lost + offset - end, n_gaps + (offset > end)
-        packets.extend((header.version, header.frame_number, *_point_offsets(header, items)))
+        packets.extend(
+            (header.version, header.frame_number, *_point_count_and_offsets(header, items))
+        )
         packets_per_item_type.update(
             kind
             if kind in packets_per_item_type or len(packets_per_item_type) < _MAX_ITEM_TYPES
@@ -123,8 +125,8 @@ def find_packets(text: mmap.mmap) -> TlvPackets:
             for kind in items
         )
         end = offset + header.n_bytes
-        offset = text.find(MAGIC, end)
-    rest = len(text) - end
+        offset = serial_bytes.find(MAGIC, end)
+    rest = len(serial_bytes) - end
     return TlvPackets(
         packets=np.frombuffer(packets, _PACKET),
         packets_per_item_type=packets_per_item_type,
@@ -134,36 +136,38 @@ def find_packets(text: mmap.mmap) -> TlvPackets:
     )
 
 
-def _point_offsets(header: _Header, items: Items) -> tuple[int, int, int]:
+def _point_count_and_offsets(header: _Header, items: Items) -> tuple[int, int, int]:
     """Return the number of points, and the first bytes of points and side information."""
     if not header.n_objects or POINTS not in items:
         return 0, -1, -1
     return header.n_objects, items[POINTS][0], items.get(SIDE_INFO, (-1, 0))[0]
 
 
-def _parse_packet(text: mmap.mmap, offset: int, header: _Header) -> Items | None:
+def _parse_packet_items(serial_bytes: mmap.mmap, offset: int, header: _Header) -> Items | None:
     """Return the items of the packet at an offset; None unless it is complete."""
     end = offset + header.n_bytes
     # A packet that begins before this one ends shows that bytes of this one were lost.
-    if end > len(text) or text.find(MAGIC, offset + 1, end + len(MAGIC) - 1) >= 0:
+    if end > len(serial_bytes) or serial_bytes.find(MAGIC, offset + 1, end + len(MAGIC) - 1) >= 0:
         return None
     without_subframe = header.platform & 0xFFFF == 0x1443
-    items = _parse_items(text, offset + (36 if without_subframe else 40), end, header.n_items)
-    if items is None or not _is_consistent(text, header, items):
+    items = _locate_items(
+        serial_bytes, offset + (36 if without_subframe else 40), end, header.n_items
+    )
+    if items is None or not _are_items_consistent(serial_bytes, header, items):
         return None
     # Lost bytes leave the items in place only if they were in the last of them.
     last_item = max(items, key=lambda kind: items[kind][0], default=POINTS)
-    is_followed = end == len(text) or text[end : end + len(MAGIC)] == MAGIC
+    is_followed = end == len(serial_bytes) or serial_bytes[end : end + len(MAGIC)] == MAGIC
     return items if is_followed or last_item not in (POINTS, SIDE_INFO) else None
 
 
-def _parse_items(text: mmap.mmap, offset: int, end: int, n_items: int) -> Items | None:
+def _locate_items(serial_bytes: mmap.mmap, offset: int, end: int, n_items: int) -> Items | None:
     """Return the contents of the items, which must fill the packet except for its padding."""
     items: Items = {}
     for _ in range(n_items):
         if offset + 8 > end:
             return None
-        kind, n_bytes = struct.unpack_from("<2I", text, offset)
+        kind, n_bytes = struct.unpack_from("<2I", serial_bytes, offset)
         offset += 8
         if kind in items or offset + n_bytes > end:
             return None
@@ -172,28 +176,30 @@ def _parse_items(text: mmap.mmap, offset: int, end: int, n_items: int) -> Items 
     return items if 0 <= end - offset < _PADDING else None
 
 
-def _is_consistent(text: mmap.mmap, header: _Header, items: Items) -> bool:
+def _are_items_consistent(serial_bytes: mmap.mmap, header: _Header, items: Items) -> bool:
     """Return whether the counts of objects agree, and the points are plausible."""
     n = header.n_objects
     if SIDE_INFO in items:
         offset, n_bytes = items[SIDE_INFO]
-        side = np.frombuffer(text[offset : offset + n_bytes - n_bytes % 2], "<i2")
+        side = np.frombuffer(serial_bytes[offset : offset + n_bytes - n_bytes % 2], "<i2")
         if n_bytes != 4 * n or np.max(np.abs(side[::2].astype(int)), initial=0) > _MAX_SNR:
             return False
     if POINTS not in items:
         return True
     offset, n_bytes = items[POINTS]
-    if has_fixed_point(header.version):
+    if has_fixed_point_coordinates(header.version):
         if n_bytes < 4 or n_bytes != 4 + FIXED_POINT.itemsize * n:
             return False
-        n_said, q_format = struct.unpack_from("<2H", text, offset)
+        n_said, q_format = struct.unpack_from("<2H", serial_bytes, offset)
         return bool(n_said == n and q_format < 16)
     if n_bytes != 16 * n:
         return False
-    farthest = np.max(np.abs(np.frombuffer(text[offset : offset + n_bytes], "<f4")), initial=0)
+    farthest = np.max(
+        np.abs(np.frombuffer(serial_bytes[offset : offset + n_bytes], "<f4")), initial=0
+    )
     return bool(farthest < _MAX_COORDINATE_M)  # False for NaN
 
 
-def has_fixed_point(version: int) -> bool:
+def has_fixed_point_coordinates(sdk_version: int) -> bool:
     """Return whether points are 16-bit numbers, as before SDK 3."""
-    return version >> 24 < 3
+    return sdk_version >> 24 < 3

@@ -32,7 +32,9 @@ def write_codes_or_floats(recording: Recording, write: Callable[[float | None], 
     return write(None)
 
 
-def iter_frames(recording: Recording, scale: float | None) -> Iterator[xr.DataArray]:
+def iter_frames_as_codes_or_floats(
+    recording: Recording, scale: float | None
+) -> Iterator[xr.DataArray]:
     """Yield cubes of one frame each: floats, or int16 codes as `simulation.adc_codes` returns them.
 
     Codes of complex samples have a further axis, `iq`. Times `scale` in single precision they are
@@ -45,7 +47,7 @@ def iter_frames(recording: Recording, scale: float | None) -> Iterator[xr.DataAr
     """
     for number, cube in zip(recording.frame_numbers, recording.frames(), strict=True):
         if scale is None:
-            _check_finite(recording, number, cube.values)
+            _check_finite_samples(recording, number, cube.values)
             cube.attrs.pop("scale", None)
             yield cube
             continue
@@ -56,11 +58,11 @@ def iter_frames(recording: Recording, scale: float | None) -> Iterator[xr.DataAr
 
 
 def iter_frame_arrays(recording: Recording, scale: float | None) -> Iterator[np.ndarray]:
-    """Yield the samples of each frame, (chirp, rx, sample[, iq]); see `iter_frames`."""
-    return (cube.values[0] for cube in iter_frames(recording, scale))
+    """Yield the samples of each frame, (chirp, rx, sample[, iq]), as codes or floats."""
+    return (cube.values[0] for cube in iter_frames_as_codes_or_floats(recording, scale))
 
 
-def _check_finite(recording: Recording, number: int, samples: np.ndarray) -> None:
+def _check_finite_samples(recording: Recording, number: int, samples: np.ndarray) -> None:
     if np.isfinite(samples).all():
         return
     raise DechirpError(

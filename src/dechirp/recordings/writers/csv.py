@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from dechirp.core.atomic_files import atomic_files
-from dechirp.core.text import power_db, power_unit
+from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.core.values import frozen_dataclass
 from dechirp.processing.chain import Chain
 from dechirp.processing.range_doppler_map import power_map
@@ -59,9 +59,9 @@ def map_to_csv(power: xr.DataArray, units: str) -> str:
     ordered = power.transpose("velocity", "range")
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    corner = f"power in {power_unit(units)}: velocity_m_per_s down and range_m across"
+    corner = f"power in {power_level_unit(units)}: velocity_m_per_s down and range_m across"
     writer.writerow([corner, *_format_axis(ordered.range.values)])
-    levels = np.char.mod("%.2f", power_db(ordered.values, units))
+    levels = np.char.mod("%.2f", power_to_dbm_or_dbfs(ordered.values, units))
     for velocity, row in zip(_format_axis(ordered.velocity.values), levels, strict=True):
         writer.writerow([velocity, *row])
     return stream.getvalue()

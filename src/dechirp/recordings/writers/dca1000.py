@@ -23,20 +23,20 @@ from dechirp.recordings.recording import Recording
 from dechirp.recordings.settings.ti_chip import (
     CFG_BITS,
     TiChip,
-    check_single_chip,
-    chip_frame_count,
-    chip_radar,
+    check_fits_single_chip,
     choose_chip,
-    describe_as_cfg,
+    format_cfg_or_reason,
+    frame_count_or_zero,
+    radar_with_frame_period,
 )
 from dechirp.recordings.settings.ti_frame import BITS
 from dechirp.recordings.settings.write_mmwave_json import format_mmwave_json, format_mmwave_setup
 from dechirp.recordings.sidecar import (
     MAX_SIDECAR_BYTES,
     WordLayout,
+    format_sidecar_json,
     has_sidecar,
     sidecar_path,
-    sidecar_text,
 )
 from dechirp.recordings.writers.adc_samples import iter_frame_arrays, write_codes_or_floats
 from dechirp.recordings.writers.base import Progress, Writer
@@ -60,25 +60,25 @@ class Dca1000(Writer):
 
     def check_recording(self, recording: Recording) -> None:
         recording.check_has_samples()
-        check_single_chip(recording.radar)
+        check_fits_single_chip(recording.radar)
         _check_sidecar_size(recording)
 
     def output_files(self, recording: Recording, out: Path) -> tuple[Path, ...]:
-        return _capture_paths(out)
+        return _check_capture_paths(out)
 
     def write(
         self, recording: Recording, out: Path, progress: Progress | None = None
     ) -> tuple[Path, ...]:
-        names, chip = _capture_paths(out), choose_chip(recording)
+        names, chip = _check_capture_paths(out), choose_chip(recording)
 
         def write_capture(scale: float | None) -> None:
-            step, rounded = _choose_step(recording) if scale is None else (scale, None)
-            texts = _settings_texts(recording, chip, names, step, rounded)
+            step, rounded = _choose_quantisation_step(recording) if scale is None else (scale, None)
+            texts = _format_settings_files(recording, chip, names, step, rounded)
             with atomic_files(*names) as temporaries:
                 with temporaries[0].open("wb") as file:
                     for n_done, frame in enumerate(iter_frame_arrays(recording, scale), start=1):
                         codes = frame if scale is not None else _round_to_codes(frame, step)
-                        file.write(chip.encode_words(codes))
+                        file.write(chip.codes_to_bytes(codes))
                         if progress is not None:
                             progress(n_done, recording.n_frames)
                 for name, text in zip(temporaries[1:], texts, strict=True):
@@ -92,7 +92,7 @@ class Dca1000(Writer):
 def _check_sidecar_size(recording: Recording) -> None:
     """Raise `DechirpError` unless the tables fit into a sidecar as JSON."""
     check_column_types(TYPES, recording.tables)
-    n_bytes = len(_sidecar_text(recording, choose_chip(recording), 1.0, ()))
+    n_bytes = len(_format_sidecar(recording, choose_chip(recording), 1.0, ()))
     if n_bytes > MAX_SIDECAR_BYTES:
         raise _setting_error(
             "tables",
@@ -102,23 +102,23 @@ def _check_sidecar_size(recording: Recording) -> None:
         )
 
 
-def _settings_texts(
+def _format_settings_files(
     recording: Recording,
     chip: TiChip,
-    names: tuple[Path, ...],
-    step: float,
-    rounded: Finding | None,
+    capture_paths: tuple[Path, ...],
+    quantisation_step: float,
+    rounding_finding: Finding | None,
 ) -> tuple[str | None, ...]:
     """Return the texts of the settings files, in the order of their names."""
-    samples, _, used, _, _ = names
-    bits = _converter_bits(recording, step) if rounded is None else CFG_BITS
-    cfg, missing_reason = describe_as_cfg(recording, chip, bits)
+    samples, _, used, _, _ = capture_paths
+    bits = _converter_bits(recording, quantisation_step) if rounding_finding is None else CFG_BITS
+    cfg, missing_reason = format_cfg_or_reason(recording, chip, bits)
     studio_json = format_mmwave_json(
-        chip_radar(recording),
+        radar_with_frame_period(recording),
         tx=chip.tx,
         rx=chip.rx,
         lanes=chip.lanes,
-        n_frames=chip_frame_count(recording),
+        n_frames=frame_count_or_zero(recording),
         iq=chip.iq,
         bits=bits,
     )
@@ -127,14 +127,14 @@ def _settings_texts(
         if chip.is_board
         else None
     )
-    findings = [] if rounded is None else [rounded]
+    findings = [] if rounding_finding is None else [rounding_finding]
     if cfg is None:
         findings.append(_missing_cfg_note(chip, missing_reason))
-    return cfg, studio_json, setup, _sidecar_text(recording, chip, step, findings)
+    return cfg, studio_json, setup, _format_sidecar(recording, chip, quantisation_step, findings)
 
 
-def _sidecar_text(
-    recording: Recording, chip: TiChip, step: float, findings: Sequence[Finding]
+def _format_sidecar(
+    recording: Recording, chip: TiChip, quantisation_step: float, findings: Sequence[Finding]
 ) -> str:
     """Return the text of the sidecar."""
     is_complex = recording.radar.frame.chirp.sampling == "complex"
@@ -145,17 +145,21 @@ def _sidecar_text(
         iq=chip.iq if is_complex else None,
         n_frames=recording.n_frames,
     )
-    description, columns = describe_recording(recording, step)
-    return sidecar_text(description, columns, layout, recording.contents.gaps, findings)
+    description, columns = describe_recording(recording, quantisation_step)
+    return format_sidecar_json(description, columns, layout, recording.contents.gaps, findings)
 
 
-def _converter_bits(recording: Recording, step: float) -> int:
+def _converter_bits(recording: Recording, quantisation_step: float) -> int:
     """Return the bits of a converter with full scale 1; 16 for any other."""
     steps = {2.0 ** (1 - bits): bits for bits in BITS.values()}
-    return steps.get(step, CFG_BITS) if recording.contents.units == "full scale" else CFG_BITS
+    return (
+        steps.get(quantisation_step, CFG_BITS)
+        if recording.contents.units == "full scale"
+        else CFG_BITS
+    )
 
 
-def _capture_paths(out: Path) -> tuple[Path, ...]:
+def _check_capture_paths(out: Path) -> tuple[Path, ...]:
     """Return the paths of a capture; raise `DechirpError` if another program wrote one."""
     if out.suffix.lower() != ".bin":
         raise _setting_error(
@@ -175,13 +179,15 @@ def _capture_paths(out: Path) -> tuple[Path, ...]:
     return names
 
 
-def _choose_step(recording: Recording) -> tuple[float, Finding]:
+def _choose_quantisation_step(recording: Recording) -> tuple[float, Finding]:
     """Return the step for samples that are not codes, and a finding about it.
 
     The step is the smallest power of two for which all samples fit into 16 bits: codes times the
     step are exact in float32, and less than 6 dB of range is unused.
     """
-    largest = max(_smallest_step(frame) for frame in iter_frame_arrays(recording, None))
+    largest = max(
+        _smallest_quantisation_step(frame) for frame in iter_frame_arrays(recording, None)
+    )
     step = (
         2.0 ** max(math.ceil(math.log2(largest)), _MIN_STEP_EXPONENT) if largest > 0 else 2.0**-15
     )
@@ -195,17 +201,17 @@ def _choose_step(recording: Recording) -> tuple[float, Finding]:
     )
 
 
-def _smallest_step(frame: np.ndarray) -> float:
+def _smallest_quantisation_step(frame: np.ndarray) -> float:
     """Return the smallest step with which all samples of a frame fit into 16 bits."""
-    parts = _iq_parts(frame)
+    parts = _iq_as_last_axis(frame)
     return float(max(parts.max() / (2**15 - 1), -parts.min() / 2**15))
 
 
-def _round_to_codes(frame: np.ndarray, step: float) -> np.ndarray:
-    return np.rint(_iq_parts(frame) * np.float32(1 / step)).astype(np.int16)
+def _round_to_codes(frame: np.ndarray, quantisation_step: float) -> np.ndarray:
+    return np.rint(_iq_as_last_axis(frame) * np.float32(1 / quantisation_step)).astype(np.int16)
 
 
-def _iq_parts(frame: np.ndarray) -> np.ndarray:
+def _iq_as_last_axis(frame: np.ndarray) -> np.ndarray:
     """Return samples (chirp, rx, sample), with both parts of complex ones in a last axis."""
     if not np.iscomplexobj(frame):
         return frame

@@ -9,7 +9,7 @@ import numpy as np
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer
-from dechirp.recordings.writers.hdf5_file import check_recording_fits, write_file
+from dechirp.recordings.writers.hdf5_file import check_recording_fits_hdf5, write_hdf5_file
 
 
 @frozen_dataclass
@@ -19,16 +19,16 @@ class Hdf5Writer(Writer):
     summary: ClassVar[str] = "all: samples, radar, gaps, tables"
 
     @abstractmethod
-    def to_stored(self, values: np.ndarray) -> np.ndarray:
+    def convert_complex_for_storage(self, values: np.ndarray) -> np.ndarray:
         """Convert complex numbers to their stored form; others are unchanged."""
 
     def check_recording(self, recording: Recording) -> None:
-        check_recording_fits(recording)
+        check_recording_fits_hdf5(recording)
 
     def write(
         self, recording: Recording, out: Path, progress: Progress | None = None
     ) -> tuple[Path, ...]:
-        return write_file(recording, out, progress, self.to_stored)
+        return write_hdf5_file(recording, out, progress, self.convert_complex_for_storage)
 
 
 @frozen_dataclass
@@ -37,5 +37,5 @@ class Hdf5(Hdf5Writer):
 
     suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5")
 
-    def to_stored(self, values: np.ndarray) -> np.ndarray:
+    def convert_complex_for_storage(self, values: np.ndarray) -> np.ndarray:
         return values

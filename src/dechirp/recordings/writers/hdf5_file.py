@@ -42,7 +42,7 @@ _PARTS_SUFFIX = ".parts"  # appended to a column name: the axis of its real and 
 _NO_VARIABLE_LABEL = "This is a netCDF dimension but not a netCDF variable.%10d"
 
 
-def check_recording_fits(recording: Recording) -> None:
+def check_recording_fits_hdf5(recording: Recording) -> None:
     """Raise `DechirpError` if such a file cannot hold a recording."""
     recording.check_has_samples()
     description, _ = describe_recording(recording, None)
@@ -50,45 +50,47 @@ def check_recording_fits(recording: Recording) -> None:
     for name, structure in description.tables.items():
         if name in _RESERVED_NAMES or not _VALID_NAME.fullmatch(name):
             expected = f"a name other than {', '.join(_RESERVED_NAMES)}, and {_NAME_RULE}"
-            raise _layout_error("tables", f"with a table named {name!r}", expected)
-        _check_table_fits(name, structure["variables"])
+            raise _unsupported_table_error("tables", f"with a table named {name!r}", expected)
+        _check_table_names_and_axes(name, structure["variables"])
 
 
-def _check_table_fits(table: str, columns: Mapping[str, Any]) -> None:
+def _check_table_names_and_axes(table: str, columns: Mapping[str, Any]) -> None:
     where = f"tables.{table}"
     dims = {dim for column in columns.values() for dim in column["dims"]}
     for name in (*columns, *dims):
         if name.endswith(_PARTS_SUFFIX) or not _VALID_NAME.fullmatch(name):
-            raise _layout_error(where, f"with a column or an axis named {name!r}", _NAME_RULE)
+            raise _unsupported_table_error(
+                where, f"with a column or an axis named {name!r}", _NAME_RULE
+            )
     for name, column in columns.items():
         if name in dims and column["dims"] != [name]:
             axes = ", ".join(column["dims"]) or "nothing"
             expected = f"over {name} itself, which is an axis of the table"
-            raise _layout_error(where, f"with a column {name} over {axes}", expected)
+            raise _unsupported_table_error(where, f"with a column {name} over {axes}", expected)
 
 
-def _layout_error(where: str, value: str, expected: str) -> DechirpError:
+def _unsupported_table_error(where: str, value: str, expected: str) -> DechirpError:
     fix = "leave it out, or change it before writing"
     return DechirpError(Mistake(setting=where, value=value, expected=expected, fix=fix))
 
 
-def write_file(
+def write_hdf5_file(
     recording: Recording,
     out: Path,
     progress: Progress | None,
-    to_stored: Callable[[np.ndarray], np.ndarray],
+    convert_complex: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[Path, ...]:
     """Write a checked recording frame by frame.
 
     Parameters
     ----------
     recording : Recording
-        Accepted by `check_recording_fits`.
+        Accepted by `check_recording_fits_hdf5`.
     out : Path
         The file.
     progress : callable, optional
         Called with the number of completed frames and of all frames.
-    to_stored : callable
+    convert_complex : callable
         Converts complex numbers to their stored form: unchanged, or with a further axis of their
         two parts; floats are unchanged.
 
@@ -101,11 +103,11 @@ def write_file(
     def write(scale: float | None) -> None:
         description, columns = describe_recording(recording, scale)
         with create_hdf5(out) as (file, raise_deferred_error):
-            write_text_attribute(file, "dechirp", description.text)
+            write_text_attribute(file, "dechirp", description.json_text)
             write_text_attribute(file, "Conventions", "CF-1.11")
             cube = None
             for n_done, frame in enumerate(iter_frame_arrays(recording, scale), 1):
-                values = to_stored(frame)
+                values = convert_complex(frame)
                 if cube is None:
                     shape = (recording.n_frames, *values.shape)
                     cube = file.create_dataset("cube", shape, values.dtype)
@@ -114,17 +116,17 @@ def write_file(
                 if progress is not None:
                     progress(n_done, recording.n_frames)
             assert cube is not None
-            _write_axes(file, recording, has_parts=cube.ndim > len(recording.sizes))
-            _label_cube(file, cube, recording, scale)
+            _write_cube_coordinates(file, recording, has_parts=cube.ndim > len(recording.sizes))
+            _write_cube_attributes(file, cube, recording, scale)
             for name, structure in description.tables.items():
                 group = file.create_group(name, track_order=True)
-                _write_table(group, structure["variables"], columns[name], to_stored)
+                _write_table(group, structure["variables"], columns[name], convert_complex)
 
     write_codes_or_floats(recording, write)
     return (out,)
 
 
-def _write_axes(file: Any, recording: Recording, *, has_parts: bool) -> None:
+def _write_cube_coordinates(file: Any, recording: Recording, *, has_parts: bool) -> None:
     """Write dimension scales of the cube, and other coordinates of frames and chirps."""
     contents, shape = recording.contents, tuple(recording.sizes.values())
     sample_dtype = np.complex64 if recording.radar.frame.chirp.sampling == "complex" else np.float32
@@ -139,7 +141,7 @@ def _write_axes(file: Any, recording: Recording, *, has_parts: bool) -> None:
     for name, label in labels.items():
         values = label.values.astype(np.uint8) if name in ("gap", "iq") else label.values
         dataset = file.create_dataset(name, data=values)
-        _write_attributes(dataset, label.attrs)
+        _write_units_and_long_name(dataset, label.attrs)
         if label.dims == (name,):
             dataset.make_scale(name)
     if has_parts:
@@ -147,11 +149,11 @@ def _write_axes(file: Any, recording: Recording, *, has_parts: bool) -> None:
         write_text_attribute(file["iq"], "flag_meanings", "real imaginary")
     for name, label in labels.items():
         if label.dims != (name,):
-            _attach_scales(file[name], label.dims)
+            _attach_dimension_scales(file[name], label.dims)
 
 
-def _label_cube(file: Any, cube: Any, recording: Recording, scale: float | None) -> None:
-    _attach_scales(cube, (*recording.sizes, "iq"))
+def _write_cube_attributes(file: Any, cube: Any, recording: Recording, scale: float | None) -> None:
+    _attach_dimension_scales(cube, (*recording.sizes, "iq"))
     write_text_attribute(cube, "long_name", "samples of the beat signal")
     write_text_attribute(cube, "units", recording.contents.units)
     write_text_attribute(cube, "convention", "beat = Tx x conj(Rx), receding positive")
@@ -166,12 +168,12 @@ def _write_table(
     group: Any,
     structure: Mapping[str, Any],
     columns: Mapping[str, np.ndarray],
-    to_stored: Callable[[np.ndarray], np.ndarray],
+    convert_complex: Callable[[np.ndarray], np.ndarray],
 ) -> None:
     """Write a dataset for each column of a table, and a scale for each of its axes."""
     datasets: dict[str, tuple[Any, list[str]]] = {}
     for name, column in structure.items():
-        values, dims = to_stored(columns[name]), list(column["dims"])
+        values, dims = convert_complex(columns[name]), list(column["dims"])
         if column["is_text"]:
             values = _fixed_length_texts(values)
         has_parts = values.ndim > len(dims)
@@ -179,7 +181,7 @@ def _write_table(
         is_flag = values.dtype == bool
         stored_dtype = np.uint8 if is_flag else values.dtype
         dataset = group.create_dataset(name, data=values, dtype=stored_dtype)
-        _write_attributes(dataset, column["attrs"])
+        _write_units_and_long_name(dataset, column["attrs"])
         if is_flag:
             write_text_attribute(dataset, "dtype", "bool")  # as xarray writes it
         if has_parts:
@@ -197,7 +199,7 @@ def _write_table(
             group.create_dataset(dim, (size,), np.float32).make_scale(_NO_VARIABLE_LABEL % size)
     for name, (dataset, dims) in datasets.items():
         if name not in sizes:
-            _attach_scales(dataset, dims)
+            _attach_dimension_scales(dataset, dims)
     others = [
         name for name, column in structure.items() if column["is_coordinate"] and name not in sizes
     ]
@@ -221,13 +223,13 @@ def _fixed_length_texts(encoded: np.ndarray) -> np.ndarray:
     )
 
 
-def _attach_scales(dataset: Any, dims: Iterable[Any]) -> None:
+def _attach_dimension_scales(dataset: Any, dims: Iterable[Any]) -> None:
     """Attach scales to the axes of a dataset; further names are ignored."""
     for axis, dim in zip(range(dataset.ndim), dims, strict=False):
         dataset.dims[axis].attach_scale(dataset.parent[dim])
 
 
-def _write_attributes(dataset: Any, attributes: Mapping[Any, Any]) -> None:
+def _write_units_and_long_name(dataset: Any, attributes: Mapping[Any, Any]) -> None:
     """Write the attributes that other programs use; the description contains all."""
     for name in ("units", "long_name"):
         if isinstance(attribute := attributes.get(name), str):

@@ -68,7 +68,7 @@ class Matlab(Writer):
 
         def write_with(scale: float | None) -> None:
             with atomic_file(out) as temporary:
-                variables = _small_variables(recording, scale)
+                variables = _variables_without_cube(recording, scale)
                 savemat(
                     temporary, variables, appendmat=False, oned_as="column", long_field_names=True
                 )
@@ -79,12 +79,12 @@ class Matlab(Writer):
         return (out,)
 
 
-def _small_variables(recording: Recording, scale: float | None) -> dict[str, Any]:
+def _variables_without_cube(recording: Recording, scale: float | None) -> dict[str, Any]:
     """Return all variables except the samples."""
     description, tables = describe_recording(recording, scale)
     gaps = recording.contents.gaps
     gap_variable = {} if gaps is None else {"gap": gaps.astype(np.uint8).transpose()}
-    return {"dechirp": description.text, **gap_variable} | {
+    return {"dechirp": description.json_text, **gap_variable} | {
         name: {column: values.transpose() for column, values in columns.items()}
         for name, columns in tables.items()
     }
@@ -106,9 +106,9 @@ def _write_cube(
     flags = struct.pack("<II", class_number | (_COMPLEX if is_complex else 0), 0)
     sizes = struct.pack("<4i", *reversed(recording.sizes.values()))
     header = (
-        _encode_element(_FLAGS, flags)
-        + _encode_element(_SIZES, sizes)
-        + _encode_element(_LETTERS, b"cube")
+        _encode_mat5_element(_FLAGS, flags)
+        + _encode_mat5_element(_SIZES, sizes)
+        + _encode_mat5_element(_LETTERS, b"cube")
     )
     start = file.seek(0, 2) + 8 + len(header)
     file.write(struct.pack("<II", _MATRIX, len(header) + n_parts * part_size) + header)
@@ -132,7 +132,7 @@ def _real_and_imaginary(frame: np.ndarray, *, is_complex: bool) -> list[np.ndarr
     return [frame[..., 0], frame[..., 1]]
 
 
-def _encode_element(kind: int, data: bytes) -> bytes:
+def _encode_mat5_element(kind: int, data: bytes) -> bytes:
     return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
 
 

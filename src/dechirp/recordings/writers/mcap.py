@@ -4,12 +4,16 @@ from pathlib import Path
 from typing import ClassVar
 
 from dechirp.core.atomic_files import atomic_file
-from dechirp.core.optional_imports import import_optional
+from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.messages.ros import CLOUD, message_types
+from dechirp.recordings.messages.ros import CLOUD, ros2_message_types
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer
-from dechirp.recordings.writers.point_clouds import SUMMARY, check_has_detections, iter_messages
+from dechirp.recordings.writers.point_clouds import (
+    SUMMARY,
+    check_has_detections,
+    iter_ros2_messages,
+)
 from dechirp.recordings.writers.ros_messages import transient_local_qos
 
 
@@ -22,8 +26,8 @@ class Mcap(Writer):
     holds_detections: ClassVar[bool] = True
 
     def check_recording(self, recording: Recording) -> None:
-        import_optional("mcap", setting="recording")
-        message_types()
+        import_from_io_extra("mcap", setting="recording")
+        ros2_message_types()
         check_has_detections(recording)
 
     def write(
@@ -31,13 +35,13 @@ class Mcap(Writer):
     ) -> tuple[Path, ...]:
         channels: dict[str, int] = {}
         with atomic_file(out) as temporary, temporary.open("wb") as file:
-            bag = import_optional("mcap.writer", setting="recording").Writer(
+            bag = import_from_io_extra("mcap.writer", setting="recording").Writer(
                 file, enable_data_crcs=True
             )
             bag.start(profile="ros2", library="dechirp")
-            for topic, kind, time_ns, data in iter_messages(recording, progress):
+            for topic, kind, time_ns, data in iter_ros2_messages(recording, progress):
                 if topic not in channels:
-                    text, _ = message_types().generate_msgdef(kind, ros_version=2)
+                    text, _ = ros2_message_types().generate_msgdef(kind, ros_version=2)
                     schema = bag.register_schema(kind, "ros2msg", text.encode())
                     channels[topic] = bag.register_channel(
                         topic, "cdr", schema, _channel_metadata(kind)
@@ -51,5 +55,5 @@ def _channel_metadata(kind: str) -> dict[str, str]:
     """Return the rosbag2 metadata of a channel for its message type."""
     if kind == CLOUD:
         return {}
-    metadata = import_optional("rosbags.rosbag2.metadata", setting="recording")
+    metadata = import_from_io_extra("rosbags.rosbag2.metadata", setting="recording")
     return {"offered_qos_profiles": metadata.dump_qos_v8([transient_local_qos()])}

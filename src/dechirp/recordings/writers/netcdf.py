@@ -14,7 +14,7 @@ class Netcdf(Hdf5Writer):
 
     suffixes: ClassVar[tuple[str, ...]] = (".nc", ".nc4")
 
-    def to_stored(self, values: np.ndarray) -> np.ndarray:
+    def convert_complex_for_storage(self, values: np.ndarray) -> np.ndarray:
         """Convert complex numbers (...) to their real and imaginary parts (..., 2)."""
         if values.dtype.kind != "c":
             return values

@@ -40,15 +40,15 @@ class Npz(Writer):
         def write_with(scale: float | None) -> None:
             with atomic_file(out) as temporary, zipfile.ZipFile(temporary, "w") as archive:
                 _write_cube(archive, recording, scale, progress)
-                for name, array in _other_arrays(recording, scale).items():
-                    with _open_member(archive, name) as member:
+                for name, array in _arrays_without_cube(recording, scale).items():
+                    with _open_npy_member(archive, name) as member:
                         np.lib.format.write_array(member, array, allow_pickle=False)
 
         write_codes_or_floats(recording, write_with)
         return (out,)
 
 
-def _open_member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
+def _open_npy_member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
     # No time stamp: equal recordings give equal bytes.
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)
 
@@ -59,7 +59,7 @@ def _write_cube(
     scale: float | None,
     progress: Progress | None,
 ) -> None:
-    with _open_member(archive, "cube") as member:
+    with _open_npy_member(archive, "cube") as member:
         for n_done, frame in enumerate(iter_frame_arrays(recording, scale), start=1):
             if n_done == 1:
                 header = np.lib.format.header_data_from_array_1_0(frame)
@@ -70,11 +70,11 @@ def _write_cube(
                 progress(n_done, recording.n_frames)
 
 
-def _other_arrays(recording: Recording, scale: float | None) -> dict[str, np.ndarray]:
+def _arrays_without_cube(recording: Recording, scale: float | None) -> dict[str, np.ndarray]:
     """Return all arrays except the samples, by name."""
     contents = recording.contents
     description, tables = describe_recording(recording, scale)
-    arrays = {"dechirp": np.array(description.text)}
+    arrays = {"dechirp": np.array(description.json_text)}
     if contents.gaps is not None:
         arrays["gap"] = contents.gaps.astype(np.uint8)
     for name, columns in tables.items():

@@ -35,9 +35,9 @@ from dechirp.recordings.writers.base import Progress
 from dechirp.recordings.writers.description_text import check_column_types, describe_recording
 from dechirp.recordings.writers.ros_messages import (
     FIELD_CODES,
-    array_message,
-    cloud_message,
-    text_message,
+    build_array_message,
+    build_cloud_message,
+    build_text_message,
 )
 
 SUMMARY = "detections and tables, no samples"
@@ -48,7 +48,7 @@ _MAX_EXACT_INTEGER = 2**53  # largest integer range of float64
 def check_has_detections(recording: Recording) -> None:
     """Raise `DechirpError` unless there are detections in order of frames, and a radar."""
     recording.radar  # noqa: B018  times of empty frames are the radar's; raises without one
-    tables = all_tables(recording)
+    tables = tables_with_detections(recording)
     if DETECTIONS not in tables:
         raise _recording_error(
             recording,
@@ -58,7 +58,7 @@ def check_has_detections(recording: Recording) -> None:
         )
     detections = tables[DETECTIONS]
     has_rows = "range" in detections and detections["range"].dims == ("detection",)
-    if not has_rows or _rows_by_frame(detections, recording.n_frames) is None:
+    if not has_rows or _row_indices_by_frame(detections, recording.n_frames) is None:
         raise _recording_error(
             recording,
             value="detections that are not rows of one axis, or not in order of frames",
@@ -69,26 +69,26 @@ def check_has_detections(recording: Recording) -> None:
     describe_recording(recording, None, tables)
 
 
-def all_tables(recording: Recording) -> dict[str, xr.Dataset]:
+def tables_with_detections(recording: Recording) -> dict[str, xr.Dataset]:
     """Return all tables, including detections of the radar itself."""
     points = recording.points
     detections = {} if points is None else {DETECTIONS: points}
     return {**detections, **recording.tables}
 
 
-def iter_messages(recording: Recording, progress: Progress | None = None) -> Iterator[Message]:
+def iter_ros2_messages(recording: Recording, progress: Progress | None = None) -> Iterator[Message]:
     """Yield all messages of a checked recording in order of time."""
-    tables, n_frames = all_tables(recording), recording.n_frames
+    tables, n_frames = tables_with_detections(recording), recording.n_frames
     description, columns = describe_recording(recording, None, tables)
     structures = dict(description.tables)
     clouds: dict[str, list[np.ndarray]] = {}
     arrays: dict[str, np.ndarray] = {}
     for name, table in tables.items():
-        frame_rows = _rows_by_frame(table, n_frames)
-        fields = {} if frame_rows is None else _position_fields(table)
+        frame_rows = _row_indices_by_frame(table, n_frames)
+        fields = {} if frame_rows is None else _xyz_intensity_fields(table)
         for column, values in columns[name].items():
             structures[name]["variables"][column]["dtype"] = values.dtype.str
-            field = None if frame_rows is None else _column_as_field(table, column, values)
+            field = None if frame_rows is None else _column_to_point_field(table, column, values)
             if field is None:
                 arrays[f"{ROOT}/{name}/{column}"] = values
             else:
@@ -96,17 +96,17 @@ def iter_messages(recording: Recording, progress: Progress | None = None) -> Ite
         if frame_rows is not None:
             points = _structured_points(fields, table["range"].shape)
             clouds[f"{ROOT}/{name}"] = [points[rows] for rows in frame_rows]
-    yield text_message(DESCRIPTION, replace(description, tables=structures).text)
+    yield build_text_message(DESCRIPTION, replace(description, tables=structures).json_text)
     for topic, values in arrays.items():
-        yield array_message(topic, values)
+        yield build_array_message(topic, values)
     for frame, time_ns in enumerate(_frame_times_ns(recording, tables[DETECTIONS])):
         for topic, frame_points in clouds.items():
-            yield cloud_message(topic, time_ns, frame_points[frame])
+            yield build_cloud_message(topic, time_ns, frame_points[frame])
         if progress is not None:
             progress(frame + 1, n_frames)
 
 
-def _rows_by_frame(table: xr.Dataset, n_frames: int) -> list[Any] | None:
+def _row_indices_by_frame(table: xr.Dataset, n_frames: int) -> list[Any] | None:
     """Return the index of the rows of each frame; None for a table without ranges in these frames.
 
     A table with one number for each frame has no rows of points and is written as arrays.
@@ -131,7 +131,7 @@ def _rows_by_frame(table: xr.Dataset, n_frames: int) -> list[Any] | None:
     return [slice(*bounds) for bounds in pairwise(ends)]
 
 
-def _column_as_field(table: xr.Dataset, column: str, values: np.ndarray) -> np.ndarray | None:
+def _column_to_point_field(table: xr.Dataset, column: str, values: np.ndarray) -> np.ndarray | None:
     """Convert a column to a type that point fields have; return None if impossible."""
     axes = table["range"].dims
     if table.variables[column].dims != axes or 0 in values.shape[len(axes) :]:
@@ -150,7 +150,7 @@ def _column_as_field(table: xr.Dataset, column: str, values: np.ndarray) -> np.n
     )
 
 
-def _position_fields(table: xr.Dataset) -> dict[str, np.ndarray]:
+def _xyz_intensity_fields(table: xr.Dataset) -> dict[str, np.ndarray]:
     """Return the fields that viewers expect, in the shape of the ranges."""
 
     def column(name: str) -> np.ndarray:

@@ -5,14 +5,18 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, ClassVar
 
-from dechirp.core.atomic_files import atomic_folder, check_replaceable
-from dechirp.core.optional_imports import import_optional
+from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
+from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.core.values import frozen_dataclass
-from dechirp.recordings.messages.ros import CLOUD, Message, message_types
+from dechirp.recordings.messages.ros import CLOUD, Message, ros2_message_types
 from dechirp.recordings.readers.ros2_bag import METADATA
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.base import Progress, Writer
-from dechirp.recordings.writers.point_clouds import SUMMARY, check_has_detections, iter_messages
+from dechirp.recordings.writers.point_clouds import (
+    SUMMARY,
+    check_has_detections,
+    iter_ros2_messages,
+)
 from dechirp.recordings.writers.ros_messages import transient_local_qos
 
 _VERSION = 8  # bag version of ROS 2 Iron and later; 9 writes qualities of service as words
@@ -27,20 +31,20 @@ class Ros2Bag(Writer):
     holds_detections: ClassVar[bool] = True
 
     def check_recording(self, recording: Recording) -> None:
-        message_types()
+        ros2_message_types()
         check_has_detections(recording)
 
     def write(
         self, recording: Recording, out: Path, progress: Progress | None = None
     ) -> tuple[Path, ...]:
         name = f"{out.stem}.db3"
-        check_replaceable(out, marker=METADATA, own_names=(METADATA, name))
+        check_output_folder_replaceable(out, marker_file=METADATA, own_names=(METADATA, name))
         with atomic_folder(out) as temporary:
             inner = (
                 temporary / out.stem
             )  # the library creates the folder and names its file after it
             try:
-                _write_bag(inner, iter_messages(recording, progress))
+                _write_bag(inner, iter_ros2_messages(recording, progress))
             except sqlite3.Error as error:  # such as a full disk
                 raise OSError(str(error)) from None
             for file in (METADATA, name):
@@ -49,15 +53,15 @@ class Ros2Bag(Writer):
         return (out,)
 
 
-def _write_bag(folder: Path, sent: Iterable[Message]) -> None:
+def _write_bag(folder: Path, messages: Iterable[Message]) -> None:
     topics: dict[str, Any] = {}
-    with import_optional("rosbags.rosbag2", setting="recording").Writer(
+    with import_from_io_extra("rosbags.rosbag2", setting="recording").Writer(
         folder, version=_VERSION
     ) as bag:
-        for topic, kind, time_ns, data in sent:
+        for topic, kind, time_ns, data in messages:
             if topic not in topics:
                 quality = [] if kind == CLOUD else [transient_local_qos()]
                 topics[topic] = bag.add_connection(
-                    topic, kind, typestore=message_types(), offered_qos_profiles=quality
+                    topic, kind, typestore=ros2_message_types(), offered_qos_profiles=quality
                 )
             bag.write(topics[topic], time_ns, data)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from dechirp.core.optional_imports import import_optional
+from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.recordings.messages.ros import (
     CLOUD,
     FIELD_TYPES,
@@ -21,12 +21,12 @@ FIELD_CODES = {name: code for code, name in FIELD_TYPES.items()}
 """Codes of the number types in a point cloud, by NumPy type without byte order."""
 
 
-def text_message(topic: str, text: str) -> Message:
+def build_text_message(topic: str, text: str) -> Message:
     """Build a text message at time 0."""
-    return _message(topic, 0, create_message(TEXT, data=text))
+    return _serialise_to_message(topic, 0, create_message(TEXT, data=text))
 
 
-def cloud_message(topic: str, time_ns: int, points: np.ndarray) -> Message:
+def build_cloud_message(topic: str, time_ns: int, points: np.ndarray) -> Message:
     """Build a cloud of points (n,) with named fields.
 
     Points without a position have NaN x, y and z.
@@ -40,7 +40,7 @@ def cloud_message(topic: str, time_ns: int, points: np.ndarray) -> Message:
         fields.append(create_message("sensor_msgs/msg/PointField", **field))
     cloud = create_message(
         CLOUD,
-        header=_header(time_ns),
+        header=_build_message_header(time_ns),
         height=1,
         width=len(points),
         fields=fields,
@@ -50,16 +50,16 @@ def cloud_message(topic: str, time_ns: int, points: np.ndarray) -> Message:
         data=np.frombuffer(points.tobytes(), np.uint8),
         is_dense=bool(np.isfinite(points["x"]).all()),
     )
-    return _message(topic, time_ns, cloud)
+    return _serialise_to_message(topic, time_ns, cloud)
 
 
-def _header(time_ns: int) -> Any:
+def _build_message_header(time_ns: int) -> Any:
     seconds, nanoseconds = divmod(time_ns, NANO)
     stamp = create_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
     return create_message("std_msgs/msg/Header", stamp=stamp, frame_id=FRAME_ID)
 
 
-def array_message(topic: str, values: np.ndarray) -> Message:
+def build_array_message(topic: str, values: np.ndarray) -> Message:
     """Build a message of an array of any shape at time 0.
 
     Complex numbers get a last axis of their two parts; flags become bytes.
@@ -84,16 +84,16 @@ def array_message(topic: str, values: np.ndarray) -> Message:
         layout=create_message("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0),
         data=np.ascontiguousarray(values).reshape(-1),
     )
-    return _message(topic, 0, array)
+    return _serialise_to_message(topic, 0, array)
 
 
-def _message(topic: str, time_ns: int, content: Any) -> Message:
+def _serialise_to_message(topic: str, time_ns: int, content: Any) -> Message:
     return Message(topic, content.__msgtype__, time_ns, encode_message(content))
 
 
 def transient_local_qos() -> Any:
     """Return the quality of service that delivers a message to late subscribers, too."""
-    interfaces = import_optional("rosbags.interfaces", setting="recording")
+    interfaces = import_from_io_extra("rosbags.interfaces", setting="recording")
     no_limit = interfaces.QosTime(0, 0)
     return interfaces.Qos(
         interfaces.QosHistory.KEEP_LAST,

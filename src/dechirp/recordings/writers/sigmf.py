@@ -17,14 +17,14 @@ from dechirp.core.atomic_files import atomic_files
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
-from dechirp.recordings.arrays.json_columns import TYPES, to_json_column
+from dechirp.recordings.arrays.json_columns import TYPES, column_to_json
 from dechirp.recordings.arrays.sigmf_meta import (
     DATA,
     EXTENSION,
     MAX_BYTES,
     META,
     VERSION,
-    file_pair,
+    meta_and_data_paths,
 )
 from dechirp.recordings.recording import Recording
 from dechirp.recordings.writers.adc_samples import iter_frame_arrays, write_codes_or_floats
@@ -54,16 +54,16 @@ class Sigmf(Writer):
             )
 
     def output_files(self, recording: Recording, out: Path) -> tuple[Path, ...]:
-        return file_pair(out)
+        return meta_and_data_paths(out)
 
     def write(
         self, recording: Recording, out: Path, progress: Progress | None = None
     ) -> tuple[Path, ...]:
-        meta, data = file_pair(out)
+        meta, data = meta_and_data_paths(out)
 
         def write_with(scale: float | None) -> None:
             with atomic_files(meta, data) as (temporary_meta, temporary_data):
-                sha512 = _write_data(temporary_data, recording, scale, progress)
+                sha512 = _write_samples_and_hash(temporary_data, recording, scale, progress)
                 temporary_meta.write_text(
                     _metadata_json(recording, scale, sha512), encoding="utf-8"
                 )
@@ -72,7 +72,7 @@ class Sigmf(Writer):
         return meta, data
 
 
-def _write_data(
+def _write_samples_and_hash(
     data: Path, recording: Recording, scale: float | None, progress: Progress | None
 ) -> str:
     """Write the samples and return the checksum of their bytes."""
@@ -93,7 +93,7 @@ def _metadata_json(recording: Recording, scale: float | None, sha512: str) -> st
     """Return the metadata as JSON."""
     radar, contents = recording.radar, recording.contents
     frame, chirp = radar.frame, radar.frame.chirp
-    description = json.loads(describe_recording(recording, scale)[0].text)
+    description = json.loads(describe_recording(recording, scale)[0].json_text)
     datatype = ("c" if chirp.sampling == "complex" else "r") + (
         "f32_le" if scale is None else "i16_le"
     )
@@ -117,7 +117,7 @@ def _metadata_json(recording: Recording, scale: float | None, sha512: str) -> st
         f"{EXTENSION}:n_chirps": frame.n_chirps_total,
         f"{EXTENSION}:n_samples": chirp.n_samples,
         f"{EXTENSION}:tables": {
-            name: _table_json(table, description["tables"][name])
+            name: _table_to_json(table, description["tables"][name])
             for name, table in recording.tables.items()
         },
     }
@@ -127,7 +127,7 @@ def _metadata_json(recording: Recording, scale: float | None, sha512: str) -> st
     metadata = {
         "global": global_fields,
         "captures": captures,
-        "annotations": _lost_annotations(contents.gaps, chirp.n_samples),
+        "annotations": _lost_chirp_annotations(contents.gaps, chirp.n_samples),
     }
     try:
         return json.dumps(metadata, allow_nan=False)
@@ -137,34 +137,34 @@ def _metadata_json(recording: Recording, scale: float | None, sha512: str) -> st
         ) from None
 
 
-def _capture_segment(radar: Radar, number: int) -> dict[str, Any]:
+def _capture_segment(radar: Radar, frame_number: int) -> dict[str, Any]:
     """Return the capture segment of a frame: first sample, start, and chirp times if they vary."""
     frame, chirp = radar.frame, radar.frame.chirp
     segment = {
-        "core:sample_start": number * frame.n_chirps_total * chirp.n_samples,
+        "core:sample_start": frame_number * frame.n_chirps_total * chirp.n_samples,
         "core:frequency": chirp.mid_window_frequency_hz,
-        f"{EXTENSION}:start": frame.frame_start_s(number),
+        f"{EXTENSION}:start": frame.frame_start_s(frame_number),
     }
     if frame.n_intervals > 1:
-        segment[f"{EXTENSION}:chirp_starts"] = frame.for_frame(number).chirp_starts_s.tolist()
+        segment[f"{EXTENSION}:chirp_starts"] = frame.for_frame(frame_number).chirp_starts_s.tolist()
     return segment
 
 
-def _table_json(table: Any, structure: dict[str, Any]) -> dict[str, Any]:
+def _table_to_json(table: Any, structure: dict[str, Any]) -> dict[str, Any]:
     """Return a table with its columns."""
     variables = {
         name: {
             "dims": column["dims"],
             "attrs": column["attrs"],
             "is_coordinate": column["is_coordinate"],
-            **to_json_column(np.asarray(table.variables[name].values)),
+            **column_to_json(np.asarray(table.variables[name].values)),
         }
         for name, column in structure["variables"].items()
     }
     return {"attrs": structure["attrs"], "variables": variables}
 
 
-def _lost_annotations(gaps: np.ndarray | None, n_samples: int) -> list[dict[str, Any]]:
+def _lost_chirp_annotations(gaps: np.ndarray | None, n_samples: int) -> list[dict[str, Any]]:
     """Return an annotation for each run of lost chirps."""
     if gaps is None:
         return []

@@ -6,13 +6,16 @@ from typing import ClassVar
 
 import xarray as xr
 
-from dechirp.core.atomic_files import atomic_folder, check_replaceable
+from dechirp.core.atomic_files import atomic_folder, check_output_folder_replaceable
 from dechirp.core.errors import DechirpError, Mistake
 from dechirp.core.values import frozen_dataclass
 from dechirp.recordings.arrays.json_columns import TYPES
-from dechirp.recordings.cube_store import NON_AXIS_COORDINATES, write_cube
+from dechirp.recordings.cube_store import NON_AXIS_COORDINATES, write_cube_store
 from dechirp.recordings.recording import Recording
-from dechirp.recordings.writers.adc_samples import iter_frames, write_codes_or_floats
+from dechirp.recordings.writers.adc_samples import (
+    iter_frames_as_codes_or_floats,
+    write_codes_or_floats,
+)
 from dechirp.recordings.writers.base import Progress, Writer
 from dechirp.recordings.writers.description_text import check_column_types, describe_recording
 
@@ -37,7 +40,7 @@ class Zarr(Writer):
             if name in _RESERVED_NAMES or any(
                 map(_is_invalid_folder_name, (name, *map(str, table.variables)))
             ):
-                raise _tables_error(
+                raise _unwritable_table_error(
                     f"a table {name!r} with an unsupported name, or an unsupported column name",
                     "valid folder names, and tables other than"
                     f" {', '.join(sorted(_RESERVED_NAMES))}",
@@ -45,7 +48,7 @@ class Zarr(Writer):
                 )
             for column, variable in table.variables.items():
                 if _XARRAY_ATTRIBUTES & set(variable.attrs):
-                    raise _tables_error(
+                    raise _unwritable_table_error(
                         f"a column {name}.{column} with attributes"
                         f" {', '.join(map(str, variable.attrs))}",
                         "no attributes that xarray reserves"
@@ -57,13 +60,17 @@ class Zarr(Writer):
         self, recording: Recording, out: Path, progress: Progress | None = None
     ) -> tuple[Path, ...]:
         native_names = {mark.parent.name for mark in out.glob(f"*/{_MARK}")}
-        check_replaceable(out, marker=_MARK, own_names={_MARK, *native_names})
+        check_output_folder_replaceable(out, marker_file=_MARK, own_names={_MARK, *native_names})
 
         def write_with(scale: float | None) -> None:
             with atomic_folder(out) as temporary:
-                write_cube(
+                write_cube_store(
                     temporary,
-                    _report_progress(iter_frames(recording, scale), recording.n_frames, progress),
+                    _iter_with_progress(
+                        iter_frames_as_codes_or_floats(recording, scale),
+                        recording.n_frames,
+                        progress,
+                    ),
                     n_frames=recording.n_frames,
                     radar=recording.radar,
                     groups=recording.tables,
@@ -75,7 +82,7 @@ class Zarr(Writer):
         return (out,)
 
 
-def _report_progress(
+def _iter_with_progress(
     cubes: Iterator[xr.DataArray], n_frames: int, progress: Progress | None
 ) -> Iterator[xr.DataArray]:
     """Yield the same cubes and report progress after each."""
@@ -89,5 +96,5 @@ def _is_invalid_folder_name(name: str) -> bool:
     return not name or "/" in name or name.startswith((".", "__"))
 
 
-def _tables_error(value: str, expected: str, fix: str) -> DechirpError:
+def _unwritable_table_error(value: str, expected: str, fix: str) -> DechirpError:
     return DechirpError(Mistake(setting="tables", value=value, expected=expected, fix=fix))

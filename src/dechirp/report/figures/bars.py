@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
-from dechirp.core.text import format_fixed, format_si
+from dechirp.core.text import format_fixed, format_with_si_prefix
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.budget import BudgetLine
 
@@ -54,7 +54,7 @@ def timing_bars(timing_s: Mapping[str, float]) -> Bars:
     rows = tuple(
         Bar(
             name=name,
-            text=format_si(seconds, "s", 3),
+            text=format_with_si_prefix(seconds, "s", 3),
             left=0,
             width=100 * seconds / longest,
             kind="time",

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
 from dechirp.core.display import pluralise
-from dechirp.core.text import format_power_of_ten, power_db, power_unit
+from dechirp.core.text import format_power_of_ten, power_level_unit, power_to_dbm_or_dbfs
 from dechirp.processing.chain import Chain
 from dechirp.processing.spectrum import range_profiles
 from dechirp.radar.chirp import Chirp
@@ -137,7 +137,10 @@ def draw_spectrum(
     profiles = range_profiles(chirps, chirp, transform).transpose("chirp", "range")
     power, range_m = abs(profiles.values) ** 2, profiles.range.values
     units = cube.attrs.get("units", "")
-    first, mean = power_db(power[0], units), power_db(power.mean(axis=0), units)
+    first, mean = (
+        power_to_dbm_or_dbfs(power[0], units),
+        power_to_dbm_or_dbfs(power.mean(axis=0), units),
+    )
     # Single noise cells can be arbitrarily low; the axis ends 12 dB below their median.
     lowest, highest = float(np.median(first)) - 12, float(max(first.max(), mean.max()))
     axes.plot(
@@ -164,7 +167,7 @@ def draw_spectrum(
         )
     axes.set(xlim=(0, range_m[-1]), ylim=(lowest, highest + 0.05 * (highest - lowest) + 1))
     axes.set_xlabel(AXIS_LABELS["range"])
-    axes.set_ylabel(f"Power ({power_unit(units)})")
+    axes.set_ylabel(f"Power ({power_level_unit(units)})")
     add_legend(axes)
     axes.set_label("Spectrum of the beat signal over range")
     return axes

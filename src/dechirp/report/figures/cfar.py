@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from dechirp.core.text import power_db, power_unit
+from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.processing.cfar.base import Cfar
 from dechirp.report.figures.common import (
     AXIS_LABELS,
@@ -58,7 +58,7 @@ def draw_cut(
     training, guard = training_and_guard_cells(centre, bins.size, cfar, along=along)
     n_shown = max(3 * _half_window(cfar, along), _FEWEST_CELLS)
     shown_cells = slice(max(centre - n_shown, 0), centre + n_shown + 1)
-    power_level_db = power_db(power_w, units)
+    power_level_db = power_to_dbm_or_dbfs(power_w, units)
     lowest = float(np.median(power_level_db)) - 15
     highest = float(
         max(power_level_db[shown_cells].max(), np.nanmax(threshold_db, initial=-np.inf))
@@ -94,16 +94,18 @@ def draw_cut(
         ylim=(lowest, highest + 0.06 * (highest - lowest) + 1),
     )
     axes.set_xlabel(AXIS_LABELS[along])
-    axes.set_ylabel(f"Power ({power_unit(units)})")
+    axes.set_ylabel(f"Power ({power_level_unit(units)})")
     add_legend(axes)
     axes.set_label(f"Power and threshold along {along}")
     return axes
 
 
 def threshold_level_db(threshold: np.ndarray, units: str) -> np.ndarray:
-    """Convert thresholds to dB as `power_db`; NaN for cells that are not tested."""
+    """Convert thresholds to dB as `power_to_dbm_or_dbfs`; NaN for cells that are not tested."""
     is_searched = np.isfinite(threshold)
-    return np.where(is_searched, power_db(np.where(is_searched, threshold, 1.0), units), np.nan)
+    return np.where(
+        is_searched, power_to_dbm_or_dbfs(np.where(is_searched, threshold, 1.0), units), np.nan
+    )
 
 
 def training_and_guard_cells(

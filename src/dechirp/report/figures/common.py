@@ -167,6 +167,6 @@ def choose_body_scatterers(
     `is_eligible` (n_scatterers,) restricts the choice.
     """
     has_body = np.array([target.body is not None for target in scene.targets], dtype=bool)
-    is_candidate = has_body[scene.owners]
+    is_candidate = has_body[scene.target_of_scatterer]
     indices = np.flatnonzero(is_candidate if is_eligible is None else is_candidate & is_eligible)
     return indices[:: -(-len(indices) // max_count) or 1]

@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
-from dechirp.core.text import format_fixed, power_db, power_unit
+from dechirp.core.text import format_fixed, power_level_unit, power_to_dbm_or_dbfs
 from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.report.figures.common import (
@@ -67,7 +67,7 @@ def draw_range_azimuth(axes: Axes, marked: RangeAzimuthMap) -> Axes:
         The given axes.
     """
     power = marked.power.transpose("range", "azimuth")
-    level_db = power_db(block_maxima(power.values, _MOST_PIXELS), marked.units)
+    level_db = power_to_dbm_or_dbfs(block_maxima(power.values, _MOST_PIXELS), marked.units)
     highest = float(level_db.max())
     lowest = max(float(np.median(level_db)) - _BELOW_NOISE_DB, highest - _LARGEST_SPAN_DB)
     sines, range_m = np.sin(power.azimuth.values), power.range.values
@@ -90,7 +90,7 @@ def draw_range_azimuth(axes: Axes, marked: RangeAzimuthMap) -> Axes:
         aspect="auto",
         interpolation="bilinear",
     )
-    add_colour_bar(axes, image, f"Power ({power_unit(marked.units)})")
+    add_colour_bar(axes, image, f"Power ({power_level_unit(marked.units)})")
     _set_sine_axis(axes.xaxis, sines)
     axes.grid(False)
     axes.set(xlim=(max_sine, min_sine), ylim=(0, max_shown_m), autoscale_on=False)

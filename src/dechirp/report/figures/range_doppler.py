@@ -5,7 +5,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from dechirp.core.text import power_db, power_unit
+from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.core.values import frozen_dataclass
 from dechirp.report.figures.common import (
     AXIS_LABELS,
@@ -145,18 +145,18 @@ def block_maxima(power: np.ndarray, max_shape: tuple[int, int] = _MAX_PIXELS) ->
 
 
 def _noise_db(marked: MarkedMap) -> float:
-    return float(power_db(np.asarray(noise_power(marked.power.values)), marked.units))
+    return float(power_to_dbm_or_dbfs(np.asarray(noise_power(marked.power.values)), marked.units))
 
 
 def _absolute_scale(marked: MarkedMap) -> _ColourScale:
     """Return the colour scale from 6 dB below the noise to the peak, spanning 20 to 80 dB."""
-    highest = float(power_db(marked.power.values.max(), marked.units))
+    highest = float(power_to_dbm_or_dbfs(marked.power.values.max(), marked.units))
     lowest = max(_noise_db(marked) - 6, highest - _LARGEST_SPAN_DB)
     return _ColourScale(
         lowest_db=lowest,
         highest_db=max(highest, lowest + 20),
         zero_db=0.0,
-        label=f"Power ({power_unit(marked.units)})",
+        label=f"Power ({power_level_unit(marked.units)})",
     )
 
 
@@ -179,7 +179,7 @@ def _draw_marked_map(
     bottom, top = axis_edges(part.velocity.values)
     axes.grid(False)
     image = axes.imshow(
-        power_db(block_maxima(part.values), marked.units) - scale.zero_db,
+        power_to_dbm_or_dbfs(block_maxima(part.values), marked.units) - scale.zero_db,
         cmap=COLORS,
         vmin=scale.lowest_db,
         vmax=scale.highest_db,

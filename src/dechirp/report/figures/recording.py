@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from dechirp.core.text import power_db, power_unit
+from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.report.figures import top_view
 from dechirp.report.figures.common import AXIS_LABELS, add_legend
 from dechirp.report.figures.range_doppler import MarkedMap, draw_map, noise_power
@@ -31,11 +31,11 @@ def draw_first_map(axes: Axes, power: xr.DataArray, *, units: str) -> Axes:
     if power.sizes["velocity"] > 1:
         return draw_map(axes, MarkedMap(power=power, units=units))
     profile = power.isel(velocity=0)
-    level_db = power_db(profile.values, units)
-    lowest_db = float(power_db(np.asarray(noise_power(profile.values)), units)) - 12
+    level_db = power_to_dbm_or_dbfs(profile.values, units)
+    lowest_db = float(power_to_dbm_or_dbfs(np.asarray(noise_power(profile.values)), units)) - 12
     axes.plot(*thin_line(profile.range.values, level_db), color=BLUE, linewidth=1.0)
     axes.set_xlabel(AXIS_LABELS["range"])
-    axes.set_ylabel(f"Power ({power_unit(units)})")
+    axes.set_ylabel(f"Power ({power_level_unit(units)})")
     axes.set_ylim(bottom=max(lowest_db, float(level_db.max()) - 100))
     axes.set_xlim(float(profile.range[0]), float(profile.range[-1]))
     axes.set_label("Power over range of one chirp")

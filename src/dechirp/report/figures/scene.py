@@ -148,7 +148,9 @@ def _scene_geometry(scene: Scene, time_s: float, arrow_s: float) -> _SceneGeomet
     times_s = time_s + np.linspace(0, arrow_s, 50)
     return _SceneGeometry(
         target_positions_m=scene.target_positions_m(at_s)[0, :, :2],
-        scatterers_m=scene.positions_m(at_s)[0, choose_body_scatterers(scene, _MAX_POINTS), :2],
+        scatterers_m=scene.scatterer_positions_m(at_s)[
+            0, choose_body_scatterers(scene, _MAX_POINTS), :2
+        ],
         arrows_m=arrows_m,
         headings=to_local_axes(axes, facing_to[None])[0, :, :2],
         waypoint_paths_m=courses_m,
@@ -218,5 +220,5 @@ def _arrow_duration_s(scene: Scene, time_s: float) -> float:
         scene.target_velocities_m_per_s(at_s)[0] + to_local_axes(scene.ego.axes(at_s), ego[None])[0]
     )
     fastest = float(np.linalg.norm(np.vstack([on_ground, ego])[:, :2], axis=1).max())
-    reach_m = np.linalg.norm(scene.positions_m(at_s)[0, :, :2], axis=1).max(initial=1.0)
+    reach_m = np.linalg.norm(scene.scatterer_positions_m(at_s)[0, :, :2], axis=1).max(initial=1.0)
     return top_view.round_down_to_1_2_5(0.3 * reach_m / fastest) if fastest > 0 else 0.0

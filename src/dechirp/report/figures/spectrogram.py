@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from dechirp.core.text import power_db, power_unit
+from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.report.figures.common import AXIS_LABELS, add_colour_bar, axis_edges
 from dechirp.report.figures.range_doppler import block_maxima, noise_power
 from dechirp.report.figures.style import COLORS
@@ -39,8 +39,8 @@ def draw_spectrogram(
     if fastest_m_per_s is not None:
         power = power.isel(velocity=abs(power.velocity.values) <= fastest_m_per_s)
     units = "sqrt(W)" if power.attrs.get("units") == "W" else "full scale"
-    highest_db = float(power_db(power.values.max(), units))
-    noise_db = float(power_db(np.asarray(noise_power(power.values)), units))
+    highest_db = float(power_to_dbm_or_dbfs(power.values.max(), units))
+    noise_db = float(power_to_dbm_or_dbfs(np.asarray(noise_power(power.values)), units))
     lowest_db = max(noise_db - 6, highest_db - _LARGEST_SPAN_DB)
     time_s = power.time.values
     step_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else 1.0
@@ -51,7 +51,7 @@ def draw_spectrogram(
         max_shape = (_MAX_PIXELS[0], max(_MAX_PIXELS[1] * columns.size // time_s.size, 1))
         start_s, end_s = time_s[columns[0]] - step_s / 2, time_s[columns[-1]] + step_s / 2
         image = axes.imshow(
-            power_db(block_maxima(power.values[:, columns], max_shape), units),
+            power_to_dbm_or_dbfs(block_maxima(power.values[:, columns], max_shape), units),
             cmap=COLORS,
             vmin=lowest_db,
             vmax=max(highest_db, lowest_db + 20),
@@ -61,7 +61,7 @@ def draw_spectrogram(
             interpolation="none",
         )
     axes.set(xlim=(time_s[0] - step_s / 2, time_s[-1] + step_s / 2), ylim=(bottom, top))
-    add_colour_bar(axes, image, f"Power ({power_unit(units)})")
+    add_colour_bar(axes, image, f"Power ({power_level_unit(units)})")
     axes.set_xlabel("Time (s)")
     axes.set_ylabel(AXIS_LABELS["velocity"])
     axes.set_label("Spectrogram: power over velocity and time")

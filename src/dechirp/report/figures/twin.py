@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from dechirp.core.text import power_db, power_unit
+from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.report.figures.common import AXIS_LABELS, MapAxis, add_legend, line_through_cell
 from dechirp.report.figures.style import BLUE, MUTED, ORANGE, thin_line
 
@@ -41,15 +41,17 @@ def draw_cut(
         ("recording", line_through_cell(recorded, cell, along=along), BLUE, 1.5),
         ("twin", line_through_cell(twin, cell, along=along), ORANGE, 1.0),
     ]
-    highest = max(float(power_db(line.values.max(), units)) for _, line, _, _ in lines)
-    lowest = min(float(power_db(np.median(line.values), units)) for _, line, _, _ in lines)
+    highest = max(float(power_to_dbm_or_dbfs(line.values.max(), units)) for _, line, _, _ in lines)
+    lowest = min(
+        float(power_to_dbm_or_dbfs(np.median(line.values), units)) for _, line, _, _ in lines
+    )
     for name, line, color, width in lines:
-        thinned = thin_line(line[along].values, power_db(line.values, units))
+        thinned = thin_line(line[along].values, power_to_dbm_or_dbfs(line.values, units))
         axes.plot(*thinned, color=color, linewidth=width, label=name)
     axes.set_ylim(lowest - 20, highest + 4)
     axes.margins(x=0)
     axes.set_xlabel(AXIS_LABELS[along])
-    axes.set_ylabel(f"Power ({power_unit(units)})")
+    axes.set_ylabel(f"Power ({power_level_unit(units)})")
     add_legend(axes)
     axes.set_label(f"Recording and twin along {along}")
     return axes

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from dechirp.core.text import format_si
+from dechirp.core.text import format_with_si_prefix
 from dechirp.core.units import to_decibels
 from dechirp.report.figures.common import add_colour_bar, axis_edges, create_panels
 from dechirp.report.figures.style import BLUE, COLORS, INK, MUTED, ORANGE
@@ -82,14 +82,14 @@ def draw_frequencies(
     close.text(
         at_us - 0.1 * delay_us,
         top + 0.1 * slope * delay_us,
-        format_si(beat_frequency_hz, "Hz"),
+        format_with_si_prefix(beat_frequency_hz, "Hz"),
         ha="right",
         va="bottom",
     )
     low = frequency_ghz[0] - 0.05 * slope * reach_us
     _draw_dimension_arrow(close, (0.0, low), (delay_us, low))
     close.plot([delay_us] * 2, [low, frequency_ghz[0]], color=MUTED, linewidth=0.6)
-    close.text(1.1 * delay_us, low, format_si(delay_s, "s"), ha="left", va="center")
+    close.text(1.1 * delay_us, low, format_with_si_prefix(delay_s, "s"), ha="left", va="center")
     figure.legend(
         *few.get_legend_handles_labels(), loc="outside upper center", ncols=2, handlelength=1.4
     )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dechirp.core.findings import Finding
-from dechirp.core.text import format_number, format_si
+from dechirp.core.text import format_number, format_with_si_prefix
 from dechirp.core.values import frozen_dataclass
 from dechirp.experiments.study.requirements import Verdict
 from dechirp.experiments.study.results import StudyResult
@@ -179,13 +179,14 @@ def _build_cards(result: StudyResult, origin: StudyOrigin) -> Sequence[Mapping[s
         },
     ]
     if np.isfinite(origin.seconds) and n_trials:
-        amount, _, unit = format_si(origin.seconds / n_trials, "s", 3).partition(" ")
+        amount, _, unit = format_with_si_prefix(origin.seconds / n_trials, "s", 3).partition(" ")
         cards.append(
             {
                 "name": "time per trial",
                 "number": amount,
                 "unit": unit,
-                "small_print": f"{format_si(origin.seconds, 's', 3)} in total, summed over workers"
+                "small_print": f"{format_with_si_prefix(origin.seconds, 's', 3)} in total, summed"
+                " over workers"
                 if origin.seconds < 1000
                 else f"{format_number(origin.seconds / 3600, 3)} h in total, summed over workers",
             }

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from dechirp.core.checks import check_number, check_positive
+from dechirp.core.checks import check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 
@@ -67,11 +67,11 @@ class CanFd:
     """
 
     def __post_init__(self) -> None:
-        check_positive(self, "arbitration_bit_rate_hz", at_most=1e6)
-        check_positive(self, "data_bit_rate_hz", at_most=20e6)
+        check_positive_fields(self, "arbitration_bit_rate_hz", at_most=1e6)
+        check_positive_fields(self, "data_bit_rate_hz", at_most=20e6)
         check_number("CanFd.largest_load", self.largest_load, above=0.0, at_most=1.0)
         if self.cycle_s is not None:
-            check_positive(self, "cycle_s", at_most=1e6)
+            check_positive_fields(self, "cycle_s", at_most=1e6)
         if self.data_bit_rate_hz < self.arbitration_bit_rate_hz:
             raise InvalidSetting(
                 "CanFd.data_bit_rate_hz",

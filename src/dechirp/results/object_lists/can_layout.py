@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dechirp.core.errors import InvalidSetting
-from dechirp.core.optional_imports import import_optional
+from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.results.object_lists.can_bus import FRAME_LENGTHS
 
 HEADER, PART = "ObjectListHeader", "ObjectListPart"
@@ -186,7 +186,7 @@ def read_layout(dbc: str | Path | None = None) -> DbcLayout:
 
 
 def _load_messages(path: Path) -> list[Any]:
-    cantools = import_optional("cantools")
+    cantools = import_from_io_extra("cantools")
     try:
         database = cantools.database.load_file(str(path), database_format="dbc", strict=True)
     except OSError as error:

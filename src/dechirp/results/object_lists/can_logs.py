@@ -7,10 +7,10 @@ from typing import IO, Any
 
 import xarray as xr
 
-from dechirp.core.atomic_files import atomic_output_file, check_file_name
+from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
 from dechirp.core.checks import check_integer, check_number
 from dechirp.core.errors import InvalidSetting, RecordingError
-from dechirp.core.optional_imports import import_optional
+from dechirp.core.optional_imports import import_from_io_extra
 from dechirp.results.object_lists.can_bus import CanFd
 from dechirp.results.object_lists.can_frames import CanFrame, encode_frames
 from dechirp.results.object_lists.can_layout import DbcLayout, read_layout
@@ -52,7 +52,7 @@ def write_can_log(
     PhysicsWarning
         As `encode_frames`: for omitted objects and clipped values.
     """
-    path = check_file_name(path, SUFFIXES)
+    path = check_file_suffix(path, SUFFIXES)
     sent = encode_frames(objects, read_layout(dbc), bus or CanFd())
     writer = _log_class(path, "Writer")
     with atomic_output_file(path) as made, writer(str(made)) as log:
@@ -75,7 +75,7 @@ def read_can_log(path: str | Path, *, dbc: str | Path | None = None) -> xr.Datas
     PhysicsWarning
         If lists are missing, incomplete or damaged; they are omitted.
     """
-    path, dbc_layout = check_file_name(path, SUFFIXES), read_layout(dbc)
+    path, dbc_layout = check_file_suffix(path, SUFFIXES), read_layout(dbc)
     reader = _log_class(path, "Reader")
     try:
         # Readers that fail on their first bytes do not close files that they opened themselves.
@@ -152,7 +152,7 @@ def send_can(
     try:
         for frame in sent:
             bus.send(_to_can_message(frame))
-    except import_optional("can").CanError as error:
+    except import_from_io_extra("can").CanError as error:
         raise _bus_error(f"a bus that fails with: {error}") from None
     return (first + objects.sizes.get("cycle", 0)) % dbc_layout.counter_period
 
@@ -205,12 +205,12 @@ def _iter_bus_frames(bus: Any, idle_s: float, at_most_s: float) -> Iterator[CanF
     try:
         while time.monotonic() < end_s and (message := bus.recv(idle_s)) is not None:
             yield _from_can_message(message)
-    except import_optional("can").CanError as error:
+    except import_from_io_extra("can").CanError as error:
         raise _bus_error(f"a bus that fails with: {error}") from None
 
 
 def _check_bus(bus: object) -> None:
-    if not isinstance(bus, import_optional("can").BusABC):
+    if not isinstance(bus, import_from_io_extra("can").BusABC):
         raise _bus_error(repr(bus))
 
 
@@ -227,11 +227,11 @@ def _open_log(path: Path) -> IO[Any]:
 
 def _log_class(path: Path, kind: str) -> Callable[[object], Any]:
     module, name = _MODULES[path.suffix.lower()].split(".")
-    return getattr(import_optional(f"can.io.{module}"), f"{name}{kind}")
+    return getattr(import_from_io_extra(f"can.io.{module}"), f"{name}{kind}")
 
 
 def _to_can_message(frame: CanFrame) -> Any:
-    return import_optional("can").Message(
+    return import_from_io_extra("can").Message(
         timestamp=frame.time_s,
         arbitration_id=frame.identifier,
         is_extended_id=frame.extended,

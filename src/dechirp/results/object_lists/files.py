@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 import xarray as xr
 
-from dechirp.core.atomic_files import check_file_name, check_output_writable
+from dechirp.core.atomic_files import check_file_suffix, check_output_writable
 from dechirp.results.object_lists import can_logs, osi, point_cloud_files, tables
 from dechirp.results.object_lists.can_logs import read_can_log, write_can_log
 from dechirp.results.object_lists.list_columns import COLUMNS, build_object_list
@@ -53,7 +53,7 @@ def write_objects(objects: xr.Dataset, path: str | Path) -> None:
     PhysicsWarning
         If objects are left out, or values exceed the range of the format.
     """
-    output_path = check_file_name(path, _WRITERS)
+    output_path = check_file_suffix(path, _WRITERS)
     _WRITERS[output_path.suffix.lower()](objects, output_path)
 
 
@@ -67,7 +67,7 @@ def read_objects(path: str | Path) -> xr.Dataset:
     RecordingError
         If the file cannot be read, or does not have the format of its suffix.
     """
-    input_path = check_file_name(path, _READERS)
+    input_path = check_file_suffix(path, _READERS)
     return _READERS[input_path.suffix.lower()](input_path)
 
 
@@ -77,7 +77,7 @@ def check_output_path(path: str | Path) -> None:
     An empty list is written to a temporary folder, to check that the required libraries are
     installed.
     """
-    output_path = check_file_name(path, _WRITERS)
+    output_path = check_file_suffix(path, _WRITERS)
     check_output_writable(output_path)
     with TemporaryDirectory() as folder:
         empty = build_object_list(dict.fromkeys(COLUMNS, ()), (), ())

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_array
+from dechirp.core.checks import check_finite_array
 from dechirp.core.detection_columns import TABLE
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
@@ -93,11 +93,11 @@ def check_object_list(objects: object) -> xr.Dataset:
     }
     columns["frame"] = check_counts("objects.frame", objects["frame"].values)
     columns["number"] = check_counts("objects.number", objects["number"].values)
-    columns["time"] = check_array("objects.time", objects["time"].values)
+    columns["time"] = check_finite_array("objects.time", objects["time"].values)
     columns["status"] = _check_statuses(objects["status"].values)
     if "cycle_frame" in objects.variables and "cycle_time" in objects.variables:
         frame = check_counts("objects.cycle_frame", objects["cycle_frame"].values)
-        time_s = check_array("objects.cycle_time", objects["cycle_time"].values)
+        time_s = check_finite_array("objects.cycle_time", objects["cycle_time"].values)
     else:
         frame, time_s = unique_cycles(columns["frame"], columns["time"])
     _check_ascending(frame, time_s)
@@ -160,8 +160,8 @@ def check_measured(setting: str, values: np.ndarray) -> np.ndarray:
     """Return numbers, which may be NaN, as floats, or raise `InvalidSetting` for `setting`."""
     column = np.asarray(values)
     if column.dtype.kind not in "iuf":
-        column = check_array(setting, column)
-    check_array(setting, column[~np.isnan(column)])
+        column = check_finite_array(setting, column)
+    check_finite_array(setting, column[~np.isnan(column)])
     return column.astype(float)
 
 
@@ -178,7 +178,7 @@ def _check_not_negative(name: str, column: np.ndarray) -> np.ndarray:
 
 def check_counts(setting: str, values: np.ndarray) -> np.ndarray:
     """Return non-negative integers, or raise `InvalidSetting` for `setting`."""
-    column = np.atleast_1d(check_array(setting, values))
+    column = np.atleast_1d(check_finite_array(setting, values))
     invalid = column[(column < 0) | (column != np.round(column)) | (column > 2**53)]
     if invalid.size:
         raise InvalidSetting(

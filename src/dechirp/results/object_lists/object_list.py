@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from dechirp.core.checks import check_array, check_integer
+from dechirp.core.checks import check_finite_array, check_integer
 from dechirp.core.detection_columns import TABLE
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
@@ -82,7 +82,7 @@ def object_list(
         if times_s is None:
             frame, time_s = unique_cycles(columns["frame"], columns["time"])
         else:
-            time_s = np.ravel(check_array("times_s", times_s))
+            time_s = np.ravel(check_finite_array("times_s", times_s))
             frame = first + np.arange(len(time_s))
     else:
         raise _dataset_error(f"a dataset over {', '.join(map(str, dataset.dims)) or 'no axis'}")
@@ -95,7 +95,7 @@ def _track_columns(tracks: xr.Dataset) -> tuple[dict[str, np.ndarray], np.ndarra
     frame, number = _axis_numbers(tracks, "frame"), _axis_numbers(tracks, "track")
     status = tracks["status"].transpose("frame", "track").values
     at_frame, of_track = np.nonzero((status == "tentative") | (status == "confirmed"))
-    time_s = check_array("tracks.time", tracks["time"].values)
+    time_s = check_finite_array("tracks.time", tracks["time"].values)
 
     def column(name: str) -> np.ndarray:
         if name not in tracks.variables:

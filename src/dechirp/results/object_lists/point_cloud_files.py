@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import xarray as xr
 
-from dechirp.core.atomic_files import atomic_output_file, check_file_name
+from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
 from dechirp.core.errors import InvalidSetting, RecordingError
 from dechirp.results.object_lists.list_columns import (
     MEASURED,
@@ -62,7 +62,7 @@ def write_points(objects: xr.Dataset, path: str | Path, *, encoding: Encoding = 
         raise InvalidSetting(
             "encoding", value=encoding, expected=expected, fix="choose one of them"
         )
-    path = check_file_name(path, SUFFIXES)
+    path = check_file_suffix(path, SUFFIXES)
     points = _points_from_objects(check_object_list(objects))
     header, _ = _HEADERS[path.suffix.lower()]
     with atomic_output_file(path) as temporary:
@@ -81,7 +81,7 @@ def read_points(path: str | Path) -> xr.Dataset:
     InvalidSetting
         If its values are not an object list.
     """
-    path = check_file_name(path, SUFFIXES)
+    path = check_file_suffix(path, SUFFIXES)
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -9,9 +9,14 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from dechirp.core.atomic_files import atomic_output_file, check_file_name
+from dechirp.core.atomic_files import atomic_output_file, check_file_suffix
 from dechirp.core.detection_columns import TABLE
-from dechirp.core.duckdb_memory import connect_in_memory, escape_glob, quote_sql, utf8_path
+from dechirp.core.duckdb_memory import (
+    connect_duckdb_in_memory,
+    escape_glob_wildcards,
+    quote_sql_string,
+    utf8_path_alias,
+)
 from dechirp.core.errors import RecordingError
 from dechirp.results.object_lists.list_columns import (
     COLUMNS,
@@ -23,7 +28,7 @@ from dechirp.results.object_lists.list_columns import (
 _SUFFIX = {"m": "_m", "m/s": "_m_per_s", "s": "_s", "1": ""}
 _DETECTED = {column.name: column for column in TABLE if column.in_object_lists}
 _NAMES = {
-    name: _DETECTED[name].file_name if name in _DETECTED else f"{name}{_SUFFIX[units]}"
+    name: _DETECTED[name].name_with_unit if name in _DETECTED else f"{name}{_SUFFIX[units]}"
     for name, units in COLUMNS.items()
 }
 """Column of the table for each of the list."""
@@ -49,7 +54,7 @@ def write_table(objects: xr.Dataset, path: str | Path) -> None:
     """
     import duckdb
 
-    path = check_file_name(path, SUFFIXES)
+    path = check_file_suffix(path, SUFFIXES)
     objects = check_object_list(objects)
     options, _ = _DUCKDB_FORMATS[path.suffix.lower()]
     shown = {
@@ -60,15 +65,15 @@ def write_table(objects: xr.Dataset, path: str | Path) -> None:
     rows = objects[list(COLUMNS)].to_dataframe()[list(COLUMNS)].rename(columns=_NAMES)
     with (
         atomic_output_file(path) as temporary,
-        utf8_path(temporary) as name,
-        connect_in_memory() as duck,
+        utf8_path_alias(temporary) as name,
+        connect_duckdb_in_memory() as duck,
     ):
         # Not every DuckDB knows the type that pandas has for texts.
         duck.register("rows", rows.astype({"status": object}))
         try:
             duck.execute(
                 f"COPY (SELECT {_select_clause(_WRITE_TYPES)} FROM rows)"
-                f" TO {quote_sql(name)} ({options})"
+                f" TO {quote_sql_string(name)} ({options})"
             )
         except duckdb.IOException as error:
             raise OSError(None, _first_line(error)) from None
@@ -86,12 +91,12 @@ def read_table(path: str | Path) -> xr.Dataset:
     """
     import duckdb
 
-    path = check_file_name(path, SUFFIXES)
+    path = check_file_suffix(path, SUFFIXES)
     _, reader = _DUCKDB_FORMATS[path.suffix.lower()]
     if not path.is_file():
         raise _unreadable_error(path, "no file")
-    with utf8_path(path) as name, connect_in_memory() as duck:
-        table = reader.format(quote_sql(escape_glob(name)))
+    with utf8_path_alias(path) as name, connect_duckdb_in_memory() as duck:
+        table = reader.format(quote_sql_string(escape_glob_wildcards(name)))
         try:
             description = duck.execute(f"DESCRIBE SELECT * FROM {table}").fetchall()
             present = {str(row[0]).lower() for row in description}  # as DuckDB compares names

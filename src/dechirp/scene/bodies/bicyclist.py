@@ -5,7 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import check_count, check_non_negative, check_number, check_positive
+from dechirp.core.checks import (
+    check_integer_fields,
+    check_non_negative_fields,
+    check_number,
+    check_positive_fields,
+)
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
@@ -22,7 +27,7 @@ from dechirp.scene.skeleton import (
     THIGH,
     TRUNK,
     Joint,
-    place_scatterers_m,
+    scatterer_positions_on_segments_m,
 )
 
 # Dimensions of a common touring bicycle; x from the crank axle, z from the ground.
@@ -80,18 +85,20 @@ class Bicyclist(Body):
     """Total cross section, -5 dBsm: twice that of a pedestrian."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "height_m", at_least=1.0, at_most=2.5)
-        check_non_negative(self, "speed_m_per_s", at_most=40.0)  # 144 km/h, beyond the hour record
+        check_positive_fields(self, "height_m", at_least=1.0, at_most=2.5)
+        check_non_negative_fields(
+            self, "speed_m_per_s", at_most=40.0
+        )  # 144 km/h, beyond the hour record
         # From a folding bicycle to wheels that would touch.
-        check_positive(self, "wheel_radius_m", at_least=0.15, at_most=0.5)
-        check_count(self, "n_spokes", at_least=3, at_most=100)
+        check_positive_fields(self, "wheel_radius_m", at_least=0.15, at_most=0.5)
+        check_integer_fields(self, "n_spokes", at_least=3, at_most=100)
         if self.development_m is not None:
-            check_positive(self, "development_m", at_least=0.5, at_most=20.0)
+            check_positive_fields(self, "development_m", at_least=0.5, at_most=20.0)
             self._check_cadence(self.development_m)
         turn = 2 * math.pi
         phase = check_number("Bicyclist.phase_rad", self.phase_rad, at_least=-turn, at_most=turn)
         object.__setattr__(self, "phase_rad", phase)
-        check_positive(self, "rcs_m2", at_least=1e-12, at_most=1e12)
+        check_positive_fields(self, "rcs_m2", at_least=1e-12, at_most=1e12)
 
     def _check_cadence(self, development_m: float) -> None:
         if self.speed_m_per_s > _MAX_CADENCE_HZ * development_m:
@@ -122,9 +129,11 @@ class Bicyclist(Body):
         cranks = 1j * np.exp(-1j * (self.phase_rad + 2 * np.pi * self.cadence_hz * times_s))
         pedals_m = _CRANK * self.height_m * cranks[:, None] * np.array([1, -1]) + _CRANK_AXLE_M
         wheels = np.exp(-1j * self.speed_m_per_s / self.wheel_radius_m * times_s)
-        frame_m = np.broadcast_to(self._frame_points_m, (len(times_s), *self._frame_points_m.shape))
+        frame_m = np.broadcast_to(
+            self._frame_tube_points_m, (len(times_s), *self._frame_tube_points_m.shape)
+        )
         parts = [
-            place_scatterers_m(self._rider_joints_m(pedals_m)),
+            scatterer_positions_on_segments_m(self._rider_joints_m(pedals_m)),
             frame_m,
             _plane_to_3d_m(pedals_m, _HALF_PEDALS_M * np.array([1, -1])),
             *(
@@ -138,7 +147,7 @@ class Bicyclist(Body):
         return np.concatenate(parts, axis=1)
 
     def cross_sections_m2(self) -> np.ndarray:
-        n_frame, n_wheels = len(self._frame_points_m), 2 * self._wheel_points_m.size
+        n_frame, n_wheels = len(self._frame_tube_points_m), 2 * self._wheel_points_m.size
         return self.rcs_m2 * np.concatenate(
             [
                 _RIDER_SHARE * RCS_SHARES,
@@ -152,10 +161,10 @@ class Bicyclist(Body):
         """Return the positions of the joints, (n_times, n_joints, 3), for pedals (n_times, 2)."""
         height_m = self.height_m
         joints_m = np.repeat(self._static_joints_m[None], len(pedals_m), axis=0)
-        ankles_m = pedals_m + self._ankle_offset_m
+        ankles_m = pedals_m + self._ankle_offset_from_pedal_m
         knees_m = self._knee_positions_m(ankles_m)
         heels_m = ankles_m - (HEEL_SHARE * FOOT + 1j * ANKLE) * height_m
-        hips_m = np.full_like(ankles_m, self._hip_m)
+        hips_m = np.full_like(ankles_m, self._hip_position_m)
         legs_m = np.stack([hips_m, knees_m, ankles_m, heels_m, heels_m + FOOT * height_m], axis=-1)
         for side, side_sign in enumerate((1, -1)):
             joints_m[:, LEGS[side]] = _plane_to_3d_m(
@@ -166,21 +175,21 @@ class Bicyclist(Body):
     def _knee_positions_m(self, ankles_m: np.ndarray) -> np.ndarray:
         """Return the knees, in front of the lines from hips to ankles."""
         thigh_m, shank_m = THIGH * self.height_m, SHANK * self.height_m
-        line_m = ankles_m - self._hip_m
+        line_m = ankles_m - self._hip_position_m
         reach_m = abs(line_m)
         along_m = (reach_m**2 + thigh_m**2 - shank_m**2) / (2 * reach_m)
         ahead_m = np.sqrt(thigh_m**2 - along_m**2)
-        return np.asarray(self._hip_m + line_m / reach_m * (along_m + 1j * ahead_m))
+        return np.asarray(self._hip_position_m + line_m / reach_m * (along_m + 1j * ahead_m))
 
     @property
-    def _ankle_offset_m(self) -> complex:
+    def _ankle_offset_from_pedal_m(self) -> complex:
         """Return the ankle relative to the pedal, for a level foot with its ball on the pedal."""
         return self.height_m * complex((HEEL_SHARE - _BALL_SHARE) * FOOT, ANKLE)
 
     @property
-    def _hip_m(self) -> complex:
+    def _hip_position_m(self) -> complex:
         """Return the hip, up the seat tube from the middle of the ankles' circles."""
-        middle_m = _CRANK_AXLE_M + self._ankle_offset_m
+        middle_m = _CRANK_AXLE_M + self._ankle_offset_from_pedal_m
         return complex(middle_m + (_LEG_REACH - _CRANK) * self.height_m * _SEAT_TUBE)
 
     @property
@@ -193,9 +202,9 @@ class Bicyclist(Body):
     def _static_joints_m(self) -> np.ndarray:
         """Return the joints that do not move, (n_joints, 3); zeros for the legs."""
         height_m, joints_m = self.height_m, np.zeros((len(Joint), 3))
-        neck_m = self._hip_m + TRUNK * height_m * _SPINE
+        neck_m = self._hip_position_m + TRUNK * height_m * _SPINE
         crown_m = neck_m + NECK_AND_HEAD * height_m * _HEAD
-        middle_m = np.array([self._hip_m, neck_m, crown_m])
+        middle_m = np.array([self._hip_position_m, neck_m, crown_m])
         joints_m[: Joint.LEFT_SHOULDER] = _plane_to_3d_m(middle_m, np.zeros(3))
         fractions = np.array([0.0, 0.5, 0.9, 1.0])  # the fingers hold the handlebar
         for side, side_sign in enumerate((1, -1)):
@@ -206,10 +215,10 @@ class Bicyclist(Body):
         return joints_m
 
     @cached_property
-    def _frame_points_m(self) -> np.ndarray:
+    def _frame_tube_points_m(self) -> np.ndarray:
         """Return points on the tubes, (n, 3)."""
         rear_m, front_m = self._axle_positions_m
-        saddle_m = self._hip_m - 0.05j * self.height_m
+        saddle_m = self._hip_position_m - 0.05j * self.height_m
         stem_m = complex(*self._static_joints_m[Joint.LEFT_FINGERS, [0, 2]])
         tubes = (
             (_CRANK_AXLE_M, saddle_m),

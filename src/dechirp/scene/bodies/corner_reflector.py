@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.optical_region import OpticalBody
 
@@ -47,11 +47,11 @@ class CornerReflector(OpticalBody):
     """Length of the edge between two triangles, not across the opening."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "edge_m", at_most=1e3)
+        check_positive_fields(self, "edge_m", at_most=1e3)
 
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
         """Return the cross section, (n_positions, 1); raise if not in the optical region."""
-        self.check_optical_size("edge_m", wavelength_m, wavelengths=4)
+        self.check_optical_size("edge_m", wavelength_m, min_wavelengths=4)
         to_radar = radar_m / np.linalg.norm(radar_m, axis=-1, keepdims=True)
         u, v, w = np.maximum(np.sort(to_radar @ _EDGES, axis=-1), 0.0).T
         # If u is 0, the sum may be 0 too, and so is the result.

@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import check_count, check_number, check_positive
+from dechirp.core.checks import check_integer_fields, check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import AspectBody
@@ -75,10 +75,10 @@ class GroundClutter(AspectBody):
                 expected=f"below far_m, {far_m:.4g} m",
                 fix="exchange them, or move one of them",
             )
-        check_positive(self, "width_m", at_most=1e6)
-        check_count(self, "n_patches", at_most=10_000_000)
-        check_positive(self, "gamma", at_least=1e-9, at_most=100.0)
-        check_count(self, "seed", at_least=0)
+        check_positive_fields(self, "width_m", at_most=1e6)
+        check_integer_fields(self, "n_patches", at_most=10_000_000)
+        check_positive_fields(self, "gamma", at_least=1e-9, at_most=100.0)
+        check_integer_fields(self, "seed", at_least=0)
 
     @property
     def is_rigid(self) -> bool:

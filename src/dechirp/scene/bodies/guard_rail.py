@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import MAX_RCS_M2, MIN_RCS_M2, AspectBody
@@ -53,11 +53,11 @@ class GuardRail(AspectBody):
     """Radius of the waves in the profile of the beam."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "length_m", at_least=1e-3, at_most=1e4)
-        check_positive(self, "height_m", at_most=10.0)
-        check_positive(self, "post_spacing_m", at_least=0.1)
-        check_positive(self, "post_rcs_m2", at_least=MIN_RCS_M2, at_most=MAX_RCS_M2)
-        check_positive(self, "wave_radius_m")
+        check_positive_fields(self, "length_m", at_least=1e-3, at_most=1e4)
+        check_positive_fields(self, "height_m", at_most=10.0)
+        check_positive_fields(self, "post_spacing_m", at_least=0.1)
+        check_positive_fields(self, "post_rcs_m2", at_least=MIN_RCS_M2, at_most=MAX_RCS_M2)
+        check_positive_fields(self, "wave_radius_m")
         if self.wave_radius_m > self.height_m:
             raise InvalidSetting(
                 "GuardRail.wave_radius_m",
@@ -71,32 +71,34 @@ class GuardRail(AspectBody):
         return True
 
     def n_scatterers(self) -> int:
-        return len(self._beam_x_m) + len(self._post_x_m)
+        return len(self._beam_point_x_m) + len(self._post_x_m)
 
     def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         """Return the points of the beam, then the post centres, (n_times, n_scatterers, 3)."""
-        x_m = np.concatenate([self._beam_x_m, self._post_x_m])
-        z_m = np.where(np.arange(len(x_m)) < len(self._beam_x_m), self.height_m, self.height_m / 2)
+        x_m = np.concatenate([self._beam_point_x_m, self._post_x_m])
+        z_m = np.where(
+            np.arange(len(x_m)) < len(self._beam_point_x_m), self.height_m, self.height_m / 2
+        )
         positions_m = np.stack([x_m, np.zeros(len(x_m)), z_m], axis=-1)
         return np.repeat(positions_m[None], len(times_s), axis=0)
 
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
         x, y, z = radar_m.T[..., None]
         flash_m2 = _N_WAVES * math.pi * self.wave_radius_m * np.hypot(y, z - self.height_m)
-        share = np.exp(-2 * ((self._beam_x_m - x) / _SPACING_M) ** 2) * math.sqrt(2 / math.pi)
+        share = np.exp(-2 * ((self._beam_point_x_m - x) / _SPACING_M) ** 2) * math.sqrt(2 / math.pi)
         posts_m2 = np.full((len(radar_m), len(self._post_x_m)), self.post_rcs_m2)
         return np.concatenate([flash_m2 * share, posts_m2], axis=1)
 
     @cached_property
-    def _beam_x_m(self) -> np.ndarray:
-        return _space_evenly_m(self.length_m, _SPACING_M)
+    def _beam_point_x_m(self) -> np.ndarray:
+        return _evenly_spaced_about_zero_m(self.length_m, _SPACING_M)
 
     @cached_property
     def _post_x_m(self) -> np.ndarray:
-        return _space_evenly_m(self.length_m, self.post_spacing_m)
+        return _evenly_spaced_about_zero_m(self.length_m, self.post_spacing_m)
 
 
-def _space_evenly_m(length_m: float, spacing_m: float) -> np.ndarray:
+def _evenly_spaced_about_zero_m(length_m: float, spacing_m: float) -> np.ndarray:
     """Return evenly spaced positions along a length about 0, as many as fit."""
     n = math.floor(length_m / spacing_m) + 1
     return (np.arange(n) - (n - 1) / 2) * spacing_m

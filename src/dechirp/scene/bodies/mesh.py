@@ -6,14 +6,14 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import AspectBody
 from dechirp.scene.mesh_files import MeshFile, read_mesh
-from dechirp.scene.rays import Rays, trace_echoes
-from dechirp.scene.voxels import SurfaceCells, cut_into_cells
+from dechirp.scene.rays import Rays, trace_bounce_echoes
+from dechirp.scene.voxels import SurfaceCells, cut_triangles_into_cells
 
 Unit = Literal["m", "cm", "mm", "in"]
 
@@ -55,7 +55,7 @@ class Mesh(AspectBody):
     direction: seconds. Directions within lambda / (40 cell size), 0.02 deg, share a result."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "cell_size_m", at_least=1e-4, at_most=100.0)
+        check_positive_fields(self, "cell_size_m", at_least=1e-4, at_most=100.0)
         if self.unit not in get_args(Unit):
             expected = f"one of {', '.join(get_args(Unit))}"
             raise InvalidSetting(
@@ -68,7 +68,7 @@ class Mesh(AspectBody):
             )
         if not isinstance(self.rays, Rays):
             raise InvalidSetting("Mesh.rays", value=self.rays, expected="Rays", fix="leave it out")
-        _ = self._cells  # reads the file, to raise its errors here
+        _ = self._surface_cells  # reads the file, to raise its errors here
 
     def findings(self, setting: str) -> list[Finding]:
         surface, n_degenerate, is_closed = self._mesh_file
@@ -120,9 +120,9 @@ class Mesh(AspectBody):
         return True
 
     def n_scatterers(self) -> int:
-        return len(self._cells.centres_m)
+        return len(self._surface_cells.centres_m)
 
-    def n_rays(self, wavelength_m: float) -> int:
+    def max_rays_per_direction(self, wavelength_m: float) -> int:
         """Return a bound on the rays of one direction, from the diagonal of the bounding box.
 
         Each frame has one direction, at its middle; results of earlier directions are cached.
@@ -131,7 +131,7 @@ class Mesh(AspectBody):
         return (math.ceil(self._mesh_file.surface.extent_m / spacing_m) + 1) ** 2
 
     def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
-        centres_m = self._cells.centres_m
+        centres_m = self._surface_cells.centres_m
         return np.broadcast_to(centres_m, (len(times_s), *centres_m.shape))
 
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
@@ -150,13 +150,13 @@ class Mesh(AspectBody):
         self, azimuth_rad: float, elevation_rad: float, wavelength_m: float
     ) -> np.ndarray:
         key = azimuth_rad, elevation_rad, wavelength_m
-        if key not in self._cache:
-            if len(self._cache) >= min(
+        if key not in self._cross_section_cache:
+            if len(self._cross_section_cache) >= min(
                 _MAX_CACHED_DIRECTIONS, _MAX_CACHED_BYTES // (8 * self.n_scatterers())
             ):
-                del self._cache[next(iter(self._cache))]
-            self._cache[key] = self._trace_cross_sections_m2(*key)
-        return self._cache[key]
+                del self._cross_section_cache[next(iter(self._cross_section_cache))]
+            self._cross_section_cache[key] = self._trace_cross_sections_m2(*key)
+        return self._cross_section_cache[key]
 
     def _trace_cross_sections_m2(
         self, azimuth_rad: float, elevation_rad: float, wavelength_m: float
@@ -170,12 +170,12 @@ class Mesh(AspectBody):
             ]
         )
         field_m = np.zeros(self.n_scatterers(), dtype=complex)
-        for echo in trace_echoes(self._mesh_file.surface, towards, wavelength_m, self.rays):
-            np.add.at(field_m, self._cells.find_cells(echo.position_m), echo.field_m)
+        for echo in trace_bounce_echoes(self._mesh_file.surface, towards, wavelength_m, self.rays):
+            np.add.at(field_m, self._surface_cells.find_cells(echo.position_m), echo.field_m)
         return abs(field_m) ** 2
 
     @cached_property
-    def _cache(self) -> dict[tuple[float, float, float], np.ndarray]:
+    def _cross_section_cache(self) -> dict[tuple[float, float, float], np.ndarray]:
         return {}
 
     @cached_property
@@ -183,5 +183,5 @@ class Mesh(AspectBody):
         return read_mesh(self.path, self.unit)
 
     @cached_property
-    def _cells(self) -> SurfaceCells:
-        return cut_into_cells(self._mesh_file.surface.corners_m, self.cell_size_m)
+    def _surface_cells(self) -> SurfaceCells:
+        return cut_triangles_into_cells(self._mesh_file.surface.corners_m, self.cell_size_m)

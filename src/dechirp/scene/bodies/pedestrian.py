@@ -5,12 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import check_non_negative, check_number, check_positive
+from dechirp.core.checks import check_non_negative_fields, check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import Body
 from dechirp.scene.gait import MAX_RELATIVE_SPEED_PER_S, Gait
-from dechirp.scene.skeleton import HIP_HEIGHT, RCS_SHARES, place_scatterers_m
+from dechirp.scene.skeleton import HIP_HEIGHT, RCS_SHARES, scatterer_positions_on_segments_m
 
 
 @frozen_dataclass
@@ -36,8 +36,8 @@ class Pedestrian(Body):
     2005."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "height_m", at_least=0.5, at_most=2.5)
-        check_non_negative(self, "speed_m_per_s")
+        check_positive_fields(self, "height_m", at_least=0.5, at_most=2.5)
+        check_non_negative_fields(self, "speed_m_per_s")
         fastest = MAX_RELATIVE_SPEED_PER_S * HIP_HEIGHT * self.height_m
         if self.speed_m_per_s > fastest * (1 + 1e-9):
             raise InvalidSetting(
@@ -50,7 +50,7 @@ class Pedestrian(Body):
         turn = 2 * math.pi
         phase = check_number("Pedestrian.phase_rad", self.phase_rad, at_least=-turn, at_most=turn)
         object.__setattr__(self, "phase_rad", phase)
-        check_positive(self, "rcs_m2", at_least=1e-12, at_most=1e12)
+        check_positive_fields(self, "rcs_m2", at_least=1e-12, at_most=1e12)
 
     @property
     def is_rigid(self) -> bool:
@@ -58,7 +58,7 @@ class Pedestrian(Body):
 
     def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
         cycles = self.phase_rad / (2 * np.pi) + self._gait.frequency_hz * times_s
-        return place_scatterers_m(self._gait.joint_positions_m(cycles))
+        return scatterer_positions_on_segments_m(self._gait.joint_positions_m(cycles))
 
     def cross_sections_m2(self) -> np.ndarray:
         return self.rcs_m2 * RCS_SHARES

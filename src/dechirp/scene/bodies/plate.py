@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.optical_region import OpticalBody
 
@@ -35,12 +35,12 @@ class Plate(OpticalBody):
     """Height along z."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "width_m", "height_m", at_most=1e3)
+        check_positive_fields(self, "width_m", "height_m", at_most=1e3)
 
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
         """Return the cross section, (n_positions, 1); raise if not in the optical region."""
         for name in ("width_m", "height_m"):
-            self.check_optical_size(name, wavelength_m, wavelengths=2)
+            self.check_optical_size(name, wavelength_m, min_wavelengths=2)
         x, y, z = (radar_m / np.linalg.norm(radar_m, axis=-1, keepdims=True)).T
         area_m2 = self.width_m * self.height_m
         over_y = np.sinc(2 * self.width_m * y / wavelength_m)

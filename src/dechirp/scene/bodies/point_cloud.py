@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_array
+from dechirp.core.checks import Vector, check_finite_array
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import MAX_RCS_M2, MIN_RCS_M2, Body
@@ -20,8 +20,10 @@ class PointCloud(Body):
     """(n_scatterers,), dBsm in files."""
 
     def __post_init__(self) -> None:
-        positions_m = check_array("PointCloud.positions_m", self.positions_m, above=-1e9, below=1e9)
-        rcs_m2 = check_array("PointCloud.rcs_m2", self.rcs_m2, above=0.0, below=MAX_RCS_M2)
+        positions_m = check_finite_array(
+            "PointCloud.positions_m", self.positions_m, above=-1e9, below=1e9
+        )
+        rcs_m2 = check_finite_array("PointCloud.rcs_m2", self.rcs_m2, above=0.0, below=MAX_RCS_M2)
         if positions_m.ndim != 2 or positions_m.shape[1] != 3 or not len(positions_m):
             raise InvalidSetting(
                 "PointCloud.positions_m",
@@ -46,14 +48,14 @@ class PointCloud(Body):
         return True
 
     def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
-        positions_m, _ = self._arrays
+        positions_m, _ = self._position_and_rcs_arrays
         return np.broadcast_to(positions_m, (len(times_s), *positions_m.shape))
 
     def cross_sections_m2(self) -> np.ndarray:
-        return self._arrays[1]
+        return self._position_and_rcs_arrays[1]
 
     @cached_property
-    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
+    def _position_and_rcs_arrays(self) -> tuple[np.ndarray, np.ndarray]:
         arrays = np.array(self.positions_m), np.array(self.rcs_m2)
         for array in arrays:
             array.flags.writeable = False

@@ -8,15 +8,15 @@ import numpy as np
 from dechirp.core.checks import (
     Vector,
     check_instances,
-    check_non_negative,
+    check_non_negative_fields,
     check_number,
-    check_positive,
-    check_vector,
+    check_positive_fields,
+    normalise_vector_field,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import MAX_RCS_M2, MIN_RCS_M2, Body
-from dechirp.scene.speed_limit import check_speed
+from dechirp.scene.speed_limit import check_speed_limit
 
 __all__ = ["Oscillation", "Points", "Rotation", "Scatterer"]
 
@@ -37,8 +37,8 @@ class Rotation:
     """Right-handed rate: a wheel rolls forward about an axis to the left."""
 
     def __post_init__(self) -> None:
-        check_vector(self, "center_m", at_most=1e9)
-        check_vector(self, "axis", at_most=1e9)
+        normalise_vector_field(self, "center_m", max_magnitude=1e9)
+        normalise_vector_field(self, "axis", max_magnitude=1e9)
         if math.hypot(*self.axis) < 1e-9:
             raise InvalidSetting(
                 "Rotation.axis",
@@ -63,13 +63,13 @@ class Oscillation:
     """Phase of the sine at time zero; 0: in the middle, moving along the amplitude."""
 
     def __post_init__(self) -> None:
-        check_vector(self, "amplitude_m", at_most=1e9)
-        check_non_negative(self, "frequency_hz", at_most=_MAX_OSCILLATION_HZ)
+        normalise_vector_field(self, "amplitude_m", max_magnitude=1e9)
+        check_non_negative_fields(self, "frequency_hz", at_most=_MAX_OSCILLATION_HZ)
         turn = 2 * math.pi
         phase = check_number("Oscillation.phase_rad", self.phase_rad, at_least=-turn, at_most=turn)
         object.__setattr__(self, "phase_rad", phase)
         speed = turn * self.frequency_hz * math.hypot(*self.amplitude_m)
-        check_speed("Oscillation.amplitude_m", speed, context=" in the middle")
+        check_speed_limit("Oscillation.amplitude_m", speed, context=" in the middle")
 
 
 @frozen_dataclass
@@ -85,8 +85,8 @@ class Scatterer:
     """Oscillation; of the rotation axis, if the point rotates as well."""
 
     def __post_init__(self) -> None:
-        check_vector(self, "position_m", at_most=1e9)
-        check_positive(self, "rcs_m2", at_least=MIN_RCS_M2, at_most=MAX_RCS_M2)
+        normalise_vector_field(self, "position_m", max_magnitude=1e9)
+        check_positive_fields(self, "rcs_m2", at_least=MIN_RCS_M2, at_most=MAX_RCS_M2)
         for name, kind in (("rotation", Rotation), ("oscillation", Oscillation)):
             if not isinstance(getattr(self, name), kind | None):
                 raise InvalidSetting(
@@ -98,7 +98,7 @@ class Scatterer:
         if self.rotation is not None:
             radius_m = math.dist(self.position_m, self.rotation.center_m)  # at most
             speed = abs(self.rotation.rate_rad_per_s) * radius_m
-            check_speed("Scatterer.rotation", speed, context=" on its circle")
+            check_speed_limit("Scatterer.rotation", speed, context=" on its circle")
 
 
 @frozen_dataclass

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.optical_region import OpticalBody
 
@@ -26,9 +26,9 @@ class Sphere(OpticalBody):
     radius_m: float
 
     def __post_init__(self) -> None:
-        check_positive(self, "radius_m", at_most=1e3)
+        check_positive_fields(self, "radius_m", at_most=1e3)
 
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
         """Return the cross section, (n_positions, 1); raise if not in the optical region."""
-        self.check_optical_size("radius_m", wavelength_m, wavelengths=2)
+        self.check_optical_size("radius_m", wavelength_m, min_wavelengths=2)
         return np.full((len(radar_m), 1), math.pi * self.radius_m**2)

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.checks import check_number, check_positive
+from dechirp.core.checks import check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import from_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.scene.bodies.base import AspectBody
-from dechirp.scene.speed_limit import check_speed
+from dechirp.scene.speed_limit import check_speed_limit
 
 
 class _PanelLobe(NamedTuple):
@@ -26,14 +26,14 @@ class _PanelLobe(NamedTuple):
     elevation_width_rad: float
 
 
-def _make_lobe(peak_db: float, *angles_deg: float) -> _PanelLobe:
+def _make_panel_lobe(peak_db: float, *angles_deg: float) -> _PanelLobe:
     return _PanelLobe(float(from_decibels(peak_db)), *(math.radians(angle) for angle in angles_deg))
 
 
 # 3GPP TR 38.901 V19, table 7.9.2.1-4: the passenger car of TR 37.885, 5.0 x 2.0 x 1.6 m.
-_FRONT = _make_lobe(15.52, 40.54, 90 - 71.75, 29.13)
-_SIDE = _make_lobe(20.75, 26.90, 90 - 79.70, 44.42)
-_REAR = _make_lobe(14.56, 36.32, 90 - 79.65, 36.73)
+_FRONT = _make_panel_lobe(15.52, 40.54, 90 - 71.75, 29.13)
+_SIDE = _make_panel_lobe(20.75, 26.90, 90 - 79.70, 44.42)
+_REAR = _make_panel_lobe(14.56, 36.32, 90 - 79.65, 36.73)
 _ISOTROPIC_LOBE = _PanelLobe(0.0, math.inf, 0.0, math.inf)
 _BACKGROUND_M2 = float(from_decibels(7.07))  # G_max - sigma_max, the same for all sides
 _TABLE_LENGTH_M, _TABLE_WIDTH_M, _TABLE_HEIGHT_M = 5.0, 2.0, 1.6
@@ -102,15 +102,15 @@ class Vehicle(AspectBody):
 
     @property
     @abstractmethod
-    def axles(self) -> tuple[float, ...]:
+    def axle_fractions(self) -> tuple[float, ...]:
         """Return the positions of the axles: 0 at the tail, 1 at the nose."""
 
     def __post_init__(self) -> None:
         # Limits from a toy to a road train: other values indicate a wrong unit.
-        check_positive(self, "length_m", at_least=0.1, at_most=60.0)
-        check_positive(self, "width_m", "height_m", at_least=0.05, at_most=10.0)
-        check_positive(self, "wheel_radius_m")
-        ends_m = np.array([0.0, *sorted(self.axles), 1.0]) * self.length_m
+        check_positive_fields(self, "length_m", at_least=0.1, at_most=60.0)
+        check_positive_fields(self, "width_m", "height_m", at_least=0.05, at_most=10.0)
+        check_positive_fields(self, "wheel_radius_m")
+        ends_m = np.array([0.0, *sorted(self.axle_fractions), 1.0]) * self.length_m
         gaps_m = np.diff(ends_m)
         largest_m = min(self.height_m / 2, gaps_m[0], gaps_m[-1], gaps_m[1:-1].min() / 2)
         name = type(self).__name__
@@ -124,17 +124,17 @@ class Vehicle(AspectBody):
             )
         where = f"{name}.speed_m_per_s"
         object.__setattr__(self, "speed_m_per_s", check_number(where, self.speed_m_per_s))
-        check_speed(where, 2 * abs(self.speed_m_per_s), context=" at the top of the wheels")
+        check_speed_limit(where, 2 * abs(self.speed_m_per_s), context=" at the top of the wheels")
 
     @property
     def is_rigid(self) -> bool:
         return self.speed_m_per_s == 0
 
     def n_scatterers(self) -> int:
-        return len(self._all_parts.rcs_m2)
+        return len(self._all_scatterers.rcs_m2)
 
     def offsets_m(self, times_s: np.ndarray) -> np.ndarray:
-        offsets_m = np.repeat(self._all_parts.position_m[None], len(times_s), axis=0)
+        offsets_m = np.repeat(self._all_scatterers.position_m[None], len(times_s), axis=0)
         turned_rad = (
             self._rim_angles_rad + times_s[:, None] * self.speed_m_per_s / self.wheel_radius_m
         )
@@ -144,7 +144,7 @@ class Vehicle(AspectBody):
         return offsets_m
 
     def cross_sections_towards_m2(self, radar_m: np.ndarray, wavelength_m: float) -> np.ndarray:
-        parts = self._all_parts
+        parts = self._all_scatterers
         x, y, z = np.moveaxis(radar_m[:, None] - parts.position_m, -1, 0)
         off_rad = np.arctan2(y, x) - parts.facing_rad
         off_rad = np.abs((off_rad + np.pi) % (2 * np.pi) - np.pi)
@@ -154,19 +154,19 @@ class Vehicle(AspectBody):
         return np.where(off_rad < parts.visible_rad, parts.rcs_m2 * lobe, 0.0)
 
     @cached_property
-    def _all_parts(self) -> _PartGroup:
+    def _all_scatterers(self) -> _PartGroup:
         kinds = [
             *self._make_panels(),
-            self._make_corners(),
-            self._make_wheel_arches(),
-            self._make_wheels(),
+            self._make_corner_scatterers(),
+            self._make_wheel_arch_edges(),
+            self._make_rim_scatterers(),
         ]
         return _PartGroup(*(np.concatenate(arrays) for arrays in zip(*kinds, strict=True)))
 
     @cached_property
     def _rim_angles_rad(self) -> np.ndarray:
         """Return the angles of the points of all rims at time zero, from the top forwards."""
-        wheels = np.arange(2 * len(self.axles))[:, None]
+        wheels = np.arange(2 * len(self.axle_fractions))[:, None]
         # Each wheel has another angle.
         turns = np.arange(_RIM_POINTS) + wheels / len(wheels)
         return (turns * (2 * np.pi / _RIM_POINTS)).ravel()
@@ -187,23 +187,28 @@ class Vehicle(AspectBody):
         return [self._make_panel(*side) for side in sides]
 
     def _make_panel(
-        self, facing_rad: float, lobe: _PanelLobe, scale: float, apart_m: float, wide_m: float
+        self,
+        facing_rad: float,
+        lobe: _PanelLobe,
+        scale: float,
+        panel_distance_m: float,
+        panel_width_m: float,
     ) -> _PartGroup:
-        """Return points in a row, at half of `apart_m` from the origin."""
-        n = max(2, round(wide_m / _SPACING_M))
-        along_m = (np.arange(n) + 0.5) / n * wide_m - wide_m / 2
+        """Return points in a row, at half of `panel_distance_m` from the origin."""
+        n = max(2, round(panel_width_m / _SPACING_M))
+        along_m = (np.arange(n) + 0.5) / n * panel_width_m - panel_width_m / 2
         c, s = math.cos(facing_rad), math.sin(facing_rad)
         at_m = np.stack(
             [
-                c * apart_m / 2 - s * along_m,
-                s * apart_m / 2 + c * along_m,
+                c * panel_distance_m / 2 - s * along_m,
+                s * panel_distance_m / 2 + c * along_m,
                 np.resize(_PANEL_LEVELS, n) * self.height_m,
             ],
             axis=-1,
         )
-        return _share_evenly(at_m, scale * lobe.peak_m2, facing_rad, np.pi / 2, lobe)
+        return _scatterers_of_equal_rcs(at_m, scale * lobe.peak_m2, facing_rad, np.pi / 2, lobe)
 
-    def _make_corners(self) -> _PartGroup:
+    def _make_corner_scatterers(self) -> _PartGroup:
         x, y = np.array([1, 1, -1, -1]), np.array([1, -1, 1, -1])
         facing_rad = np.repeat(np.arctan2(y, x), len(_PANEL_LEVELS))
         at_m = np.stack(
@@ -215,7 +220,7 @@ class Vehicle(AspectBody):
             axis=-1,
         )
         # Visible from both adjacent sides.
-        return _share_evenly(
+        return _scatterers_of_equal_rcs(
             at_m,
             4 * _CORNER_SHARE * self._background_rcs_m2,
             facing_rad,
@@ -223,12 +228,12 @@ class Vehicle(AspectBody):
             _ISOTROPIC_LOBE,
         )
 
-    def _make_wheel_arches(self) -> _PartGroup:
+    def _make_wheel_arch_edges(self) -> _PartGroup:
         """Return the edges before and behind each wheel."""
-        hubs_m, facing_rad = self._place_hubs(2)
+        hubs_m, facing_rad = self._hub_positions_and_side_azimuths(2)
         edges = np.array([1, 0, 0.5]) * self.wheel_radius_m
         signs = np.resize([[1, 1, 1], [-1, 1, 1]], hubs_m.shape)
-        return _share_evenly(
+        return _scatterers_of_equal_rcs(
             hubs_m + signs * edges,
             2 * _ARCH_SHARE * self._background_rcs_m2,
             facing_rad,
@@ -236,9 +241,9 @@ class Vehicle(AspectBody):
             _ISOTROPIC_LOBE,
         )
 
-    def _make_wheels(self) -> _PartGroup:
-        hubs_m, facing_rad = self._place_hubs(_RIM_POINTS)
-        return _share_evenly(
+    def _make_rim_scatterers(self) -> _PartGroup:
+        hubs_m, facing_rad = self._hub_positions_and_side_azimuths(_RIM_POINTS)
+        return _scatterers_of_equal_rcs(
             hubs_m,
             2 * _WHEEL_SHARE * self._background_rcs_m2,
             facing_rad,
@@ -246,15 +251,15 @@ class Vehicle(AspectBody):
             _ISOTROPIC_LOBE,
         )
 
-    def _place_hubs(self, times: int) -> tuple[np.ndarray, np.ndarray]:
+    def _hub_positions_and_side_azimuths(self, n_repeats: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the hubs of all wheels, repeated, (n, 3), and their side azimuths, (n,)."""
-        x_m = (np.array(self.axles) - 0.5) * self.length_m
+        x_m = (np.array(self.axle_fractions) - 0.5) * self.length_m
         sides = np.array([1.0, -1.0])
         x_m, sides = np.tile(x_m, 2), np.repeat(sides, len(x_m))
         hubs_m = np.stack(
             [x_m, sides * 0.45 * self.width_m, np.full(len(x_m), self.wheel_radius_m)], axis=-1
         )
-        return np.repeat(hubs_m, times, axis=0), np.repeat(sides * np.pi / 2, times)
+        return np.repeat(hubs_m, n_repeats, axis=0), np.repeat(sides * np.pi / 2, n_repeats)
 
     @property
     def _background_rcs_m2(self) -> float:
@@ -283,7 +288,7 @@ class Car(Vehicle):
     moves the vehicle."""
 
     @property
-    def axles(self) -> tuple[float, ...]:
+    def axle_fractions(self) -> tuple[float, ...]:
         return (0.23, 0.81)
 
 
@@ -304,7 +309,7 @@ class Van(Vehicle):
     moves the vehicle."""
 
     @property
-    def axles(self) -> tuple[float, ...]:
+    def axle_fractions(self) -> tuple[float, ...]:
         return (0.21, 0.83)
 
 
@@ -327,23 +332,23 @@ class Truck(Vehicle):
     moves the vehicle."""
 
     @property
-    def axles(self) -> tuple[float, ...]:
+    def axle_fractions(self) -> tuple[float, ...]:
         return (0.15, 0.23, 0.31, 0.685, 0.915)
 
 
-def _share_evenly(
+def _scatterers_of_equal_rcs(
     at_m: np.ndarray,
-    rcs_m2: float,
+    total_rcs_m2: float,
     facing_rad: float | np.ndarray,
-    seen_rad: float,
+    visible_rad: float,
     lobe: _PanelLobe,
 ) -> _PartGroup:
     """Return parts that share a cross section evenly."""
     n = len(at_m)
     return _PartGroup(
         at_m,
-        np.full(n, rcs_m2 / n),
+        np.full(n, total_rcs_m2 / n),
         np.broadcast_to(facing_rad, n),
-        np.full(n, seen_rad),
+        np.full(n, visible_rad),
         np.tile(lobe[1:], (n, 1)),
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.core.checks import check_non_negative
+from dechirp.core.checks import check_non_negative_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
@@ -11,9 +11,9 @@ from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
 from dechirp.simulation.frequency_response import (
     ImpulseExtent,
-    impulse_extent,
     impulse_response,
-    make_convolution,
+    make_chirp_convolver,
+    significant_impulse_extent,
 )
 from dechirp.simulation.impairments.base import Receiver
 
@@ -44,7 +44,7 @@ class ApertureJitter(Receiver):
     """Standard deviation of the instants; 0.1 to 1 ps in common ADCs."""
 
     def __post_init__(self) -> None:
-        check_non_negative(self, "rms_s", at_most=1e6)
+        check_non_negative_fields(self, "rms_s", at_most=1e6)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise if the phase error of the highest beat is too large."""
@@ -68,7 +68,9 @@ class ApertureJitter(Receiver):
         return float(np.sum((2 * np.pi * beat_hz * self.rms_s) ** 2 * truth_table.snr.values))
 
     def sample_margins(self, radar: Radar) -> tuple[int, int]:
-        return impulse_extent(_derivative_impulse_response(radar.frame.chirp), _TOLERANCE)
+        return significant_impulse_extent(
+            _derivative_impulse_response(radar.frame.chirp), _TOLERANCE
+        )
 
     def apply_to_samples(
         self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
@@ -76,7 +78,9 @@ class ApertureJitter(Receiver):
         """Add the slope times the error of each instant."""
         extent = ImpulseExtent(*self.sample_margins(radar))
         chirps = samples.reshape(-1, *samples.shape[2:])
-        slope = make_convolution(samples, _derivative_impulse_response(radar.frame.chirp), extent)
+        slope = make_chirp_convolver(
+            samples, _derivative_impulse_response(radar.frame.chirp), extent
+        )
         real_type = samples.real.dtype.type
         block_length = max(1, 2**16 // chirps[0].size)
         for first in range(0, len(chirps), block_length):

@@ -78,7 +78,7 @@ class Propagation(Impairment):
         """Return the echo groups to sum in place of `groups`."""
         return list(groups)
 
-    def outbound_gain(self, radar: Radar) -> float:
+    def outbound_amplitude_gain(self, radar: Radar) -> float:
         """Return the amplitude gain on the outbound path to all scatterers of a frame.
 
         It also applies to scatterers that impairments later in the list add.
@@ -121,7 +121,7 @@ class Receiver(Impairment):
     ) -> None:
         """Change samples, (n_frames, n_chirps, n_rx, n_samples), sqrt(W), in place."""
 
-    def prepare(
+    def make_sample_operation(
         self, scene: Scene, radar: Radar
     ) -> Callable[[np.ndarray, np.random.Generator], None]:
         """Return `apply_to_samples` for one scene and radar, with precomputed constants."""

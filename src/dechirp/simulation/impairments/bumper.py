@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
-from dechirp.radar.budget import echo_amplitude
+from dechirp.radar.budget import unit_echo_amplitude
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.simulation.echo_groups import SampleWindow, antenna_gains
+from dechirp.simulation.echo_groups import SampleWindow, antenna_amplitude_gains
 from dechirp.simulation.impairments.base import Propagation
-from dechirp.simulation.impairments.leakage import add_antenna_pair_tones
+from dechirp.simulation.impairments.leakage import add_constant_path_signals
 
 
 @frozen_dataclass
@@ -38,8 +38,8 @@ class Bumper(Propagation):
     """Fraction of the power that is reflected, at most 1 (0 dB)."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "distance_m", at_most=1e3)
-        check_positive(self, "reflectivity", at_most=1.0)
+        check_positive_fields(self, "distance_m", at_most=1e3)
+        check_positive_fields(self, "reflectivity", at_most=1.0)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise unless the bumper is in front of all antennas."""
@@ -68,12 +68,13 @@ class Bumper(Propagation):
         tx_images_m, rx_images_m = self._image_positions_m(tx_m), self._image_positions_m(rx_m)
         lengths_m = self._path_lengths_m(radar)
         gain_products = (
-            antenna_gains(rx_images_m, radar)[0] * antenna_gains(tx_images_m, radar)[1].T
+            antenna_amplitude_gains(rx_images_m, radar)[0]
+            * antenna_amplitude_gains(tx_images_m, radar)[1].T
         )
         # Amplitude of an echo without one path and the spreading area: sqrt(P_t / L) lambda / 4 pi.
-        one_way_amplitude = echo_amplitude(radar) * np.sqrt(4 * np.pi)
+        one_way_amplitude = unit_echo_amplitude(radar) * np.sqrt(4 * np.pi)
         amplitudes = -np.sqrt(self.reflectivity) * one_way_amplitude * gain_products / lengths_m
-        add_antenna_pair_tones(samples, window, radar, amplitudes, lengths_m)
+        add_constant_path_signals(samples, window, radar, amplitudes, lengths_m)
 
     def _path_lengths_m(self, radar: Radar) -> np.ndarray:
         """Return the path lengths of all antenna pairs, (n_tx, n_rx)."""

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from dechirp.core.checks import check_non_negative, check_numbers, check_positive
+from dechirp.core.checks import check_non_negative_fields, check_numbers, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.simulation.blocks import process_in_blocks
+from dechirp.simulation.blocks import apply_to_chirp_blocks
 from dechirp.simulation.frequency_response import (
     ImpulseExtent,
-    impulse_extent,
     impulse_response,
-    make_convolution,
+    make_chirp_convolver,
+    significant_impulse_extent,
 )
 from dechirp.simulation.impairments.base import Receiver
 from dechirp.simulation.impairments.dc_offset import check_one_per_receiver
@@ -48,7 +48,7 @@ class ChannelMismatch(Receiver):
     """Phase of each receiver, in place of random ones."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "gain_std", at_most=100.0)
+        check_positive_fields(self, "gain_std", at_most=100.0)
         if self.gain_std < 1:
             raise InvalidSetting(
                 "ChannelMismatch.gain_std",
@@ -56,7 +56,7 @@ class ChannelMismatch(Receiver):
                 expected="a ratio of at least 1 (0 dB)",
                 fix="write half a decibel as 0.5 dB, or 1.122",
             )
-        check_non_negative(self, "phase_std_rad", at_most=np.pi)
+        check_non_negative_fields(self, "phase_std_rad", at_most=np.pi)
         if self.gains is not None:
             gains = check_numbers("ChannelMismatch.gains", self.gains, above=0.0, at_most=1e12)
             object.__setattr__(self, "gains", gains)
@@ -76,7 +76,9 @@ class ChannelMismatch(Receiver):
             max_phase_rad = float(np.abs(self.phases_rad).max(initial=0))
         if radar.frame.chirp.sampling == "complex" or not max_phase_rad:
             return 0, 0
-        return impulse_extent(_phase_shift_impulse_response(min(max_phase_rad, np.pi / 2), radar))
+        return significant_impulse_extent(
+            _phase_shift_impulse_response(min(max_phase_rad, np.pi / 2), radar)
+        )
 
     def apply_to_samples(
         self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
@@ -92,28 +94,30 @@ class ChannelMismatch(Receiver):
             factors = (np.sqrt(gains) * np.exp(1j * phases_rad)).astype(samples.dtype)
         else:
             factors = np.sqrt(gains).astype(samples.dtype)
-            self._shift_real_phases(samples, phases_rad, radar)
+            self._shift_phases_of_real_samples(samples, phases_rad, radar)
 
         def scale(chirps: np.ndarray) -> None:
             chirps *= factors[:, None]
 
-        process_in_blocks(samples, scale)
+        apply_to_chirp_blocks(samples, scale)
 
-    def _shift_real_phases(self, samples: np.ndarray, phases_rad: np.ndarray, radar: Radar) -> None:
+    def _shift_phases_of_real_samples(
+        self, samples: np.ndarray, phases_rad: np.ndarray, radar: Radar
+    ) -> None:
         """Shift the phases of real samples by a filter."""
         if not phases_rad.any():
             return
         impulses = np.stack(
             [_phase_shift_impulse_response(phase_rad, radar) for phase_rad in phases_rad]
         )
-        shift_phases = make_convolution(
+        shift_phases = make_chirp_convolver(
             samples, impulses, ImpulseExtent(*self.sample_margins(radar))
         )
 
         def turn(chirps: np.ndarray) -> None:
             chirps[...] = shift_phases(chirps)
 
-        process_in_blocks(samples, turn)
+        apply_to_chirp_blocks(samples, turn)
 
 
 def _phase_shift_impulse_response(phase_rad: float, radar: Radar) -> np.ndarray:

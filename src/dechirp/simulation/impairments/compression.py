@@ -5,13 +5,13 @@ import warnings
 import numba
 import numpy as np
 
-from dechirp.core.checks import check_positive
+from dechirp.core.checks import check_positive_fields
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.units import to_decibels
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.simulation.blocks import process_in_blocks
+from dechirp.simulation.blocks import apply_to_chirp_blocks
 from dechirp.simulation.impairments.base import Receiver
 
 # 1 - gain in amplitude at the compression point.
@@ -45,7 +45,7 @@ class Compression(Receiver):
     """Power of a tone at the antenna with 1 dB less gain than a weak tone."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "p1db_w", at_least=1e-15, at_most=1e6)
+        check_positive_fields(self, "p1db_w", at_least=1e-15, at_most=1e6)
 
     def apply_to_samples(
         self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
@@ -59,11 +59,15 @@ class Compression(Receiver):
         def compress(chirps: np.ndarray) -> None:
             flat = chirps.reshape(-1)
             if is_complex:
-                peaks_w.append(_compress_complex(flat.view(coefficients.dtype), coefficients))
+                peaks_w.append(
+                    _compress_complex_and_find_peak_power(
+                        flat.view(coefficients.dtype), coefficients
+                    )
+                )
             else:
-                peaks_w.append(_compress_real(flat, coefficients) / 2)
+                peaks_w.append(_compress_real_and_find_peak_power(flat, coefficients) / 2)
 
-        process_in_blocks(samples, compress)
+        apply_to_chirp_blocks(samples, compress)
         backoff_db = float(to_decibels(self.p1db_w / max(*peaks_w, 1e-300 * self.p1db_w)))
         if backoff_db < _MIN_BACKOFF_DB:
             backoff_text = f"{abs(backoff_db):.2g} dB {'below' if backoff_db > 0 else 'above'}"
@@ -78,29 +82,36 @@ class Compression(Receiver):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _compress_complex(parts: np.ndarray, coefficients: np.ndarray) -> float:
+def _compress_complex_and_find_peak_power(
+    interleaved_iq: np.ndarray, coefficients: np.ndarray
+) -> float:
     """Compress complex numbers, as alternating parts; return the largest |x|^2.
 
     `coefficients` are a, 1 / 3a, and the constants 1 and 2/3 in the precision of the parts.
     """
     slope, limit, unity, two_thirds = coefficients
     largest_power = unity - unity
-    for k in range(len(parts) // 2):
-        power = parts[2 * k] * parts[2 * k] + parts[2 * k + 1] * parts[2 * k + 1]
+    for k in range(len(interleaved_iq) // 2):
+        power = (
+            interleaved_iq[2 * k] * interleaved_iq[2 * k]
+            + interleaved_iq[2 * k + 1] * interleaved_iq[2 * k + 1]
+        )
         largest_power = max(largest_power, power)
         gain = unity - slope * power if power < limit else two_thirds * np.sqrt(limit / power)
-        parts[2 * k] *= gain
-        parts[2 * k + 1] *= gain
+        interleaved_iq[2 * k] *= gain
+        interleaved_iq[2 * k + 1] *= gain
     return largest_power
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _compress_real(parts: np.ndarray, coefficients: np.ndarray) -> float:
+def _compress_real_and_find_peak_power(real_samples: np.ndarray, coefficients: np.ndarray) -> float:
     """Compress real numbers; return the largest x^2."""
     slope, limit, unity, two_thirds = coefficients
     largest_power = unity - unity
-    for k in range(len(parts)):
-        power = parts[k] * parts[k]
+    for k in range(len(real_samples)):
+        power = real_samples[k] * real_samples[k]
         largest_power = max(largest_power, power)
-        parts[k] *= unity - slope * power if power < limit else two_thirds * np.sqrt(limit / power)
+        real_samples[k] *= (
+            unity - slope * power if power < limit else two_thirds * np.sqrt(limit / power)
+        )
     return largest_power

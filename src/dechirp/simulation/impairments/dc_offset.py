@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.core.checks import check_non_negative, check_numbers
+from dechirp.core.checks import check_non_negative_fields, check_numbers
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -23,7 +23,7 @@ class DcOffset(Receiver):
     """Phase of each receiver; none: drawn uniformly."""
 
     def __post_init__(self) -> None:
-        check_non_negative(self, "power_w", at_most=1e3)
+        check_non_negative_fields(self, "power_w", at_most=1e3)
         if self.phases_rad is not None:
             phases_rad = check_numbers("DcOffset.phases_rad", self.phases_rad)
             object.__setattr__(self, "phases_rad", phases_rad)

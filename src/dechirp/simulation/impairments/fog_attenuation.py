@@ -10,7 +10,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.simulation.echo_groups import EchoGroup, SampleWindow
 from dechirp.simulation.impairments.base import Propagation
-from dechirp.simulation.path_attenuation import attenuate, check_frequency_range
+from dechirp.simulation.path_attenuation import attenuate_two_way, check_radar_frequency
 from dechirp.theory.attenuation import fog_db_per_km
 
 
@@ -36,7 +36,7 @@ class FogAttenuation(Propagation):
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise for a radar below 1 GHz or above 200 GHz."""
-        check_frequency_range(self.kind(), radar, 1e9, 200e9)
+        check_radar_frequency(self.kind(), radar, 1e9, 200e9)
 
     def transform_echoes(
         self,
@@ -47,7 +47,7 @@ class FogAttenuation(Propagation):
         rng: np.random.Generator,
     ) -> list[EchoGroup]:
         frequency_hz = radar.frame.chirp.mid_window_frequency_hz
-        return attenuate(
+        return attenuate_two_way(
             groups,
             fog_db_per_km(frequency_hz, self.water_kg_per_m3, temperature_k=self.temperature_k),
         )

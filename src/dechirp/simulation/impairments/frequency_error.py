@@ -42,17 +42,19 @@ class FrequencyError(Oscillator):
         times_s = chirp.adc_start_s + np.linspace(0, chirp.sampled_duration_s, 257)
         within_s = np.minimum(times_s, chirp.ramp_duration_s)
         largest_hz = float(np.abs(self.frequency_error_hz(within_s, radar)).max())
-        warn_of_large_error(self.kind(), largest_hz, chirp)
+        warn_of_large_frequency_error(self.kind(), largest_hz, chirp)
 
 
-def warn_of_large_error(kind: str, frequency_hz: float, chirp: Chirp) -> None:
-    """Warn if a frequency error exceeds `max_frequency_error_hz`."""
-    max_hz = max_frequency_error_hz(chirp)
-    if frequency_hz > max_hz:
+def warn_of_large_frequency_error(
+    impairment_kind: str, frequency_error_hz: float, chirp: Chirp
+) -> None:
+    """Warn if a frequency error exceeds `max_accurate_frequency_error_hz`."""
+    max_hz = max_accurate_frequency_error_hz(chirp)
+    if frequency_error_hz > max_hz:
         finding = Finding(
             level="warning",
-            setting=f"impairments.{kind}",
-            value=f"frequency errors up to {frequency_hz / 1e6:.4g} MHz during sampling",
+            setting=f"impairments.{impairment_kind}",
+            value=f"frequency errors up to {frequency_error_hz / 1e6:.4g} MHz during sampling",
             expected=f"at most {max_hz / 1e6:.4g} MHz, a quarter of the sample rate and an eighth"
             " of the sampled bandwidth, for accuracy in all samples",
             fix="reduce the error, or start sampling after it has settled",
@@ -60,7 +62,7 @@ def warn_of_large_error(kind: str, frequency_hz: float, chirp: Chirp) -> None:
         warnings.warn(PhysicsWarning(finding), stacklevel=3)
 
 
-def max_frequency_error_hz(chirp: Chirp) -> float:
+def max_accurate_frequency_error_hz(chirp: Chirp) -> float:
     """Return a quarter of the sample rate, or an eighth of the sampled bandwidth if that is less.
 
     The margins of the echoes extend as far in time as an error of this size needs.

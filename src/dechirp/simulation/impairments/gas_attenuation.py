@@ -10,7 +10,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.simulation.echo_groups import EchoGroup, SampleWindow
 from dechirp.simulation.impairments.base import Propagation
-from dechirp.simulation.path_attenuation import attenuate, check_frequency_range
+from dechirp.simulation.path_attenuation import attenuate_two_way, check_radar_frequency
 from dechirp.theory.attenuation import gas_db_per_km
 
 
@@ -38,7 +38,7 @@ class GasAttenuation(Propagation):
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise for a radar below 1 GHz or above 1 THz."""
-        check_frequency_range(self.kind(), radar, 1e9, 1e12)
+        check_radar_frequency(self.kind(), radar, 1e9, 1e12)
 
     def transform_echoes(
         self,
@@ -54,4 +54,4 @@ class GasAttenuation(Propagation):
             temperature_k=self.temperature_k,
             vapour_kg_per_m3=self.vapour_kg_per_m3,
         )
-        return attenuate(groups, loss)
+        return attenuate_two_way(groups, loss)

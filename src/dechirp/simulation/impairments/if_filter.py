@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-from dechirp.core.checks import check_count, check_positive
+from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.units import to_decibels
@@ -14,13 +14,13 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.aliasing import RangeVelocity, echo_frequencies
 from dechirp.scene.scene import Scene
 from dechirp.scene.truth import truth
-from dechirp.simulation.blocks import process_in_blocks
+from dechirp.simulation.blocks import apply_to_chirp_blocks
 from dechirp.simulation.frequency_response import (
     TOLERANCE,
     ImpulseExtent,
-    impulse_extent,
     impulse_response,
-    make_convolution,
+    make_chirp_convolver,
+    significant_impulse_extent,
 )
 from dechirp.simulation.impairments.base import Receiver
 
@@ -53,10 +53,10 @@ class IfFilter(Receiver):
     low_pass_order: int = 4
 
     def __post_init__(self) -> None:
-        check_count(self, "high_pass_order", "low_pass_order", at_most=8)
+        check_integer_fields(self, "high_pass_order", "low_pass_order", at_most=8)
         for name in ("high_pass_hz", "low_pass_hz"):
             if getattr(self, name) is not None:
-                check_positive(self, name, at_least=1e-3, at_most=1e13)
+                check_positive_fields(self, name, at_least=1e-3, at_most=1e13)
         low_hz, high_hz = self.low_pass_hz, self.high_pass_hz
         if low_hz is None and high_hz is None:
             raise InvalidSetting(
@@ -110,9 +110,9 @@ class IfFilter(Receiver):
                 expected=f"settling within {interval_s * 1e6:.4g} us, from one chirp to the next",
                 fix="raise the corner, or lower the order",
             )
-        self._warn_of_filtered_targets(scene, radar)
+        self._warn_of_attenuated_targets(scene, radar)
 
-    def _warn_of_filtered_targets(self, scene: Scene, radar: Radar) -> None:
+    def _warn_of_attenuated_targets(self, scene: Scene, radar: Radar) -> None:
         if not scene.targets:
             return
         truth_table = truth(scene, radar).isel(frame=0)
@@ -139,21 +139,23 @@ class IfFilter(Receiver):
 
     def sample_margins(self, radar: Radar) -> tuple[int, int]:
         """Return the samples until the filter has settled, and the few that shape its band."""
-        return impulse_extent(self._impulse_response(radar.frame.chirp))
+        return significant_impulse_extent(self._impulse_response(radar.frame.chirp))
 
     def apply_to_samples(
         self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
     ) -> None:
         impulse = self._impulse_response(radar.frame.chirp)
-        convolve = make_convolution(samples, impulse, ImpulseExtent(*self.sample_margins(radar)))
+        convolve = make_chirp_convolver(
+            samples, impulse, ImpulseExtent(*self.sample_margins(radar))
+        )
 
         def apply_filter(chirps: np.ndarray) -> None:
             chirps[...] = convolve(chirps)
 
-        process_in_blocks(samples, apply_filter)
+        apply_to_chirp_blocks(samples, apply_filter)
 
     def _impulse_response(self, chirp: Chirp) -> np.ndarray:
-        return impulse_response(self.response, chirp, settles_s=self._settling_time_s())
+        return impulse_response(self.response, chirp, settling_time_s=self._settling_time_s())
 
     def _settling_time_s(self) -> float:
         """Return the time after which the slowest transient is within the tolerance."""

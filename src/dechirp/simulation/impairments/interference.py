@@ -10,15 +10,15 @@ import numpy as np
 
 from dechirp.core.checks import (
     Vector,
-    check_count,
     check_instances,
+    check_integer_fields,
     check_number,
-    check_positive,
-    check_vector,
+    check_positive_fields,
+    normalise_vector_field,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.chirp import Chirp
@@ -27,8 +27,8 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.ego import Ego
 from dechirp.scene.rotations import rotation_about_z, to_local_axes
 from dechirp.scene.scene import Scene
-from dechirp.scene.speed_limit import check_velocity_vector
-from dechirp.simulation.echo_groups import SampleWindow, antenna_gains
+from dechirp.scene.speed_limit import normalise_velocity_field
+from dechirp.simulation.echo_groups import SampleWindow, antenna_amplitude_gains
 from dechirp.simulation.impairments.base import Propagation
 
 __all__ = ["Interference", "Interferer"]
@@ -87,9 +87,9 @@ class Interferer:
                 fix="omit it for a name by position in the list",
             )
         # The limits exceed any FMCW radar; other values indicate a wrong unit.
-        check_positive(self, "start_frequency_hz", at_least=1e6, at_most=1e13)
+        check_positive_fields(self, "start_frequency_hz", at_least=1e6, at_most=1e13)
         check_number("Interferer.slope_hz_per_s", self.slope_hz_per_s, at_least=-1e18, at_most=1e18)
-        check_positive(self, "ramp_duration_s", "interval_s", at_least=1e-7, at_most=1e6)
+        check_positive_fields(self, "ramp_duration_s", "interval_s", at_least=1e-7, at_most=1e6)
         check_number("Interferer.offset_s", self.offset_s, at_least=-1e9, at_most=1e9)
         if not isinstance(self.coherent, bool | np.bool_):
             raise InvalidSetting(
@@ -98,9 +98,9 @@ class Interferer:
                 expected="True or False",
                 fix="omit it for random phases",
             )
-        check_positive(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
-        check_vector(self, "position_m", at_most=1e9)
-        check_velocity_vector(self, "velocity_m_per_s")
+        check_positive_fields(self, "transmit_power_w", at_least=1e-15, at_most=1e12)
+        normalise_vector_field(self, "position_m", max_magnitude=1e9)
+        normalise_velocity_field(self, "velocity_m_per_s")
         if self.heading_rad is not None:
             full_circle = 2 * math.pi
             check_number(
@@ -109,10 +109,10 @@ class Interferer:
                 at_least=-full_circle,
                 at_most=full_circle,
             )
-        self._check_times()
-        self._check_antenna()
+        self._check_ramp_and_frame_timing()
+        self._check_gain_or_pattern_given()
 
-    def _check_times(self) -> None:
+    def _check_ramp_and_frame_timing(self) -> None:
         if self.interval_s < self.ramp_duration_s * (1 - 1e-9):
             raise InvalidSetting(
                 "Interferer.interval_s",
@@ -128,7 +128,7 @@ class Interferer:
                 fix="check the units of slope and duration",
             )
         if self.n_chirps is not None:
-            check_count(self, "n_chirps", at_most=1_000_000)
+            check_integer_fields(self, "n_chirps", at_most=1_000_000)
         if self.period_s is None:
             return
         if self.n_chirps is None:
@@ -138,7 +138,7 @@ class Interferer:
                 expected="the number of chirps in each period",
                 fix="give it, or omit the period",
             )
-        check_positive(self, "period_s", at_most=1e6)
+        check_positive_fields(self, "period_s", at_most=1e6)
         frame_s = self.n_chirps * self.interval_s
         if self.period_s < frame_s * (1 - 1e-9):
             raise InvalidSetting(
@@ -148,7 +148,7 @@ class Interferer:
                 fix="lengthen the period, or send fewer chirps at a shorter interval",
             )
 
-    def _check_antenna(self) -> None:
+    def _check_gain_or_pattern_given(self) -> None:
         if not isinstance(self.pattern, Pattern | None):
             raise InvalidSetting(
                 "Interferer.pattern",
@@ -157,7 +157,7 @@ class Interferer:
                 fix="use antenna_gain for a constant gain in all directions",
             )
         if self.antenna_gain is not None:
-            check_positive(self, "antenna_gain", at_least=MIN_GAIN, at_most=MAX_GAIN)
+            check_positive_fields(self, "antenna_gain", at_least=MIN_GAIN, at_most=MAX_GAIN)
         elif self.pattern is None:
             raise InvalidSetting(
                 "Interferer.antenna_gain",
@@ -279,8 +279,8 @@ class Interference(Propagation):
                     expected="a unique name for each interferer",
                     fix="rename one of them",
                 )
-        check_count(self, "filter_order", at_most=100)
-        check_positive(self, "filter_corner", at_least=0.01, at_most=100.0)
+        check_integer_fields(self, "filter_order", at_most=100)
+        check_positive_fields(self, "filter_corner", at_least=0.01, at_most=100.0)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -306,7 +306,7 @@ class Interference(Propagation):
                     expected="another position: the received power would be infinite",
                     fix="move the interferer",
                 )
-            low_hz, high_hz = passband.passed_band_hz(radar.frame.chirp)
+            low_hz, high_hz = passband.passed_rf_band_hz(radar.frame.chirp)
             if interferer.band_hz[0] > high_hz or interferer.band_hz[1] < low_hz:
                 band_text = " to ".join(f"{hz / 1e9:.6g}" for hz in interferer.band_hz)
                 finding = Finding(
@@ -332,7 +332,7 @@ class Interference(Propagation):
             ramps = _find_arriving_ramps(window, scene.ego, radar, interferer, rng)
             for row in range(0, len(samples), block_length):
                 block = slice(row, row + block_length)
-                _add_interferer(
+                _add_interferer_signal(
                     samples[block],
                     window.select_chirps(block),
                     scene.ego,
@@ -357,7 +357,7 @@ class _Passband(NamedTuple):
     order: int
 
     @property
-    def half_width_hz(self) -> float:
+    def relevant_half_width_hz(self) -> float:
         """Return the distance from the middle to the least relevant gain."""
         return self.corner_hz * _MIN_AMPLITUDE_GAIN ** (-1 / self.order)
 
@@ -366,13 +366,13 @@ class _Passband(NamedTuple):
         normalised = (beat_hz - self.middle_hz) / self.corner_hz
         return 1 / np.sqrt(1 + normalised ** (2 * self.order))
 
-    def passed_band_hz(self, chirp: Chirp) -> tuple[float, float]:
+    def passed_rf_band_hz(self, chirp: Chirp) -> tuple[float, float]:
         """Return the lowest and highest frequency that passes at some sample."""
         first_hz = chirp.start_frequency_hz + chirp.slope_hz_per_s * chirp.adc_start_s
         last_hz = first_hz + chirp.sampled_bandwidth_hz
         return (
-            first_hz - self.middle_hz - self.half_width_hz,
-            last_hz - self.middle_hz + self.half_width_hz,
+            first_hz - self.middle_hz - self.relevant_half_width_hz,
+            last_hz - self.middle_hz + self.relevant_half_width_hz,
         )
 
 
@@ -406,7 +406,7 @@ def _find_arriving_ramps(
     delays_s = _propagation_delays_s(ramps_s, ego, interferer)
     first_s = ramps_s[0] + window.times_s[0] - delays_s.max()
     last_s = ramps_s[-1] + window.times_s[-1] - delays_s.min()
-    check_memory(
+    check_free_memory(
         "interference",
         needed_bytes=_RAMP_BYTES * interferer.max_ramp_count(last_s - first_s),
         fix="give the interferer a longer interval, or simulate shorter frames",
@@ -416,14 +416,17 @@ def _find_arriving_ramps(
     return _ArrivingRamps(starts_s, np.zeros(n) if interferer.coherent else rng.random(n))
 
 
-def _propagation_delays_s(ramps_s: np.ndarray, ego: Ego, interferer: Interferer) -> np.ndarray:
+def _propagation_delays_s(
+    ramp_starts_s: np.ndarray, ego: Ego, interferer: Interferer
+) -> np.ndarray:
     """Return the delay on the path to the radar at the start of each of its ramps."""
     return np.asarray(
-        np.linalg.norm(interferer.positions_from_radar_m(ramps_s, ego), axis=-1) / SPEED_OF_LIGHT
+        np.linalg.norm(interferer.positions_from_radar_m(ramp_starts_s, ego), axis=-1)
+        / SPEED_OF_LIGHT
     )
 
 
-def _add_interferer(
+def _add_interferer_signal(
     samples: np.ndarray,
     window: SampleWindow,
     ego: Ego,
@@ -463,7 +466,9 @@ def _amplitudes_at_one_metre(
 ) -> np.ndarray:
     """Return the amplitude in each receiver times path length, (n_rx,), sqrt(W) m (Friis 1946)."""
     mid_s = window.frame_start_s + radar.frame.mid_frame_s
-    _, rx_gains = antenna_gains(interferer.positions_from_radar_m(np.array([mid_s]), ego), radar)
+    _, rx_gains = antenna_amplitude_gains(
+        interferer.positions_from_radar_m(np.array([mid_s]), ego), radar
+    )
     power_w = interferer.transmit_power_w * interferer.gain_towards_radar(mid_s, ego)
     return rx_gains[:, 0] * np.sqrt(power_w) * radar.frame.chirp.wavelength_m / (4 * np.pi)
 
@@ -483,7 +488,7 @@ def _find_burst_samples(
     stops = np.searchsorted(starts_s, ramps_s + times_s[-1] - delays_s, side="right")
     ends_s = starts_s + interferer.ramp_duration_s
     firsts = np.searchsorted(ends_s, ramps_s + times_s[0] - delays_s, side="right")
-    rows, chirps = _concatenate_runs(firsts, np.maximum(stops - firsts, 0))
+    rows, chirps = _concatenate_integer_runs(firsts, np.maximum(stops - firsts, 0))
     ahead_s = ramps_s[rows] - starts_s[chirps]
     arrivals_s = delays_s[rows] - ahead_s  # arrival of the interferer's ramp, on the victim's ramp
     # The beat frequency is offset + rate t.
@@ -491,10 +496,10 @@ def _find_burst_samples(
     offset_hz = chirp.start_frequency_hz - interferer.start_frequency_hz
     offset_hz = offset_hz + interferer.slope_hz_per_s * arrivals_s - passband.middle_hz
     if rate == 0:
-        entries_s = np.where(abs(offset_hz) <= passband.half_width_hz, -np.inf, np.inf)
+        entries_s = np.where(abs(offset_hz) <= passband.relevant_half_width_hz, -np.inf, np.inf)
         exits_s = -entries_s
     else:
-        edges_s = (np.array([[-1.0], [1.0]]) * passband.half_width_hz - offset_hz) / rate
+        edges_s = (np.array([[-1.0], [1.0]]) * passband.relevant_half_width_hz - offset_hz) / rate
         entries_s, exits_s = edges_s.min(axis=0), edges_s.max(axis=0)
     entries_s = np.maximum(entries_s, arrivals_s)
     exits_s = np.minimum(exits_s, arrivals_s + interferer.ramp_duration_s)
@@ -504,11 +509,13 @@ def _find_burst_samples(
         ).astype(int)
         for edge_s in (entries_s, exits_s)
     )
-    pairs, columns = _concatenate_runs(lows, np.maximum(highs - lows, 0))
+    pairs, columns = _concatenate_integer_runs(lows, np.maximum(highs - lows, 0))
     return _BurstSamples(rows[pairs], columns, ahead_s[pairs], chirps[pairs])
 
 
-def _concatenate_runs(firsts: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _concatenate_integer_runs(
+    firsts: np.ndarray, counts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Concatenate runs of consecutive integers; return the run index and the integers."""
     run_indices = np.repeat(np.arange(len(firsts)), counts)
     offsets = np.cumsum(counts) - counts

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from dechirp.core.checks import check_number, check_positive
+from dechirp.core.checks import check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.simulation.blocks import process_in_blocks
+from dechirp.simulation.blocks import apply_to_chirp_blocks
 from dechirp.simulation.impairments.base import Receiver
 
 
@@ -41,7 +41,7 @@ class IqImbalance(Receiver):
     """Deviation of I and Q from quadrature."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "gain", at_least=0.01, at_most=100.0)
+        check_positive_fields(self, "gain", at_least=0.01, at_most=100.0)
         check_number(
             "IqImbalance.phase_rad", self.phase_rad, at_least=-np.pi / 2, at_most=np.pi / 2
         )
@@ -73,4 +73,4 @@ class IqImbalance(Receiver):
             chirps *= direct_factor
             chirps += images
 
-        process_in_blocks(samples, mix)
+        apply_to_chirp_blocks(samples, mix)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dechirp.core.checks import check_non_negative, check_positive
+from dechirp.core.checks import check_non_negative_fields, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
@@ -33,7 +33,7 @@ class Leakage(Propagation):
     example of a cable."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "isolation", at_most=1e30)
+        check_positive_fields(self, "isolation", at_most=1e30)
         if self.isolation < 1:
             raise InvalidSetting(
                 "Leakage.isolation",
@@ -41,7 +41,7 @@ class Leakage(Propagation):
                 expected="a ratio of at least 1 (0 dB)",
                 fix="write an isolation of 30 dB as 30 dB, not -30 dB",
             )
-        check_non_negative(self, "extra_length_m", at_most=1e6)
+        check_non_negative_fields(self, "extra_length_m", at_most=1e6)
 
     def added_delay_bounds_s(self, radar: Radar) -> tuple[float, float]:
         lengths_m = self._path_lengths_m(radar)
@@ -58,7 +58,7 @@ class Leakage(Propagation):
         lengths_m = self._path_lengths_m(radar)
         power_w = radar.require_hardware().transmit_power_w / self.isolation
         amplitudes = np.full(lengths_m.shape, np.sqrt(power_w))
-        add_antenna_pair_tones(samples, window, radar, amplitudes, lengths_m)
+        add_constant_path_signals(samples, window, radar, amplitudes, lengths_m)
 
     def _path_lengths_m(self, radar: Radar) -> np.ndarray:
         """Return the path lengths of all antenna pairs, (n_tx, n_rx)."""
@@ -66,20 +66,20 @@ class Leakage(Propagation):
         return np.asarray(np.linalg.norm(separations_m, axis=-1) + self.extra_length_m)
 
 
-def add_antenna_pair_tones(
+def add_constant_path_signals(
     samples: np.ndarray,
     window: SampleWindow,
     radar: Radar,
     amplitudes: np.ndarray,
-    lengths_m: np.ndarray,
+    path_lengths_m: np.ndarray,
 ) -> None:
     """Add paths of constant length to complex samples, (n_chirps, n_rx, n_times), in place.
 
-    `amplitudes`, sqrt(W), and `lengths_m` are (n_tx, n_rx). See `kernels/base.py` for the phase.
-    Samples taken before the wave arrives contain it all the same.
+    `amplitudes`, sqrt(W), and `path_lengths_m` are (n_tx, n_rx). See `kernels/base.py` for the
+    phase. Samples taken before the wave arrives contain it all the same.
     """
     frame, chirp = radar.frame, radar.frame.chirp
-    delays_s = lengths_m[..., None] / SPEED_OF_LIGHT
+    delays_s = path_lengths_m[..., None] / SPEED_OF_LIGHT
     # Chirps of one slot are equal in all rounds.
     first_chirp = int(abs(frame.chirp_starts_s - window.chirp_starts_s[0]).argmin())
     for row in range(min(frame.n_slots, len(samples))):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dechirp.core.checks import Vector, as_tuple, check_number
+from dechirp.core.checks import Vector, as_tuple_or_none, check_number
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
@@ -55,7 +55,7 @@ class MutualCoupling(Propagation):
 
     def __post_init__(self) -> None:
         for side in ("rx", "tx"):
-            self._check_settings(side)
+            self._check_level_phase_and_matrix(side)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise if a matrix does not fit the array, or antennas coincide."""
@@ -138,7 +138,7 @@ class MutualCoupling(Propagation):
         np.fill_diagonal(matrix, 1.0)
         return np.asarray(matrix)
 
-    def _check_settings(self, side: str) -> None:
+    def _check_level_phase_and_matrix(self, side: str) -> None:
         level, matrix = getattr(self, f"{side}_level"), getattr(self, f"{side}_matrix")
         if level is not None:
             check_number(f"MutualCoupling.{side}_level", level, above=0.0, at_most=1.0)
@@ -158,13 +158,15 @@ class MutualCoupling(Propagation):
                 fix="remove one of them",
             )
         object.__setattr__(
-            self, f"{side}_matrix", _check_square_matrix(f"MutualCoupling.{side}_matrix", matrix)
+            self,
+            f"{side}_matrix",
+            _check_square_complex_matrix(f"MutualCoupling.{side}_matrix", matrix),
         )
 
 
-def _check_square_matrix(setting: str, listed: object) -> Matrix:
-    rows = [as_tuple(row) or () for row in as_tuple(listed) or ()]
-    pairs = [[as_tuple(pair) or () for pair in row] for row in rows]
+def _check_square_complex_matrix(setting: str, matrix: object) -> Matrix:
+    rows = [as_tuple_or_none(row) or () for row in as_tuple_or_none(matrix) or ()]
+    pairs = [[as_tuple_or_none(pair) or () for pair in row] for row in rows]
     if not rows or any(len(row) != len(rows) for row in rows):
         raise InvalidSetting(
             setting,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import fft
 
-from dechirp.core.checks import check_numbers, check_positive
+from dechirp.core.checks import check_numbers, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.gaussian_noise import add_white_noise
 from dechirp.core.values import frozen_dataclass
@@ -30,7 +30,7 @@ class WhiteNoise(Receiver):
 
     def __post_init__(self) -> None:
         # Single precision cannot represent noise beyond 300 dB.
-        check_positive(self, "snr", at_least=1e-30, at_most=1e30)
+        check_positive_fields(self, "snr", at_least=1e-30, at_most=1e30)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise if the target is missing, or has no echo."""
@@ -39,9 +39,9 @@ class WhiteNoise(Receiver):
     def apply_to_samples(
         self, samples: np.ndarray, scene: Scene, radar: Radar, rng: np.random.Generator
     ) -> None:
-        self.prepare(scene, radar)(samples, rng)
+        self.make_sample_operation(scene, radar)(samples, rng)
 
-    def prepare(
+    def make_sample_operation(
         self, scene: Scene, radar: Radar
     ) -> Callable[[np.ndarray, np.random.Generator], None]:
         """Precompute the power of the noise, which takes half as long as adding it."""
@@ -121,7 +121,7 @@ class ColouredNoise(Receiver):
     def noise_power_w(self, scene: Scene, radar: Radar) -> float:
         """Return the mean density over the band, times the power of thermal noise."""
         return float(
-            self._relative_densities(radar.frame.chirp, _N_FREQUENCIES).mean()
+            self._densities_over_thermal(radar.frame.chirp, _N_FREQUENCIES).mean()
             * noise_power_w(radar)
         )
 
@@ -132,7 +132,7 @@ class ColouredNoise(Receiver):
         is_real, n_samples = not np.iscomplexobj(samples), samples.shape[-1]
         # Noise of a transform is periodic, so the period is twice the needed length.
         n_points = 2 * int(fft.next_fast_len(n_samples, real=True))
-        gains = np.sqrt(noise_power_w(radar) * self._relative_densities(chirp, n_points))
+        gains = np.sqrt(noise_power_w(radar) * self._densities_over_thermal(chirp, n_points))
         if is_real:  # the other half of the spectrum is its mirror image
             gains = gains[: len(gains) // 2 + 1]
         gains = gains.astype(samples.real.dtype)
@@ -148,7 +148,7 @@ class ColouredNoise(Receiver):
                 noise = fft.ifft(fft.fft(noise, overwrite_x=True) * gains, overwrite_x=True)
             block += noise[..., :n_samples]
 
-    def _relative_densities(self, chirp: Chirp, n_points: int) -> np.ndarray:
+    def _densities_over_thermal(self, chirp: Chirp, n_points: int) -> np.ndarray:
         """Return the density over that of thermal noise at each FFT bin, (n_points,)."""
         beats_hz = np.arange(n_points) * (chirp.sample_rate_hz / n_points)
         if chirp.sampling == "real":

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import irfft, next_fast_len
 
-from dechirp.core.checks import as_tuple, check_numbers
+from dechirp.core.checks import as_tuple_or_none, check_numbers
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.findings import Finding, PhysicsWarning
-from dechirp.core.memory import check_memory
+from dechirp.core.memory import check_free_memory
 from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -51,9 +51,9 @@ class PhaseNoise(Oscillator):
     """Mask at each offset: ratios of powers (dBc/Hz in files)."""
 
     def __post_init__(self) -> None:
-        offsets = _check_mask_points("PhaseNoise.offset_hz", self.offset_hz, 1e-6, 1e13)
+        offsets = _check_mask_values("PhaseNoise.offset_hz", self.offset_hz, 1e-6, 1e13)
         # A level above the carrier is not noise, and no oscillator is 400 dB below it.
-        levels = _check_mask_points("PhaseNoise.level_per_hz", self.level_per_hz, 1e-40, 1.0)
+        levels = _check_mask_values("PhaseNoise.level_per_hz", self.level_per_hz, 1e-40, 1.0)
         for index in range(1, len(offsets)):
             if offsets[index] <= offsets[index - 1]:
                 raise InvalidSetting(
@@ -76,7 +76,7 @@ class PhaseNoise(Oscillator):
         """Warn about a mask beyond the sampled offsets, or one that destroys the echo."""
         nyquist_hz = radar.frame.chirp.sample_rate_hz / 2
         if self.offset_hz[0] >= nyquist_hz:
-            self._warn_about_setting(
+            self._issue_setting_warning(
                 "offset",
                 value=f"from {self.offset_hz[0]:.4g} Hz on",
                 expected=f"an offset below {nyquist_hz:.4g} Hz, half the sample rate; the level of"
@@ -85,10 +85,12 @@ class PhaseNoise(Oscillator):
             )
         if not scene.targets:
             return
-        ranges_m = np.linalg.norm(scene.positions_m([radar.frame.mid_frame_s])[0], axis=-1)
+        ranges_m = np.linalg.norm(
+            scene.scatterer_positions_m([radar.frame.mid_frame_s])[0], axis=-1
+        )
         residual_rad = self.residual_rms_rad(2 * float(ranges_m.max()) / SPEED_OF_LIGHT, nyquist_hz)
         if residual_rad > 1:
-            self._warn_about_setting(
+            self._issue_setting_warning(
                 "level",
                 value=f"phase noise of {residual_rad:.3g} rad rms on the farthest echo",
                 expected="at most 1 rad, so that an echo remains a line with a skirt",
@@ -124,7 +126,7 @@ class PhaseNoise(Oscillator):
         # A process made in the frequency domain is periodic: half of one of twice the length is
         # not.
         n = next_fast_len(2 * n_needed, real=True)
-        check_memory(
+        check_free_memory(
             "phase noise", needed_bytes=_SAMPLE_BYTES * n, fix="simulate fewer chirps in a frame"
         )
         # Single precision errs by 1e-7 of the phase, as white noise 140 dB below the phase noise
@@ -135,7 +137,7 @@ class PhaseNoise(Oscillator):
         process_rad = irfft(spectrum, n)
         return sliding_window_view(process_rad, window.n_times)[firsts].astype(float)
 
-    def _warn_about_setting(self, setting: str, *, value: str, expected: str, fix: str) -> None:
+    def _issue_setting_warning(self, setting: str, *, value: str, expected: str, fix: str) -> None:
         finding = Finding(
             level="warning", setting=f"impairments.phase-noise.{setting}",
             value=value, expected=expected, fix=fix,
@@ -144,25 +146,25 @@ class PhaseNoise(Oscillator):
 
 
 @lru_cache(maxsize=2)
-def _bin_standard_deviations(mask: PhaseNoise, n: int, rate_hz: float) -> np.ndarray:
+def _bin_standard_deviations(mask: PhaseNoise, n_fft: int, rate_hz: float) -> np.ndarray:
     """Return the standard deviation of both parts of n // 2 bins above 0, the same for all frames.
 
     A constant phase has no effect, so bin 0 is omitted.
     """
-    bins_hz = np.arange(1, n // 2 + 1) * (rate_hz / n)
-    sizes = np.sqrt(mask.interpolate_mask(bins_hz) * (n * rate_hz / 2)).astype(np.float32)
+    bins_hz = np.arange(1, n_fft // 2 + 1) * (rate_hz / n_fft)
+    sizes = np.sqrt(mask.interpolate_mask(bins_hz) * (n_fft * rate_hz / 2)).astype(np.float32)
     sizes.flags.writeable = False
     return sizes
 
 
-def _check_mask_points(
-    setting: str, listed: object, at_least: float, at_most: float
+def _check_mask_values(
+    setting: str, values: object, at_least: float, at_most: float
 ) -> tuple[float, ...]:
-    members = as_tuple(listed)
+    members = as_tuple_or_none(values)
     if not members:
         raise InvalidSetting(
             setting,
-            value=listed,
+            value=values,
             expected="a list of at least one number",
             fix="write [1e6], or a mask",
         )

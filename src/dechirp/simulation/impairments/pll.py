@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from dechirp.core.checks import as_tuple, check_numbers, check_positive
+from dechirp.core.checks import as_tuple_or_none, check_numbers, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -52,9 +52,9 @@ class Pll(FrequencyError):
     coefficients c_1, c_2 ...; u is the tuning voltage, 0 at the start and 1 at the end."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "natural_frequency_hz", at_least=1e-3, at_most=1e12)
-        check_positive(self, "damping", at_least=0.05, at_most=20.0)
-        coefficients = as_tuple(self.gain_change)
+        check_positive_fields(self, "natural_frequency_hz", at_least=1e-3, at_most=1e12)
+        check_positive_fields(self, "damping", at_least=0.05, at_most=20.0)
+        coefficients = as_tuple_or_none(self.gain_change)
         if coefficients is None or len(coefficients) > 8:
             raise InvalidSetting(
                 "Pll.gain_change",
@@ -89,14 +89,14 @@ class Pll(FrequencyError):
 
     def frequency_error_hz(self, times_s: np.ndarray, radar: Radar) -> np.ndarray:
         """Return the forced response to the tuning curve plus the transient."""
-        loop = _solve_periodic_loop(self, radar)
-        transient, _ = loop.transient(times_s)
+        loop = _solve_periodic_loop_state(self, radar)
+        transient, _ = loop.transient_and_rate(times_s)
         return loop.forced_response(times_s) + transient
 
     def phase_error_cycles(self, times_s: np.ndarray, radar: Radar) -> np.ndarray:
         """Return its integral; that of the transient follows from its differential equation."""
-        loop = _solve_periodic_loop(self, radar)
-        frequency, rate = loop.transient(times_s)
+        loop = _solve_periodic_loop_state(self, radar)
+        frequency, rate = loop.transient_and_rate(times_s)
         first, first_rate = loop.initial_transient
         transient_change = first_rate - rate + 2 * loop.damping_per_s * (first - frequency)
         return loop.forced_response.integ()(times_s) + transient_change / loop.natural_rad_per_s**2
@@ -112,20 +112,22 @@ class _SettledLoop(NamedTuple):
     damping_per_s: float
     natural_rad_per_s: float
 
-    def transient(self, times_s: np.ndarray) -> np.ndarray:
+    def transient_and_rate(self, times_s: np.ndarray) -> np.ndarray:
         """Return the transient and its rate, (2, n_times)."""
-        transition = _state_transition(times_s, self.damping_per_s, self.natural_rad_per_s)
+        transition = _transient_transition_matrix(
+            times_s, self.damping_per_s, self.natural_rad_per_s
+        )
         return np.einsum("ij...,j->i...", transition, self.initial_transient)
 
 
-def _solve_periodic_loop(pll: Pll, radar: Radar) -> _SettledLoop:
+def _solve_periodic_loop_state(pll: Pll, radar: Radar) -> _SettledLoop:
     """Solve for the loop state that repeats in every chirp."""
     frame, chirp = radar.frame, radar.frame.chirp
     ramp_s, slope = chirp.ramp_duration_s, chirp.slope_hz_per_s
     natural_rad_per_s = 2 * np.pi * pll.natural_frequency_hz
     damping = pll.damping * natural_rad_per_s
     curve_hz = _tuning_error_hz(pll.gain_change, chirp.ramp_bandwidth_hz, ramp_s)
-    response = _forced_response(curve_hz, damping, natural_rad_per_s)
+    response = _forced_response_polynomial(curve_hz, damping, natural_rad_per_s)
     rates = curve_hz.deriv()
     # Kinks of the tuning error minus those of the reference, and the jump back by the ramp
     # bandwidth.
@@ -134,7 +136,7 @@ def _solve_periodic_loop(pll: Pll, radar: Radar) -> _SettledLoop:
     return_jump = np.array([jump_hz, slope - rates(ramp_s) - 2 * damping * jump_hz])
     first, last = (np.array([response(t), response.deriv()(t)]) for t in (0.0, ramp_s))
     ramp, pause = (
-        _state_transition(np.array(t), damping, natural_rad_per_s)
+        _transient_transition_matrix(np.array(t), damping, natural_rad_per_s)
         for t in (ramp_s, frame.single_interval_s - ramp_s)
     )
     # Periodicity: the state is the same again after a ramp and a pause.
@@ -153,24 +155,30 @@ def _tuning_error_hz(
     return bandwidth_hz * (tuning_integral(linear_time) / tuning_integral(1.0) - linear_time)
 
 
-def _forced_response(curve_hz: Polynomial, damping: float, natural: float) -> Polynomial:
+def _forced_response_polynomial(
+    tuning_error_hz: Polynomial, damping: float, natural_frequency: float
+) -> Polynomial:
     """Return the polynomial y with y'' + 2 a y' + w^2 y = curve''."""
-    excitation = curve_hz.deriv(2).coef
+    excitation = tuning_error_hz.deriv(2).coef
     coefficients = np.zeros(len(excitation) + 2)
     for k in range(len(excitation) - 1, -1, -1):
         higher_terms = (
             2 * damping * (k + 1) * coefficients[k + 1] + (k + 1) * (k + 2) * coefficients[k + 2]
         )
-        coefficients[k] = (excitation[k] - higher_terms) / natural**2
+        coefficients[k] = (excitation[k] - higher_terms) / natural_frequency**2
     return Polynomial(coefficients[: len(excitation)])
 
 
-def _state_transition(times_s: np.ndarray, damping: float, natural: float) -> np.ndarray:
+def _transient_transition_matrix(
+    times_s: np.ndarray, damping: float, natural_frequency: float
+) -> np.ndarray:
     """Return the transition matrix of the transient (y, y') over given times, (2, 2, ...)."""
-    root = np.sqrt(complex(damping**2 - natural**2))
+    root = np.sqrt(complex(damping**2 - natural_frequency**2))
     slow, fast = np.exp((root - damping) * times_s), np.exp((-root - damping) * times_s)
     # At critical damping both exponentials are equal, and the quotient is its limit.
-    is_critical = abs(root) < 1e-6 * natural
+    is_critical = abs(root) < 1e-6 * natural_frequency
     odd_part = times_s * slow if is_critical else ((slow - fast) / (2 * root))
     even, odd = ((slow + fast) / 2).real, odd_part.real
-    return np.array([[even + damping * odd, odd], [-(natural**2) * odd, even - damping * odd]])
+    return np.array(
+        [[even + damping * odd, odd], [-(natural_frequency**2) * odd, even - damping * odd]]
+    )

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_count, check_number, check_vectors
+from dechirp.core.checks import Vector, check_integer_fields, check_number, normalise_vectors_field
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.simulation.echo_groups import EchoGroup, SampleWindow
 from dechirp.simulation.impairments.base import Propagation
-from dechirp.simulation.mirror_images import mirrors_between, up_vector
+from dechirp.simulation.mirror_images import infer_mirrors_from_image, up_vector_in_radar_axes
 
 
 @frozen_dataclass
@@ -37,10 +37,10 @@ class PositionErrors(Propagation):
     def __post_init__(self) -> None:
         # Far above tolerances of a board; a larger value indicates a wrong unit.
         check_number("PositionErrors.std_m", self.std_m, at_least=0.0, at_most=0.01)
-        check_count(self, "seed", at_least=0, at_most=2**63 - 1)
+        check_integer_fields(self, "seed", at_least=0, at_most=2**63 - 1)
         for name in ("tx_m", "rx_m"):
             if getattr(self, name) is not None:
-                check_vectors(self, name, at_most=0.04)
+                normalise_vectors_field(self, name, max_magnitude=0.04)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise unless there is one error for each antenna."""
@@ -64,7 +64,7 @@ class PositionErrors(Propagation):
         rng: np.random.Generator,
     ) -> list[EchoGroup]:
         """Move the antennas of each transmission."""
-        upwards = up_vector(scene)
+        upwards = up_vector_in_radar_axes(scene)
         tx_m, rx_m = self.errors_m(radar)
         return [
             group._replace(
@@ -98,6 +98,6 @@ def _displace_antennas(
     current_m: np.ndarray, nominal_m: np.ndarray, errors_m: np.ndarray, upwards_vector: np.ndarray
 ) -> np.ndarray:
     """Add errors to antennas or to their images, mirrored for images."""
-    for mirror in mirrors_between(nominal_m[0], current_m[0], upwards_vector):
+    for mirror in infer_mirrors_from_image(nominal_m[0], current_m[0], upwards_vector):
         errors_m = errors_m - 2 * (errors_m @ mirror.normal)[:, None] * mirror.normal
     return current_m + errors_m

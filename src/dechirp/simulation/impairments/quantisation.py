@@ -5,12 +5,12 @@ import warnings
 import numba
 import numpy as np
 
-from dechirp.core.checks import check_count, check_positive
+from dechirp.core.checks import check_integer_fields, check_positive_fields
 from dechirp.core.findings import Finding, PhysicsWarning
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
-from dechirp.simulation.blocks import process_in_blocks
+from dechirp.simulation.blocks import apply_to_chirp_blocks
 from dechirp.simulation.impairments.base import Receiver
 
 # Part of a step beyond the last code: single precision separates 32767 from 32767.004.
@@ -44,8 +44,8 @@ class Quantisation(Receiver):
     """Power at the antenna of the largest tone without clipping."""
 
     def __post_init__(self) -> None:
-        check_count(self, "bits", at_least=2, at_most=16)
-        check_positive(self, "full_scale_w", at_least=1e-30, at_most=1e12)
+        check_integer_fields(self, "bits", at_least=2, at_most=16)
+        check_positive_fields(self, "full_scale_w", at_least=1e-30, at_most=1e12)
 
     def step_size(self, radar: Radar) -> float:
         """Return the step of the ADC, sqrt(W)."""
@@ -72,9 +72,9 @@ class Quantisation(Receiver):
 
         def quantise_block(chirps: np.ndarray) -> None:
             flat = chirps.reshape(-1)
-            n_clipped.append(_quantise(flat.view(limits.dtype), limits))
+            n_clipped.append(_quantise_and_count_clipped(flat.view(limits.dtype), limits))
 
-        process_in_blocks(samples, quantise_block)
+        apply_to_chirp_blocks(samples, quantise_block)
         n_kept = samples[..., 0].size * radar.frame.chirp.n_samples
         n_numbers = n_kept * (2 if np.iscomplexobj(samples) else 1)
         if sum(n_clipped):
@@ -90,15 +90,16 @@ class Quantisation(Receiver):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _quantise(parts: np.ndarray, limits: np.ndarray) -> int:
+def _quantise_and_count_clipped(sample_values: np.ndarray, step_and_code_bounds: np.ndarray) -> int:
     """Round to steps within bounds, in place; return the number of clipped values.
 
-    `limits` are the step, its inverse, the least and the largest code, and the clipping tolerance.
+    `step_and_code_bounds` are the step, its inverse, the least and the largest code, and the
+    clipping tolerance.
     """
-    step, per_step, min_code, max_code, tolerance = limits
+    step, per_step, min_code, max_code, tolerance = step_and_code_bounds
     n_clipped = 0
-    for k in range(len(parts)):
-        steps = parts[k] * per_step
+    for k in range(len(sample_values)):
+        steps = sample_values[k] * per_step
         n_clipped += (steps > max_code + tolerance) | (steps < min_code - tolerance)
-        parts[k] = min(max(np.rint(steps), min_code), max_code) * step
+        sample_values[k] = min(max(np.rint(steps), min_code), max_code) * step
     return n_clipped

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from dechirp.core.checks import check_number, check_positive
+from dechirp.core.checks import check_number, check_positive_fields
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.simulation.echo_groups import SampleWindow
 from dechirp.simulation.impairments.base import Propagation
-from dechirp.simulation.path_attenuation import check_frequency_range
+from dechirp.simulation.path_attenuation import check_radar_frequency
 from dechirp.theory.water_permittivity import water_film_loss
 
 
@@ -38,14 +38,14 @@ class Radome(Propagation):
     def __post_init__(self) -> None:
         check_number("Radome.film_m", self.film_m, at_least=0, at_most=0.01)
         check_number("Radome.temperature_k", self.temperature_k, at_least=243, at_most=323)
-        check_positive(self, "loss", at_least=1.0, at_most=1e12)
+        check_positive_fields(self, "loss", at_least=1.0, at_most=1e12)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise for a radar above 1 THz."""
-        check_frequency_range(self.kind(), radar, 0.0, 1e12)
+        check_radar_frequency(self.kind(), radar, 0.0, 1e12)
 
-    def outbound_gain(self, radar: Radar) -> float:
-        return self._one_way_gain(radar)
+    def outbound_amplitude_gain(self, radar: Radar) -> float:
+        return self._one_way_amplitude_gain(radar)
 
     def add_signals(
         self,
@@ -56,9 +56,9 @@ class Radome(Propagation):
         rng: np.random.Generator,
     ) -> None:
         """Attenuate the signals of earlier impairments by the inbound loss."""
-        samples *= self._one_way_gain(radar)
+        samples *= self._one_way_amplitude_gain(radar)
 
-    def _one_way_gain(self, radar: Radar) -> float:
+    def _one_way_amplitude_gain(self, radar: Radar) -> float:
         """Return the amplitude gain of one path."""
         frequency_hz = radar.frame.chirp.mid_window_frequency_hz
         film = water_film_loss(frequency_hz, self.film_m, self.temperature_k)

@@ -11,7 +11,7 @@ from dechirp.radar.radar import Radar
 from dechirp.scene.scene import Scene
 from dechirp.simulation.echo_groups import EchoGroup, SampleWindow
 from dechirp.simulation.impairments.base import Propagation
-from dechirp.simulation.path_attenuation import attenuate, check_frequency_range
+from dechirp.simulation.path_attenuation import attenuate_two_way, check_radar_frequency
 from dechirp.theory.attenuation import MAX_RAIN_RATE_M_PER_S, rain_db_per_km
 
 
@@ -34,7 +34,7 @@ class RainAttenuation(Propagation):
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise for a radar below 1 GHz or above 1 THz."""
-        check_frequency_range(self.kind(), radar, 1e9, 1e12)
+        check_radar_frequency(self.kind(), radar, 1e9, 1e12)
 
     def transform_echoes(
         self,
@@ -45,7 +45,7 @@ class RainAttenuation(Propagation):
         rng: np.random.Generator,
     ) -> list[EchoGroup]:
         frequency_hz = radar.frame.chirp.mid_window_frequency_hz
-        return attenuate(
+        return attenuate_two_way(
             groups, rain_db_per_km(frequency_hz, self.rate_m_per_s, tilt_rad=self.tilt_rad)
         )
 

@@ -7,20 +7,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dechirp.core.checks import Vector, check_count, check_number, check_positive
+from dechirp.core.checks import Vector, check_integer_fields, check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
-from dechirp.radar.budget import echo_amplitude
+from dechirp.radar.budget import unit_echo_amplitude
 from dechirp.radar.hardware import Hardware
 from dechirp.radar.radar import Radar
 from dechirp.scene.ego import Ego
 from dechirp.scene.scene import Scene
-from dechirp.scene.speed_limit import check_velocity_vector
-from dechirp.simulation.echo_groups import EchoGroup, SampleWindow, antenna_gains, split_by_ramp
+from dechirp.scene.speed_limit import normalise_velocity_field
+from dechirp.simulation.echo_groups import (
+    EchoGroup,
+    SampleWindow,
+    antenna_amplitude_gains,
+    echo_groups_per_ramp,
+)
 from dechirp.simulation.impairments.base import Propagation
 from dechirp.simulation.impairments.rain_attenuation import check_rain_rate
 from dechirp.simulation.kernels.base import Scatterers
-from dechirp.simulation.path_attenuation import check_frequency_range
+from dechirp.simulation.path_attenuation import check_radar_frequency
 from dechirp.theory.rain_backscatter import (
     DIAMETERS_M,
     drop_fall_speed_m_per_s,
@@ -69,16 +74,16 @@ class RainBackscatter(Propagation):
 
     def __post_init__(self) -> None:
         check_rain_rate("RainBackscatter.rate_m_per_s", self.rate_m_per_s)
-        check_velocity_vector(self, "wind_m_per_s")
+        normalise_velocity_field(self, "wind_m_per_s")
         check_number("RainBackscatter.temperature_k", self.temperature_k, at_least=243, at_most=323)
-        check_count(self, "n_scatterers", at_most=10_000_000)
-        check_positive(self, "min_range_m", at_most=1e6)
+        check_integer_fields(self, "n_scatterers", at_most=10_000_000)
+        check_positive_fields(self, "min_range_m", at_most=1e6)
         if self.max_range_m is not None:
-            check_positive(self, "max_range_m", at_most=1e6)
+            check_positive_fields(self, "max_range_m", at_most=1e6)
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Raise if no rain is in view, or if the radar is below 1 GHz or above 1 THz."""
-        check_frequency_range(self.kind(), radar, 1e9, 1e12)
+        check_radar_frequency(self.kind(), radar, 1e9, 1e12)
         if not self._effective_max_range_m(radar) > self.min_range_m:
             raise InvalidSetting(
                 "max_range",
@@ -100,19 +105,21 @@ class RainBackscatter(Propagation):
         if self.rate_m_per_s == 0:
             return list(groups)
         frame = radar.frame
-        scatterers = self._draw_scatterers(
+        scatterers = self._draw_rain_scatterers(
             window.frame_start_s + frame.mid_frame_s, scene, radar, rng
         )
         all_chirps = slice(0, frame.n_chirps_total)
-        return [*groups, *split_by_ramp(all_chirps, scatterers, frame.mid_frame_s, radar)]
+        return [*groups, *echo_groups_per_ramp(all_chirps, scatterers, frame.mid_frame_s, radar)]
 
-    def _draw_scatterers(
+    def _draw_rain_scatterers(
         self, mid_s: float, scene: Scene, radar: Radar, rng: np.random.Generator
     ) -> Scatterers:
         n, frequency_hz = self.n_scatterers, radar.frame.chirp.mid_window_frequency_hz
         step_m = (self._effective_max_range_m(radar) - self.min_range_m) / n
         range_m = self.min_range_m + step_m * (np.arange(n) + rng.random(n))
-        directions, per_sr = _find_common_beam(radar.require_hardware()).draw_directions(n, rng)
+        directions, per_sr = _find_common_beam(
+            radar.require_hardware()
+        ).draw_directions_and_densities(n, rng)
         position_m = range_m[:, None] * directions
         eta = rain_reflectivity_per_m(
             frequency_hz, self.rate_m_per_s, temperature_k=self.temperature_k
@@ -120,9 +127,9 @@ class RainBackscatter(Propagation):
         rcs_m2 = eta * range_m**2 * step_m / per_sr * rng.exponential(size=n)
         velocity = np.array(self.wind_m_per_s) - self._draw_fall_velocities(frequency_hz, rng)
         return Scatterers(
-            _path_coefficients_m(position_m, velocity, scene.ego, mid_s),
-            echo_amplitude(radar) * np.sqrt(rcs_m2),
-            *antenna_gains(position_m, radar),
+            _radar_path_polynomials_m(position_m, velocity, scene.ego, mid_s),
+            unit_echo_amplitude(radar) * np.sqrt(rcs_m2),
+            *antenna_amplitude_gains(position_m, radar),
         )
 
     def _draw_fall_velocities(self, frequency_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -151,7 +158,9 @@ class _CommonBeam(NamedTuple):
     cumulative_shares: np.ndarray
     """(n_cells,): cumulative share of the product of both gains; 1 at the end."""
 
-    def draw_directions(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def draw_directions_and_densities(
+        self, n: int, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Draw unit vectors, (n, 3), and return their density as well, per sr."""
         cells = np.searchsorted(self.cumulative_shares, rng.random(n), side="right")
         grid_positions = np.stack(np.unravel_index(cells, _N_CELLS)) + rng.random((2, n))
@@ -189,7 +198,7 @@ def _find_common_beam(hardware: Hardware) -> _CommonBeam:
     return _CommonBeam(azimuth_rad, rise, shares / shares[-1])
 
 
-def _path_coefficients_m(
+def _radar_path_polynomials_m(
     position_m: np.ndarray, velocity_m_per_s: np.ndarray, ego: Ego, mid_s: float
 ) -> np.ndarray:
     """Return polynomial paths in the coordinates of the moving radar, (2 or 3, n, 3).

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from dechirp.core.checks import (
-    as_tuple,
-    check_non_negative,
+    as_tuple_or_none,
+    check_non_negative_fields,
     check_number,
     check_numbers,
-    check_positive,
+    check_positive_fields,
 )
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
@@ -18,8 +18,8 @@ from dechirp.simulation.echo_groups import SampleWindow
 from dechirp.simulation.impairments.base import Oscillator
 from dechirp.simulation.impairments.frequency_error import (
     FrequencyError,
-    max_frequency_error_hz,
-    warn_of_large_error,
+    max_accurate_frequency_error_hz,
+    warn_of_large_frequency_error,
 )
 
 
@@ -43,7 +43,7 @@ class PolynomialNonlinearity(FrequencyError):
     """Coefficients e_0, e_1, e_2 ...: the contribution of each power at the end of the ramp."""
 
     def __post_init__(self) -> None:
-        coefficients = as_tuple(self.error_hz) or ()
+        coefficients = as_tuple_or_none(self.error_hz) or ()
         if not 1 <= len(coefficients) <= 16:
             raise InvalidSetting(
                 "PolynomialNonlinearity.error_hz",
@@ -92,8 +92,8 @@ class SinusoidalNonlinearity(FrequencyError):
     """Phase of the ripple at the start of every ramp, theta."""
 
     def __post_init__(self) -> None:
-        check_non_negative(self, "deviation_hz", at_most=1e13)
-        check_positive(self, "rate_hz", at_least=1e-6, at_most=1e13)
+        check_non_negative_fields(self, "deviation_hz", at_most=1e13)
+        check_positive_fields(self, "rate_hz", at_least=1e-6, at_most=1e13)
         start_rad = check_number("SinusoidalNonlinearity.start_phase_rad", self.start_phase_rad)
         object.__setattr__(self, "start_phase_rad", start_rad)
 
@@ -139,7 +139,9 @@ class SlopeDrift(Oscillator):
 
     def check(self, scene: Scene, radar: Radar) -> None:
         """Warn if the error is large at the end of the first frame."""
-        warn_of_large_error(self.kind(), self._max_error_hz(0.0, radar), radar.frame.chirp)
+        warn_of_large_frequency_error(
+            self.kind(), self._max_frequency_error_hz(0.0, radar), radar.frame.chirp
+        )
 
     def phase_error_rad(
         self, window: SampleWindow, radar: Radar, rng: np.random.Generator
@@ -150,19 +152,21 @@ class SlopeDrift(Oscillator):
         """
         if window.frame_index:
             period_s, chirp = window.frame_start_s / window.frame_index, radar.frame.chirp
-            if self._max_error_hz(window.frame_start_s - period_s, radar) <= max_frequency_error_hz(
-                chirp
-            ):
-                warn_of_large_error(
-                    self.kind(), self._max_error_hz(window.frame_start_s, radar), chirp
+            if self._max_frequency_error_hz(
+                window.frame_start_s - period_s, radar
+            ) <= max_accurate_frequency_error_hz(chirp):
+                warn_of_large_frequency_error(
+                    self.kind(), self._max_frequency_error_hz(window.frame_start_s, radar), chirp
                 )
         chirp_starts_s = window.frame_start_s + window.chirp_starts_s
         slopes = radar.frame.chirp.slope_hz_per_s * self.relative_drift * chirp_starts_s
         return np.pi * slopes[:, None] * np.square(window.times_s)
 
-    def _max_error_hz(self, start_s: float, radar: Radar) -> float:
-        """Return the largest error at the end of a frame that begins at `start_s`."""
+    def _max_frequency_error_hz(self, frame_start_s: float, radar: Radar) -> float:
+        """Return the largest error at the end of a frame that begins at `frame_start_s`."""
         frame = radar.frame
         return (
-            abs(self.relative_drift) * (start_s + frame.duration_s) * frame.chirp.ramp_bandwidth_hz
+            abs(self.relative_drift)
+            * (frame_start_s + frame.duration_s)
+            * frame.chirp.ramp_bandwidth_hz
         )

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from dechirp.core.checks import check_number, check_positive
+from dechirp.core.checks import check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -15,8 +15,8 @@ from dechirp.simulation.impairments.base import Propagation
 from dechirp.simulation.mirror_images import (
     MIN_MIRROR_DISTANCE_M,
     Mirror,
-    add_reflections,
-    up_vector,
+    group_and_reflected_copies,
+    up_vector_in_radar_axes,
 )
 
 # Feet and wheels of a body may sink a little into the road.
@@ -59,8 +59,8 @@ class TwoRayGround(Propagation):
 
     def __post_init__(self) -> None:
         # The limits include bumpers and aircraft; other values indicate a wrong unit.
-        check_positive(self, "height_m", at_least=MIN_MIRROR_DISTANCE_M, at_most=1e5)
-        check_positive(self, "permittivity", at_least=1.001, at_most=1e6)  # air has 1.0006
+        check_positive_fields(self, "height_m", at_least=MIN_MIRROR_DISTANCE_M, at_most=1e5)
+        check_positive_fields(self, "permittivity", at_least=1.001, at_most=1e6)  # air has 1.0006
         check_number("TwoRayGround.roughness_m", self.roughness_m, at_least=0.0, at_most=10.0)
         if self.polarisation not in ("vertical", "horizontal"):
             raise InvalidSetting(
@@ -74,7 +74,7 @@ class TwoRayGround(Propagation):
         """Raise if an antenna or a target is below the road, or the radar rises."""
         road = self._road_mirror(scene)
         for kind, antennas_m in (("transmitter", radar.array.tx_m), ("receiver", radar.array.rx_m)):
-            heights_m = road.distances_m(np.array(antennas_m))
+            heights_m = road.signed_distances_m(np.array(antennas_m))
             if heights_m.min() < MIN_MIRROR_DISTANCE_M:
                 raise InvalidSetting(
                     "height",
@@ -93,13 +93,14 @@ class TwoRayGround(Propagation):
             )
         if not scene.targets:
             return
-        heights_m = road.distances_m(scene.positions_m([0.0])[0])
+        heights_m = road.signed_distances_m(scene.scatterer_positions_m([0.0])[0])
         lowest = int(heights_m.argmin())
         if heights_m[lowest] < -_MAX_DEPTH_M:
             raise InvalidSetting(
                 "height",
                 value=f"{self.height_m:.6g} m, with scene.targets."
-                f"{scene.names[scene.owners[lowest]]} {-heights_m[lowest]:.4g} m below the road",
+                f"{scene.names[scene.target_of_scatterer[lowest]]} {-heights_m[lowest]:.4g} m"
+                " below the road",
                 expected=f"targets above the road, or at most {_MAX_DEPTH_M:g} m below its surface",
                 fix=f"the road is at z = {scene.ego.position_m[2] - self.height_m:.6g} m in the"
                 " scene: raise the target, or the radar",
@@ -114,7 +115,7 @@ class TwoRayGround(Propagation):
         rng: np.random.Generator,
     ) -> list[EchoGroup]:
         """Yield each group, and its copies with reflected outbound, inbound, or both paths."""
-        road, upwards = self._road_mirror(scene), up_vector(scene)
+        road, upwards = self._road_mirror(scene), up_vector_in_radar_axes(scene)
         wavenumber = 2 * np.pi / radar.frame.chirp.wavelength_m
 
         def coefficients(image_m: np.ndarray, positions_m: np.ndarray) -> np.ndarray:
@@ -131,11 +132,11 @@ class TwoRayGround(Propagation):
         return [
             copy
             for group in groups
-            for copy in add_reflections(group, road, coefficients, radar, upwards)
+            for copy in group_and_reflected_copies(group, road, coefficients, radar, upwards)
         ]
 
     def _road_mirror(self, scene: Scene) -> Mirror:
-        return Mirror(up_vector(scene), -self.height_m)
+        return Mirror(up_vector_in_radar_axes(scene), -self.height_m)
 
 
 def fresnel_coefficients(

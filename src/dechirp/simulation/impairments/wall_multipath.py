@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from dechirp.core.checks import as_tuple, check_number, check_positive
+from dechirp.core.checks import as_tuple_or_none, check_number, check_positive_fields
 from dechirp.core.errors import InvalidSetting
 from dechirp.core.values import frozen_dataclass
 from dechirp.radar.radar import Radar
@@ -15,9 +15,9 @@ from dechirp.simulation.impairments.base import Propagation
 from dechirp.simulation.mirror_images import (
     MIN_MIRROR_DISTANCE_M,
     Mirror,
-    add_reflections,
+    group_and_reflected_copies,
     mid_run_time_s,
-    up_vector,
+    up_vector_in_radar_axes,
 )
 
 Point = tuple[float, float]
@@ -63,12 +63,12 @@ class WallMultipath(Propagation):
 
     def __post_init__(self) -> None:
         for name in ("start_m", "end_m"):
-            self._check_point(name)
-        check_positive(self, "reflectivity", at_most=1.0)
-        if self._length_m < 1e-3:
+            self._check_end_point(name)
+        check_positive_fields(self, "reflectivity", at_most=1.0)
+        if self._wall_length_m < 1e-3:
             raise InvalidSetting(
                 "WallMultipath.end_m",
-                value=f"{self.end_m}, {self._length_m:g} m from start",
+                value=f"{self.end_m}, {self._wall_length_m:g} m from start",
                 expected="at least 1 mm away from start",
                 fix="give both ends, as [x, y]",
             )
@@ -84,11 +84,11 @@ class WallMultipath(Propagation):
                 fix="remove turn_rate from scene.ego, or remove the wall",
             )
         velocity = np.array(ego.velocity_m_per_s)
-        direction = np.array([*self._direction, 0.0])
+        direction = np.array([*self._unit_direction_along_wall, 0.0])
         lateral_m_per_s = abs(np.cross(direction, velocity)[2])
         if lateral_m_per_s > _MAX_LATERAL_RATIO * np.linalg.norm(velocity):
             corrected_end = velocity[:2] / np.linalg.norm(velocity[:2])
-            corrected_end *= self._length_m * (1 if direction @ velocity >= 0 else -1)
+            corrected_end *= self._wall_length_m * (1 if direction @ velocity >= 0 else -1)
             x, y = np.array(self.start_m) + corrected_end
             raise InvalidSetting(
                 "end",
@@ -99,7 +99,7 @@ class WallMultipath(Propagation):
             )
         mirror = self._wall_mirror(scene, 0.0)
         for kind, antennas_m in (("transmitter", radar.array.tx_m), ("receiver", radar.array.rx_m)):
-            distances_m = mirror.distances_m(np.array(antennas_m))
+            distances_m = mirror.signed_distances_m(np.array(antennas_m))
             if distances_m.min() < MIN_MIRROR_DISTANCE_M:
                 raise InvalidSetting(
                     "start",
@@ -118,13 +118,13 @@ class WallMultipath(Propagation):
         rng: np.random.Generator,
     ) -> list[EchoGroup]:
         """Yield each group, and its copies with reflected outbound, inbound, or both paths."""
-        upwards = up_vector(scene)
+        upwards = up_vector_in_radar_axes(scene)
         reflected: list[EchoGroup] = []
         for group in groups:
             time_s = mid_run_time_s(group, window)
             mirror = self._wall_mirror(scene, time_s)
             coefficients = partial(self._reflection_coefficients, mirror, scene, time_s)
-            reflected += add_reflections(group, mirror, coefficients, radar, upwards)
+            reflected += group_and_reflected_copies(group, mirror, coefficients, radar, upwards)
         return reflected
 
     def _reflection_coefficients(
@@ -136,41 +136,43 @@ class WallMultipath(Propagation):
         positions_m: np.ndarray,
     ) -> np.ndarray:
         """Return the coefficients of paths from an image, (3,), to points, (n, 3)."""
-        behind_m = -mirror.distances_m(image_m[None])
-        ahead_m = np.maximum(mirror.distances_m(positions_m), 0.0)
+        behind_m = -mirror.signed_distances_m(image_m[None])
+        ahead_m = np.maximum(mirror.signed_distances_m(positions_m), 0.0)
         points_m = image_m + (behind_m / (behind_m + ahead_m))[:, None] * (positions_m - image_m)
-        direction = self._to_radar_axes(np.array([*self._direction, 0.0]), scene)
+        direction = self._rotate_to_radar_axes(
+            np.array([*self._unit_direction_along_wall, 0.0]), scene
+        )
         along_m = (points_m - self._to_radar_coordinates_m(self.start_m, scene, time_s)) @ direction
-        is_between = (along_m >= 0) & (along_m <= self._length_m)
+        is_between = (along_m >= 0) & (along_m <= self._wall_length_m)
         return np.where(is_between, -np.sqrt(self.reflectivity), 0.0)
 
     def _wall_mirror(self, scene: Scene, time_s: float) -> Mirror:
-        x, y = self._direction
-        normal = self._to_radar_axes(np.array([-y, x, 0.0]), scene)
+        x, y = self._unit_direction_along_wall
+        normal = self._rotate_to_radar_axes(np.array([-y, x, 0.0]), scene)
         offset_m = float(normal @ self._to_radar_coordinates_m(self.start_m, scene, time_s))
         return Mirror(normal, offset_m) if offset_m < 0 else Mirror(-normal, -offset_m)
 
     def _to_radar_coordinates_m(self, point_m: Point, scene: Scene, time_s: float) -> np.ndarray:
         """Return a point in the coordinates of the radar, (3,)."""
         offset_from_ego_m = np.array([*point_m, 0.0]) - np.array(scene.ego.position_m)
-        return self._to_radar_axes(
+        return self._rotate_to_radar_axes(
             offset_from_ego_m - scene.ego.displacements_m(np.array([time_s]))[0], scene
         )
 
-    def _to_radar_axes(self, vector: np.ndarray, scene: Scene) -> np.ndarray:
+    def _rotate_to_radar_axes(self, vector: np.ndarray, scene: Scene) -> np.ndarray:
         return np.asarray(scene.ego.axes(np.zeros(1))[0].T @ vector)
 
     @property
-    def _direction(self) -> np.ndarray:
-        return (np.array(self.end_m) - np.array(self.start_m)) / self._length_m
+    def _unit_direction_along_wall(self) -> np.ndarray:
+        return (np.array(self.end_m) - np.array(self.start_m)) / self._wall_length_m
 
     @property
-    def _length_m(self) -> float:
+    def _wall_length_m(self) -> float:
         return float(np.linalg.norm(np.array(self.end_m) - np.array(self.start_m)))
 
-    def _check_point(self, name: str) -> None:
-        setting, coordinates = f"WallMultipath.{name}", getattr(self, name)
-        members = as_tuple(coordinates) or ()
+    def _check_end_point(self, field: str) -> None:
+        setting, coordinates = f"WallMultipath.{field}", getattr(self, field)
+        members = as_tuple_or_none(coordinates) or ()
         if len(members) != 2:
             raise InvalidSetting(
                 setting,
@@ -181,4 +183,4 @@ class WallMultipath(Propagation):
         x, y = (
             check_number(setting, coordinate, at_least=-1e9, at_most=1e9) for coordinate in members
         )
-        object.__setattr__(self, name, (x, y))
+        object.__setattr__(self, field, (x, y))

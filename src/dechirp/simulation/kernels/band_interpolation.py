@@ -32,11 +32,15 @@ class BandInterpolator(NamedTuple):
     weights: np.ndarray
     """(step, TAPS) float32."""
 
-    def known_range(self, first: int, stop: int) -> tuple[int, int]:
-        """Return start and stop of the known samples needed for `first` to `stop`."""
-        return first // self.step + _FIRST_TAP, (stop - 1) // self.step + TAPS // 2 + 1
+    def required_known_sample_range(self, first_sample: int, stop_sample: int) -> tuple[int, int]:
+        """Return start and stop of the known samples needed for `first_sample` to `stop_sample`."""
+        return first_sample // self.step + _FIRST_TAP, (
+            stop_sample - 1
+        ) // self.step + TAPS // 2 + 1
 
-    def interpolate(self, out: np.ndarray, rows: np.ndarray, known_samples: np.ndarray) -> None:
+    def add_interpolated(
+        self, out: np.ndarray, rows: np.ndarray, known_samples: np.ndarray
+    ) -> None:
         """Add interpolated samples to some rows of `out` (., n_samples), whose middle is sample 0.
 
         `known_samples` is (len(rows), n_known) complex64.
@@ -45,11 +49,11 @@ class BandInterpolator(NamedTuple):
         samples = np.arange(n) - n // 2
         tone = np.exp(2j * np.pi * (self.centre_frequency * samples % 1)).astype(np.complex64)
         known_samples = np.ascontiguousarray(known_samples).view(np.float32)
-        _interpolate(out, rows, known_samples, self.weights, tone, samples[0] % self.step)
+        _add_interpolated_rows(out, rows, known_samples, self.weights, tone, samples[0] % self.step)
 
 
-def make_interpolator(
-    low: float, high: float, *, n_samples: int, tolerance: float
+def make_sparsest_interpolator(
+    low_frequency: float, high_frequency: float, *, n_samples: int, tolerance: float
 ) -> BandInterpolator | None:
     """Make the sparsest interpolator for a band in cycles per sample; None if all are needed.
 
@@ -57,47 +61,49 @@ def make_interpolator(
 
     `tolerance` is the root mean square error over the band, for tones of amplitude 1.
     """
-    step = int(_max_bandwidth(tolerance) / max(high - low, 1e-3))
+    step = int(_max_relative_bandwidth(tolerance) / max(high_frequency - low_frequency, 1e-3))
     step = min(step, int(MAX_OVERHANG * n_samples / TAPS))
     if step < 2:
         return None
     return BandInterpolator(
         step,
-        (low + high) / 2,
-        _interpolation_weights(step, round((high - low) * step + 5e-4, 3)),
+        (low_frequency + high_frequency) / 2,
+        _interpolation_weights(step, round((high_frequency - low_frequency) * step + 5e-4, 3)),
     )
 
 
 @lru_cache(64)
-def _interpolation_weights(step: int, width: float) -> np.ndarray:
-    return _least_squares_weights(step, width)[0].astype(np.float32)
+def _interpolation_weights(known_spacing: int, relative_bandwidth: float) -> np.ndarray:
+    return _least_squares_weights_and_error(known_spacing, relative_bandwidth)[0].astype(np.float32)
 
 
 @cache
-def _max_bandwidth(tolerance: float) -> float:
+def _max_relative_bandwidth(tolerance: float) -> float:
     """Return the band, in cycles per known sample, that meets the tolerance."""
     widths = np.linspace(0.5, 0.05, 91)
-    return float(next(w for w in widths if _least_squares_weights(2, w)[1] <= tolerance))
+    return float(next(w for w in widths if _least_squares_weights_and_error(2, w)[1] <= tolerance))
 
 
-def _least_squares_weights(step: int, width: float) -> tuple[np.ndarray, float]:
+def _least_squares_weights_and_error(
+    known_spacing: int, relative_bandwidth: float
+) -> tuple[np.ndarray, float]:
     taps = np.arange(TAPS) + _FIRST_TAP
-    fractions = np.arange(step) / step
-    overlaps = np.sinc(width * (taps[:, None] - taps))
-    targets = np.sinc(width * (taps[:, None] - fractions))
+    fractions = np.arange(known_spacing) / known_spacing
+    overlaps = np.sinc(relative_bandwidth * (taps[:, None] - taps))
+    targets = np.sinc(relative_bandwidth * (taps[:, None] - fractions))
     weights = np.linalg.lstsq(overlaps, targets, rcond=1e-13)[0]
     residual = 1 - 2 * np.sum(weights * targets, 0) + np.sum(weights * (overlaps @ weights), 0)
     return weights.T, float(np.sqrt(max(residual.max(), 0.0)))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _interpolate(
+def _add_interpolated_rows(
     out: np.ndarray,
     rows: np.ndarray,
     known_samples: np.ndarray,
     weights: np.ndarray,
     tone: np.ndarray,
-    phase: int,
+    first_sample_phase: int,
 ) -> None:
     step, n_samples = len(weights), out.shape[1]
     n_groups = known_samples.shape[1] // 2 - TAPS + 1
@@ -113,8 +119,8 @@ def _interpolate(
                 early = w0 * line[j] + w1 * line[j + 2] + w2 * line[j + 4] + w3 * line[j + 6]
                 late = w6 * line[j + 12] + w7 * line[j + 14] + w8 * line[j + 16] + w9 * line[j + 18]
                 interpolated[j] = early + w4 * line[j + 8] + w5 * line[j + 10] + late
-            first = 1 if r < phase else 0
-            sample = np.uint64(first * step + r - phase)
+            first = 1 if r < first_sample_phase else 0
+            sample = np.uint64(first * step + r - first_sample_phase)
             for j in range(np.uint64(first), np.uint64(n_groups)):
                 if sample >= n_samples:
                     break

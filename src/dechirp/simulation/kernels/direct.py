@@ -105,7 +105,7 @@ def add_echoes(
         low_s[1], high_s[1] = -gaps_s[1], np.minimum(previous.ramp_duration_s - gaps_s[1], 0)
     n_scatterers = scatterers.path_m.shape[1]
     factors = scatterers.chirp_factors
-    _add_chirps(
+    _add_echoes_chirp_by_chirp(
         out,
         np.ascontiguousarray(scatterers.path_m.transpose(0, 2, 1), float),
         np.ascontiguousarray(scatterers.amplitudes, float),
@@ -125,12 +125,12 @@ def add_echoes(
         float(transmission.slope_hz_per_s),
         float(transmission.adc_start_s),
         float(transmission.sample_rate_hz),
-        _aligned_zeros((n_rx, 2, n_samples + 2 * _WIDTH)),
-        _aligned_zeros((6 * _WIDTH + 2 * (_BLOCKS + 8),)),
+        _zeros_with_aligned_rows((n_rx, 2, n_samples + 2 * _WIDTH)),
+        _zeros_with_aligned_rows((6 * _WIDTH + 2 * (_BLOCKS + 8),)),
     )
 
 
-def estimate_segment_count(
+def estimate_segments_per_chirp(
     scatterers: Scatterers, transmission: Transmission, n_samples: int
 ) -> float:
     """Estimate the segments per chirp of `add_echoes`, from some scatterers and chirps."""
@@ -139,7 +139,7 @@ def estimate_segment_count(
     sample = (np.array(sorted(groups))[:, None] + np.arange(min(n, _BATCH))).ravel()
     chirps = [0, last // 2, last]
     return float(
-        _mean_segment_count(
+        _mean_segments_per_chirp(
             np.ascontiguousarray(scatterers.path_m[:, sample].transpose(0, 2, 1), float),
             np.ascontiguousarray(transmission.starts_s[chirps], float),
             np.ascontiguousarray(transmission.tx_m, float),
@@ -153,19 +153,19 @@ def estimate_segment_count(
     )
 
 
-def _fractional_cycles(frequency_hz: float, time_s: np.ndarray) -> np.ndarray:
+def _fractional_cycles(frequency_hz: float, times_s: np.ndarray) -> np.ndarray:
     """Return the fractional part of frequency times time.
 
     A chirp of 13 us has a million cycles. The factors are split into parts of 24 bits, whose
     product is
     exact; rounding would cost 1e-9 rad.
     """
-    high_hz, high_s = float(np.float32(frequency_hz)), time_s.astype(np.float32).astype(float)
-    rest = (frequency_hz - high_hz) * high_s + frequency_hz * (time_s - high_s)
+    high_hz, high_s = float(np.float32(frequency_hz)), times_s.astype(np.float32).astype(float)
+    rest = (frequency_hz - high_hz) * high_s + frequency_hz * (times_s - high_s)
     return np.fmod(high_hz * high_s, 1.0) + rest
 
 
-def _aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:
+def _zeros_with_aligned_rows(shape: tuple[int, ...]) -> np.ndarray:
     """Return zeros with rows aligned to 64 bytes: unaligned vectors take twice as long."""
     *outer, inner = shape
     inner = -(-inner // 8) * 8
@@ -176,9 +176,9 @@ def _aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:
 
 
 @_compiled
-def _add_chirps(
+def _add_echoes_chirp_by_chirp(
     out: np.ndarray,
-    path_m: np.ndarray,
+    path_terms_m: np.ndarray,
     amplitudes: np.ndarray,
     tx_gains: np.ndarray,
     rx_gains: np.ndarray,
@@ -212,9 +212,9 @@ def _add_chirps(
         for i0 in range(0, n_scatterers, _BATCH):
             n = min(_BATCH, n_scatterers - i0)
             middle_s = starts_s[m] + adc_start_s + (n_samples - 1) / 2 * step_s
-            _expand_positions(path_m, i0, n, middle_s, step_s, local)
-            longest = _longest_segment(
-                path_m, i0, n, local, middle_s, step_s, n_samples, tx_m, rx_m,
+            _expand_positions_about_time(path_terms_m, i0, n, middle_s, step_s, local)
+            longest = _longest_cubic_segment(
+                path_terms_m, i0, n, local, middle_s, step_s, n_samples, tx_m, rx_m,
                 start_frequency_hz, slope_hz_per_s,
             )  # fmt: skip
             width, length = _block_and_segment_lengths(longest, n_samples)
@@ -223,19 +223,21 @@ def _add_chirps(
                 # An integer sample: removing whole cycles from a step would make halves of them.
                 centre = (first + stop) // 2
                 on_ramp_s = adc_start_s + centre * step_s
-                _expand_positions(path_m, i0, n, starts_s[m] + on_ramp_s, step_s, local)
+                _expand_positions_about_time(
+                    path_terms_m, i0, n, starts_s[m] + on_ramp_s, step_s, local
+                )
                 for j in range(n_tx):
                     if weights[0, m, j] != 0 or weights[1, m, j] != 0:
-                        _expand_ranges(local, n, tx_m, j, tx_ways)
+                        _expand_ranges_to_antenna(local, n, tx_m, j, tx_ways)
                 for k in range(n_rx):
-                    _expand_ranges(local, n, rx_m, k, rx_ways)
+                    _expand_ranges_to_antenna(local, n, rx_m, k, rx_ways)
                 # Present and previous chirp, by transmitter and receiver.
                 for path in range(2 * n_tx * n_rx):
                     k, j, turn = path // (2 * n_tx), path // 2 % n_tx, path % 2
                     weight = weights[turn, m, j]
                     if weight == 0:
                         continue
-                    _expand_phases(
+                    _expand_phases_and_amplitudes(
                         tx_ways, j, rx_ways, k, n, gaps_s[turn, m],
                         weight_cycles[turn, m, j] - gap_cycles[turn, m],
                         start_frequency_hz, slope_hz_per_s, on_ramp_s, step_s, echoes,
@@ -243,7 +245,7 @@ def _add_chirps(
                     for i in range(n):
                         factor = weight * chirp_factors[varied, i0 + i] * amplitudes[i0 + i]
                         echoes[4, i] *= factor * tx_gains[j, i0 + i] * rx_gains[k, i0 + i]
-                    _add_antenna_pair(
+                    _add_echoes_of_antenna_pair(
                         echoes, n, low_s[turn, m], high_s[turn, m], first, stop, centre, width,
                         adc_start_s, sample_rate_hz, n_samples, sums, k, tables,
                     )  # fmt: skip
@@ -253,9 +255,9 @@ def _add_chirps(
 
 
 @_compiled
-def _mean_segment_count(
-    path_m: np.ndarray,
-    starts_s: np.ndarray,
+def _mean_segments_per_chirp(
+    path_terms_m: np.ndarray,
+    chirp_starts_s: np.ndarray,
     tx_m: np.ndarray,
     rx_m: np.ndarray,
     start_frequency_hz: float,
@@ -264,48 +266,53 @@ def _mean_segment_count(
     sample_rate_hz: float,
     n_samples: int,
 ) -> float:
-    """Return the mean segment count over chirps and scatterers, batched as in `_add_chirps`."""
-    step_s, total, n_scatterers = 1 / sample_rate_hz, 0.0, path_m.shape[2]
+    """Return the mean over chirps and scatterers, batched as in `_add_echoes_chirp_by_chirp`."""
+    step_s, total, n_scatterers = 1 / sample_rate_hz, 0.0, path_terms_m.shape[2]
     local = np.empty((12, _BATCH))
-    for start_s in starts_s:
+    for start_s in chirp_starts_s:
         middle_s = start_s + adc_start_s + (n_samples - 1) / 2 * step_s
         for i0 in range(0, n_scatterers, _BATCH):
             n = min(_BATCH, n_scatterers - i0)
-            _expand_positions(path_m, i0, n, middle_s, step_s, local)
-            longest = _longest_segment(
-                path_m, i0, n, local, middle_s, step_s, n_samples, tx_m, rx_m,
+            _expand_positions_about_time(path_terms_m, i0, n, middle_s, step_s, local)
+            longest = _longest_cubic_segment(
+                path_terms_m, i0, n, local, middle_s, step_s, n_samples, tx_m, rx_m,
                 start_frequency_hz, slope_hz_per_s,
             )  # fmt: skip
             _, length = _block_and_segment_lengths(longest, n_samples)
             total += n * -(-n_samples // length)
-    return total / (len(starts_s) * n_scatterers)
+    return total / (len(chirp_starts_s) * n_scatterers)
 
 
 @_compiled
-def _expand_positions(
-    path_m: np.ndarray, i0: int, n: int, time_s: float, step_s: float, local: np.ndarray
+def _expand_positions_about_time(
+    path_terms_m: np.ndarray,
+    first_scatterer: int,
+    n_scatterers: int,
+    time_s: float,
+    sample_interval_s: float,
+    position_series: np.ndarray,
 ) -> None:
-    """Expand positions about a time: row 3 k + axis of `local` is the k-th power in steps."""
+    """Fill `position_series`: row 3 k + axis is the k-th power of the time in sample steps."""
     for axis in range(3):
-        for i in range(n):
+        for i in range(n_scatterers):
             p, v, a, b = 0.0, 0.0, 0.0, 0.0
-            for term in range(len(path_m) - 1, -1, -1):
+            for term in range(len(path_terms_m) - 1, -1, -1):
                 b = b * time_s + a
                 a = a * time_s + v
                 v = v * time_s + p
-                p = p * time_s + path_m[term, axis, i0 + i]
-            local[axis, i] = p
-            local[3 + axis, i] = v * step_s
-            local[6 + axis, i] = a * step_s**2
-            local[9 + axis, i] = b * step_s**3
+                p = p * time_s + path_terms_m[term, axis, first_scatterer + i]
+            position_series[axis, i] = p
+            position_series[3 + axis, i] = v * sample_interval_s
+            position_series[6 + axis, i] = a * sample_interval_s**2
+            position_series[9 + axis, i] = b * sample_interval_s**3
 
 
 @_compiled
-def _longest_segment(
-    path_m: np.ndarray,
-    i0: int,
-    n: int,
-    local: np.ndarray,
+def _longest_cubic_segment(
+    path_terms_m: np.ndarray,
+    first_scatterer: int,
+    n_scatterers: int,
+    position_series: np.ndarray,
     middle_s: float,
     step_s: float,
     n_samples: int,
@@ -328,20 +335,30 @@ def _longest_segment(
     top_hz = start_frequency_hz + 2 * swept_hz
     latest_s = abs(middle_s) + half_s
     worst = 0.0
-    for i in range(n):
-        x, y, z = local[0, i], local[1, i], local[2, i]
+    for i in range(n_scatterers):
+        x, y, z = position_series[0, i], position_series[1, i], position_series[2, i]
         r = np.inf
         for j in range(len(tx_m)):
-            r = min(r, _norm(x - tx_m[j, 0], y - tx_m[j, 1], z - tx_m[j, 2]))
+            r = min(r, _vector_length(x - tx_m[j, 0], y - tx_m[j, 1], z - tx_m[j, 2]))
         for k in range(len(rx_m)):
-            r = min(r, _norm(x - rx_m[k, 0], y - rx_m[k, 1], z - rx_m[k, 2]))
-        v = half * _norm(local[3, i], local[4, i], local[5, i])
-        a = half**2 * _norm(local[6, i], local[7, i], local[8, i])
-        b = half**3 * _norm(local[9, i], local[10, i], local[11, i])
+            r = min(r, _vector_length(x - rx_m[k, 0], y - rx_m[k, 1], z - rx_m[k, 2]))
+        v = half * _vector_length(
+            position_series[3, i], position_series[4, i], position_series[5, i]
+        )
+        a = half**2 * _vector_length(
+            position_series[6, i], position_series[7, i], position_series[8, i]
+        )
+        b = half**3 * _vector_length(
+            position_series[9, i], position_series[10, i], position_series[11, i]
+        )
         rest = 0.0
-        for term in range(4, len(path_m)):
+        for term in range(4, len(path_terms_m)):
             series = term * (term - 1) * (term - 2) * (term - 3) / 24
-            size = _norm(path_m[term, 0, i0 + i], path_m[term, 1, i0 + i], path_m[term, 2, i0 + i])
+            size = _vector_length(
+                path_terms_m[term, 0, first_scatterer + i],
+                path_terms_m[term, 1, first_scatterer + i],
+                path_terms_m[term, 2, first_scatterer + i],
+            )
             rest += series * size * latest_s ** (term - 4) * half_s**4
         # Least range in this chirp, at least a tenth of the range for a scatterer that passes an
         # antenna.
@@ -355,40 +372,44 @@ def _longest_segment(
 
 
 @_compiled
-def _norm(x: float, y: float, z: float) -> float:
+def _vector_length(x: float, y: float, z: float) -> float:
     return np.sqrt(x * x + y * y + z * z)
 
 
 @_compiled
-def _block_and_segment_lengths(longest: float, n_samples: int) -> tuple[int, int]:
+def _block_and_segment_lengths(longest_segment: float, n_samples: int) -> tuple[int, int]:
     """Return the samples of a block, and of a segment, a multiple or the whole chirp."""
     # Vectors need 32 positions or more; 64 cost less if there are many blocks.
-    width = _WIDTH if longest >= 16 * _WIDTH else _WIDTH // 2
-    longest = max(longest, 1.0)
-    while width > longest:
+    width = _WIDTH if longest_segment >= 16 * _WIDTH else _WIDTH // 2
+    longest_segment = max(longest_segment, 1.0)
+    while width > longest_segment:
         width //= 2
-    if longest >= n_samples and n_samples <= width * _BLOCKS:
+    if longest_segment >= n_samples and n_samples <= width * _BLOCKS:
         return width, n_samples
-    most = min(int(longest) // width, _BLOCKS)
+    most = min(int(longest_segment) // width, _BLOCKS)
     n_blocks = -(-n_samples // width)
     n_segments = -(-n_blocks // most)
     return width, -(-n_blocks // n_segments) * width
 
 
 @_compiled
-def _expand_ranges(
-    local: np.ndarray, n: int, antennas_m: np.ndarray, j: int, series: np.ndarray
+def _expand_ranges_to_antenna(
+    position_series: np.ndarray,
+    n_scatterers: int,
+    antennas_m: np.ndarray,
+    antenna: int,
+    range_series: np.ndarray,
 ) -> None:
     """Expand the range to one antenna and its logarithm in steps, and store 1 / range."""
-    for i in range(n):
+    for i in range(n_scatterers):
         x, y, z = (
-            local[0, i] - antennas_m[j, 0],
-            local[1, i] - antennas_m[j, 1],
-            local[2, i] - antennas_m[j, 2],
+            position_series[0, i] - antennas_m[antenna, 0],
+            position_series[1, i] - antennas_m[antenna, 1],
+            position_series[2, i] - antennas_m[antenna, 2],
         )
-        vx, vy, vz = local[3, i], local[4, i], local[5, i]
-        ax, ay, az = local[6, i], local[7, i], local[8, i]
-        bx, vel_by, bz = local[9, i], local[10, i], local[11, i]
+        vx, vy, vz = position_series[3, i], position_series[4, i], position_series[5, i]
+        ax, ay, az = position_series[6, i], position_series[7, i], position_series[8, i]
+        bx, vel_by, bz = position_series[9, i], position_series[10, i], position_series[11, i]
         r = np.sqrt(x * x + y * y + z * z)
         inverse = 1 / r
         # Power by power from range^2 = |position|^2.
@@ -398,69 +419,69 @@ def _expand_ranges(
         cube = x * bx + y * vel_by + z * bz + vx * ax + vy * ay + vz * az
         r3 = (cube - r1 * r2) * inverse
         u1, u2, u3 = r1 * inverse, r2 * inverse, r3 * inverse
-        series[j, 0, i] = r
-        series[j, 1, i] = r1
-        series[j, 2, i] = r2
-        series[j, 3, i] = r3
-        series[j, 4, i] = inverse
-        series[j, 5, i] = u1
-        series[j, 6, i] = u2 - u1 * u1 / 2
-        series[j, 7, i] = u3 - u1 * u2 + u1 * u1 * u1 / 3
+        range_series[antenna, 0, i] = r
+        range_series[antenna, 1, i] = r1
+        range_series[antenna, 2, i] = r2
+        range_series[antenna, 3, i] = r3
+        range_series[antenna, 4, i] = inverse
+        range_series[antenna, 5, i] = u1
+        range_series[antenna, 6, i] = u2 - u1 * u1 / 2
+        range_series[antenna, 7, i] = u3 - u1 * u2 + u1 * u1 * u1 / 3
 
 
 @_compiled
-def _expand_phases(
+def _expand_phases_and_amplitudes(
     outbound: np.ndarray,
-    j: int,
+    tx: int,
     inbound: np.ndarray,
-    k: int,
-    n: int,
+    rx: int,
+    n_scatterers: int,
     gap_s: float,
-    more_cycles: float,
+    extra_cycles: float,
     start_frequency_hz: float,
     slope_hz_per_s: float,
     on_ramp_s: float,
     step_s: float,
-    echoes: np.ndarray,
+    echo_series: np.ndarray,
 ) -> None:
-    """Fill rows of `echoes`: cycles 0-3, spreading, its logarithm 1-3, delay 0-3."""
+    """Fill rows of `echo_series`: cycles 0-3, spreading, its logarithm 1-3, delay 0-3."""
     slope_a_step = slope_hz_per_s * step_s
-    for i in range(n):
-        delay_s = (outbound[j, 0, i] + inbound[k, 0, i]) / SPEED_OF_LIGHT
-        d1 = (outbound[j, 1, i] + inbound[k, 1, i]) / SPEED_OF_LIGHT
-        d2 = (outbound[j, 2, i] + inbound[k, 2, i]) / SPEED_OF_LIGHT
-        d3 = (outbound[j, 3, i] + inbound[k, 3, i]) / SPEED_OF_LIGHT
+    for i in range(n_scatterers):
+        delay_s = (outbound[tx, 0, i] + inbound[rx, 0, i]) / SPEED_OF_LIGHT
+        d1 = (outbound[tx, 1, i] + inbound[rx, 1, i]) / SPEED_OF_LIGHT
+        d2 = (outbound[tx, 2, i] + inbound[rx, 2, i]) / SPEED_OF_LIGHT
+        d3 = (outbound[tx, 3, i] + inbound[rx, 3, i]) / SPEED_OF_LIGHT
         # Whole cycles are removed before any sum: 26,000 of them at 50 m.
         cycles = start_frequency_hz * delay_s
         cycles -= np.floor(cycles)
         behind_s = delay_s - gap_s  # delay of its own ramp behind the present one
-        cycles += more_cycles + slope_hz_per_s * behind_s * (on_ramp_s - behind_s / 2)
+        cycles += extra_cycles + slope_hz_per_s * behind_s * (on_ramp_s - behind_s / 2)
         received_hz = start_frequency_hz + slope_hz_per_s * (on_ramp_s - behind_s)
         a_step = received_hz * d1 + slope_a_step * behind_s
-        echoes[0, i] = cycles - np.floor(cycles)
-        echoes[1, i] = a_step - np.floor(a_step)
-        echoes[2, i] = received_hz * d2 + slope_a_step * d1 - slope_hz_per_s * d1 * d1 / 2
-        echoes[3, i] = received_hz * d3 + slope_a_step * d2 - slope_hz_per_s * d1 * d2
-        echoes[4, i] = outbound[j, 4, i] * inbound[k, 4, i]
-        echoes[5, i] = -outbound[j, 5, i] - inbound[k, 5, i]
-        echoes[6, i] = -outbound[j, 6, i] - inbound[k, 6, i]
-        echoes[7, i] = -outbound[j, 7, i] - inbound[k, 7, i]
-        echoes[8, i] = delay_s
-        echoes[9, i] = d1
-        echoes[10, i] = d2
-        echoes[11, i] = d3
+        echo_series[0, i] = cycles - np.floor(cycles)
+        echo_series[1, i] = a_step - np.floor(a_step)
+        echo_series[2, i] = received_hz * d2 + slope_a_step * d1 - slope_hz_per_s * d1 * d1 / 2
+        echo_series[3, i] = received_hz * d3 + slope_a_step * d2 - slope_hz_per_s * d1 * d2
+        echo_series[4, i] = outbound[tx, 4, i] * inbound[rx, 4, i]
+        echo_series[5, i] = -outbound[tx, 5, i] - inbound[rx, 5, i]
+        echo_series[6, i] = -outbound[tx, 6, i] - inbound[rx, 6, i]
+        echo_series[7, i] = -outbound[tx, 7, i] - inbound[rx, 7, i]
+        echo_series[8, i] = delay_s
+        echo_series[9, i] = d1
+        echo_series[10, i] = d2
+        echo_series[11, i] = d3
 
 
 @_compiled
-def _add_antenna_pair(
-    echoes: np.ndarray,
-    n: int,
-    low_s: float,
-    high_s: float,
-    first: int,
-    stop: int,
-    centre: int,
-    width: int,
+def _add_echoes_of_antenna_pair(
+    echo_series: np.ndarray,
+    n_scatterers: int,
+    earliest_s: float,
+    latest_s: float,
+    segment_start: int,
+    segment_stop: int,
+    centre_sample: int,
+    block_length: int,
     adc_start_s: float,
     sample_rate_hz: float,
     n_samples: int,
@@ -469,47 +490,78 @@ def _add_antenna_pair(
     tables: np.ndarray,
 ) -> None:
     """Add the echoes of one transmitter on one receiver to the samples that contain them."""
-    for i in range(n):
-        first_sample, end = first, stop
-        if low_s > -np.inf:
-            first_sample = _first_sample_after(
-                low_s, first, stop, centre, echoes, i, adc_start_s, sample_rate_hz
+    for i in range(n_scatterers):
+        first_sample, end = segment_start, segment_stop
+        if earliest_s > -np.inf:
+            first_sample = _first_sample_after_arrival(
+                earliest_s,
+                segment_start,
+                segment_stop,
+                centre_sample,
+                echo_series,
+                i,
+                adc_start_s,
+                sample_rate_hz,
             )
-        if high_s < np.inf:
-            end = _first_sample_after(
-                high_s, first, stop, centre, echoes, i, adc_start_s, sample_rate_hz
+        if latest_s < np.inf:
+            end = _first_sample_after_arrival(
+                latest_s,
+                segment_start,
+                segment_stop,
+                centre_sample,
+                echo_series,
+                i,
+                adc_start_s,
+                sample_rate_hz,
             )
         if first_sample < end:
             # A block may extend past the last sample.
             room = sums.shape[2] if end == n_samples else end
-            _add_segment(echoes, i, first_sample, end, room, centre, width, sums, k, tables)
+            _add_echo_to_segment(
+                echo_series,
+                i,
+                first_sample,
+                end,
+                room,
+                centre_sample,
+                block_length,
+                sums,
+                k,
+                tables,
+            )
 
 
 @_compiled
-def _first_sample_after(
-    least_s: float,
-    first: int,
-    stop: int,
-    centre: int,
-    echoes: np.ndarray,
-    i: int,
+def _first_sample_after_arrival(
+    min_time_since_arrival_s: float,
+    segment_start: int,
+    segment_stop: int,
+    centre_sample: int,
+    echo_series: np.ndarray,
+    scatterer: int,
     adc_start_s: float,
     sample_rate_hz: float,
 ) -> int:
-    """Return the first sample of a segment whose time, minus its delay, is at least `least_s`.
+    """Return the first sample of a segment at least `min_time_since_arrival_s` after its echo.
 
     The series of the delay is as exact as the delay itself in double precision.
     """
-    estimate = (least_s + echoes[8, i] - adc_start_s) * sample_rate_hz
-    n = int(min(max(estimate, first), stop))
+    estimate = (min_time_since_arrival_s + echo_series[8, scatterer] - adc_start_s) * sample_rate_hz
+    n = int(min(max(estimate, segment_start), segment_stop))
     while (
-        n > first
-        and _time_since_arrival_s(n - 1, centre, echoes, i, adc_start_s, sample_rate_hz) >= least_s
+        n > segment_start
+        and _time_since_arrival_s(
+            n - 1, centre_sample, echo_series, scatterer, adc_start_s, sample_rate_hz
+        )
+        >= min_time_since_arrival_s
     ):
         n -= 1
     while (
-        n < stop
-        and _time_since_arrival_s(n, centre, echoes, i, adc_start_s, sample_rate_hz) < least_s
+        n < segment_stop
+        and _time_since_arrival_s(
+            n, centre_sample, echo_series, scatterer, adc_start_s, sample_rate_hz
+        )
+        < min_time_since_arrival_s
     ):
         n += 1
     return n
@@ -517,87 +569,112 @@ def _first_sample_after(
 
 @_compiled
 def _time_since_arrival_s(
-    n: int, centre: int, echoes: np.ndarray, i: int, adc_start_s: float, sample_rate_hz: float
+    sample: int,
+    centre_sample: int,
+    echo_series: np.ndarray,
+    scatterer: int,
+    adc_start_s: float,
+    sample_rate_hz: float,
 ) -> float:
     """Return the time of a sample on its ramp, minus the delay of its echo."""
-    h = n - centre
-    delay_s = echoes[8, i] + h * (echoes[9, i] + h * (echoes[10, i] + h * echoes[11, i]))
-    return adc_start_s + n / sample_rate_hz - delay_s
+    h = sample - centre_sample
+    delay_s = echo_series[8, scatterer] + h * (
+        echo_series[9, scatterer]
+        + h * (echo_series[10, scatterer] + h * echo_series[11, scatterer])
+    )
+    return adc_start_s + sample / sample_rate_hz - delay_s
 
 
 @_compiled
-def _add_segment(
-    echoes: np.ndarray,
-    i: int,
-    first: int,
-    stop: int,
-    room: int,
-    centre: int,
-    width: int,
+def _add_echo_to_segment(
+    echo_series: np.ndarray,
+    scatterer: int,
+    segment_start: int,
+    segment_stop: int,
+    write_stop: int,
+    centre_sample: int,
+    block_length: int,
     sums: np.ndarray,
-    k: int,
+    rx: int,
     tables: np.ndarray,
 ) -> None:
-    """Add one echo to samples from `first` on, writing none from `room` on."""
-    c0, c1, c2, c3 = echoes[0, i], echoes[1, i], echoes[2, i], echoes[3, i]
-    e1, e2, e3 = echoes[5, i], echoes[6, i], echoes[7, i]
-    n_blocks = (stop - first + width - 1) // width
-    w, middle = float(width), (width - 1) / 2
-    x = first + middle - centre
+    """Add one echo to samples from `segment_start` on, writing none from `write_stop` on."""
+    c0, c1, c2, c3 = (
+        echo_series[0, scatterer],
+        echo_series[1, scatterer],
+        echo_series[2, scatterer],
+        echo_series[3, scatterer],
+    )
+    e1, e2, e3 = echo_series[5, scatterer], echo_series[6, scatterer], echo_series[7, scatterer]
+    n_blocks = (segment_stop - segment_start + block_length - 1) // block_length
+    w, middle = float(block_length), (block_length - 1) / 2
+    x = segment_start + middle - centre_sample
     # With a constant U from the middle and without V, the error is largest half way between first
     # and last block.
     span = n_blocks * w
     steady = 3 / 8 * w * span**2 * (2 * np.pi * abs(c3) + abs(e3)) < _TOLERANCE
     expansion_point = x + (n_blocks / 2 - 1) * w if steady else x
-    _fill_exponentials(
-        tables, _RE_I, _IM_I, width, -middle, 1.0, 1.0,
+    _tabulate_cubic_exponentials(
+        tables, _RE_I, _IM_I, block_length, -middle, 1.0, 1.0,
         0.0, c1 + x * (2 * c2 + 3 * c3 * x), c2 + 3 * c3 * x, c3,
         e1 + x * (2 * e2 + 3 * e3 * x), e2 + 3 * e3 * x, e3,
     )  # fmt: skip
-    _fill_exponentials(
-        tables, _RE_U, _IM_U, width, -middle, 1.0, 1.0,
+    _tabulate_cubic_exponentials(
+        tables, _RE_U, _IM_U, block_length, -middle, 1.0, 1.0,
         0.0, w * (2 * c2 + 3 * c3 * (w + 2 * expansion_point)), 3 * c3 * w, 0.0,
         w * (2 * e2 + 3 * e3 * (w + 2 * expansion_point)), 3 * e3 * w, 0.0,
     )  # fmt: skip
     if not steady:
-        _fill_exponentials(
-            tables, _RE_V, _IM_V, width, -middle, 1.0, 1.0,
+        _tabulate_cubic_exponentials(
+            tables, _RE_V, _IM_V, block_length, -middle, 1.0, 1.0,
             0.0, 6 * c3 * w * w, 0.0, 0.0, 6 * e3 * w * w, 0.0, 0.0,
         )  # fmt: skip
     # A whole vector of blocks: scalar code would process a remainder.
-    _fill_exponentials(
-        tables, _RE_G, _IM_G, (n_blocks + 7) // 8 * 8, x, w, echoes[4, i],
+    _tabulate_cubic_exponentials(
+        tables, _RE_G, _IM_G, (n_blocks + 7) // 8 * 8, x, w, echo_series[4, scatterer],
         c0, c1, c2, c3, e1, e2, e3,
     )  # fmt: skip
-    whole = min(n_blocks, (room - first) // width)
-    _add_blocks(sums, k, first, width, 0, whole, width, steady, tables)
+    whole = min(n_blocks, (write_stop - segment_start) // block_length)
+    _add_blocks_and_advance_tables(
+        sums, rx, segment_start, block_length, 0, whole, block_length, steady, tables
+    )
     if whole < n_blocks:
-        first_sample = first + whole * width
-        _add_blocks(sums, k, first_sample, room - first_sample, whole, 1, width, steady, tables)
+        first_sample = segment_start + whole * block_length
+        _add_blocks_and_advance_tables(
+            sums,
+            rx,
+            first_sample,
+            write_stop - first_sample,
+            whole,
+            1,
+            block_length,
+            steady,
+            tables,
+        )
 
 
 @_compiled
-def _add_blocks(
+def _add_blocks_and_advance_tables(
     sums: np.ndarray,
-    k: int,
-    first: int,
-    places: int,
-    block: int,
+    rx: int,
+    first_sample: int,
+    samples_per_block: int,
+    first_block: int,
     n_blocks: int,
-    width: int,
+    block_length: int,
     steady: bool,
     tables: np.ndarray,
 ) -> None:
-    """Add blocks of `places` samples from `first` on, and advance the tables after each.
+    """Add blocks from `first_sample` on, and advance the tables after each.
 
     Two loops: vectors of a combined loop would need more checks than short blocks pay for.
     """
-    row, real, imaginary = np.uint64(k), np.uint64(0), np.uint64(1)
+    row, real, imaginary = np.uint64(rx), np.uint64(0), np.uint64(1)
     for s in range(n_blocks):
-        re = tables[_RE_G + np.uint64(block + s)]
-        im = tables[_IM_G + np.uint64(block + s)]
-        start = np.uint64(first + s * width)
-        for y in range(np.uint64(places)):
+        re = tables[_RE_G + np.uint64(first_block + s)]
+        im = tables[_IM_G + np.uint64(first_block + s)]
+        start = np.uint64(first_sample + s * block_length)
+        for y in range(np.uint64(samples_per_block)):
             a, b = tables[_RE_I + y], tables[_IM_I + y]
             c, d = tables[_RE_U + y], tables[_IM_U + y]
             sums[row, real, start + y] += re * a - im * b
@@ -605,7 +682,7 @@ def _add_blocks(
             tables[_RE_I + y] = a * c - b * d
             tables[_IM_I + y] = a * d + b * c
         if not steady:
-            for y in range(np.uint64(places)):
+            for y in range(np.uint64(samples_per_block)):
                 a, b = tables[_RE_U + y], tables[_IM_U + y]
                 c, d = tables[_RE_V + y], tables[_IM_V + y]
                 tables[_RE_U + y] = a * c - b * d
@@ -622,14 +699,14 @@ _C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9 = (
 
 
 @_compiled
-def _fill_exponentials(
+def _tabulate_cubic_exponentials(
     tables: np.ndarray,
-    re: np.uint64,
-    im: np.uint64,
+    real_offset: np.uint64,
+    imag_offset: np.uint64,
     n: int,
     first: float,
     step: float,
-    size: float,
+    scale: float,
     c0: float,
     c1: float,
     c2: float,
@@ -652,6 +729,6 @@ def _fill_exponentials(
         c = _C4 + q * (_C5 + q * (_C6 + q * (_C7 + q * (_C8 + q * _C9))))
         c = _C0 + q * (_C1 + q * (_C2 + q * (_C3 + q * c)))
         e = y * (e1 + y * (e2 + y * e3))
-        amplitude = size * (1 + e * (1 + e / 2 * (1 + e / 3 * (1 + e / 4))))
-        tables[re + position] = amplitude * (1 - 2 * s * s)
-        tables[im + position] = amplitude * (2 * s * c)
+        amplitude = scale * (1 + e * (1 + e / 2 * (1 + e / 3 * (1 + e / 4))))
+        tables[real_offset + position] = amplitude * (1 - 2 * s * s)
+        tables[imag_offset + position] = amplitude * (2 * s * c)

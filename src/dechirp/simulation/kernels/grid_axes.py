@@ -11,7 +11,7 @@ from dechirp.core.units import SPEED_OF_LIGHT
 from dechirp.simulation.kernels.band_interpolation import (
     MAX_OVERHANG,
     BandInterpolator,
-    make_interpolator,
+    make_sparsest_interpolator,
 )
 from dechirp.simulation.kernels.base import Transmission
 from dechirp.simulation.kernels.gridding import SpreadingKernel, make_spreading_kernel
@@ -34,35 +34,35 @@ class GridAxis(NamedTuple):
         """Return the spreading kernel of the axis."""
         return make_spreading_kernel(self.spacing)
 
-    def coordinate_map(self, mixer_hz: float = 0.0) -> np.ndarray:
+    def frequency_to_grid_scale_and_offset(self, mixer_hz: float = 0.0) -> np.ndarray:
         """Return scale and offset from frequencies, minus `mixer_hz`, to grid coordinates."""
         scale = self.n_points * self.step_s
         return np.array([scale, self.n_points // 2 - mixer_hz * scale])
 
-    def deapodisation(self) -> np.ndarray:
+    def deapodisation_factors(self) -> np.ndarray:
         """Return the factor at each time that compensates the spreading, (n_points,)."""
-        return _deapodisation(self.spacing, self.n_points)
+        return _deapodisation_factors(self.spacing, self.n_points)
 
 
 @lru_cache(64)
-def _deapodisation(spacing: float, n_points: int) -> np.ndarray:
+def _deapodisation_factors(oversampling: float, n_points: int) -> np.ndarray:
     steps = np.arange(n_points) - n_points // 2
-    is_inside = np.abs(steps) <= n_points / (2 * spacing)
-    weights = make_spreading_kernel(spacing).transform(
+    is_inside = np.abs(steps) <= n_points / (2 * oversampling)
+    weights = make_spreading_kernel(oversampling).fourier_transform(
         2 * np.pi * np.where(is_inside, steps, 0) / n_points
     )
     return np.asarray(is_inside * (1 - 2 * (steps % 2)) / weights, np.float32)
 
 
-def make_slow_axis(band_hz: float, half_s: float, spacing: float) -> GridAxis:
+def make_slow_time_axis(doppler_band_hz: float, max_time_s: float, oversampling: float) -> GridAxis:
     """Make the grid for tones from -band / 2 to band / 2, at times within half_s of zero."""
     # One step more than the weights take: a scene at rest has no bandwidth.
-    needed = spacing**2 * band_hz * 2 * half_s + spacing * (WIDTH + 3)
-    n_points = fast_transform_size(max(needed, WIDTH * spacing / (spacing - 1) + 2))
-    return GridAxis(spacing, n_points, 2 * half_s / (n_points / spacing - WIDTH - 2))
+    needed = oversampling**2 * doppler_band_hz * 2 * max_time_s + oversampling * (WIDTH + 3)
+    n_points = next_fast_fft_size(max(needed, WIDTH * oversampling / (oversampling - 1) + 2))
+    return GridAxis(oversampling, n_points, 2 * max_time_s / (n_points / oversampling - WIDTH - 2))
 
 
-def fast_transform_size(at_least: float) -> int:
+def next_fast_fft_size(at_least: float) -> int:
     """Return a multiple of 4, at least `at_least`, with an efficient FFT."""
     return 4 * int(scipy.fft.next_fast_len(int(np.ceil(at_least / 4))))
 
@@ -87,34 +87,34 @@ class FastTime(NamedTuple):
         """Return the largest distance of a time from the middle of the window."""
         return float(max(-self.times_s[0], self.times_s[-1]))
 
-    def deapodisation(self) -> np.ndarray:
+    def deapodisation_factors(self) -> np.ndarray:
         """Return the factor at each time that compensates the spreading."""
-        return self.axis.deapodisation()[self.time_slice]
+        return self.axis.deapodisation_factors()[self.time_slice]
 
 
-def make_fast_time(
+def make_fast_time_grid(
     paths: ScattererPaths,
     transmission: Transmission,
     waveform: Waveform,
-    spacing: float,
+    oversampling: float,
     tolerance: float,
 ) -> FastTime:
     """Make the fast-time grid for all chirps, antennas and scatterers."""
     n, rate_hz = waveform.n_samples, waveform.sample_rate_hz
-    low_hz, high_hz, max_doppler_hz = _beat_band_hz(paths, transmission, waveform)
+    low_hz, high_hz, max_doppler_hz = _beat_band_and_max_doppler_hz(paths, transmission, waveform)
     low, high = (low_hz - max_doppler_hz) / rate_hz, (high_hz + max_doppler_hz) / rate_hz
-    interpolator = make_interpolator(low, high, n_samples=n, tolerance=tolerance / 4)
+    interpolator = make_sparsest_interpolator(low, high, n_samples=n, tolerance=tolerance / 4)
     first, stop = -(n // 2), n - n // 2
     if interpolator is not None:
-        first, stop = interpolator.known_range(first, stop)
+        first, stop = interpolator.required_known_sample_range(first, stop)
     step, mixer_hz = (
         (1, 0.0)
         if interpolator is None
         else (interpolator.step, interpolator.centre_frequency * rate_hz)
     )
     # At least as many points as a value is spread over.
-    n_points = fast_transform_size(max(spacing * max(2 * stop, -2 * first), WIDTH))
-    axis = GridAxis(spacing, n_points, step / rate_hz)
+    n_points = next_fast_fft_size(max(oversampling * max(2 * stop, -2 * first), WIDTH))
+    axis = GridAxis(oversampling, n_points, step / rate_hz)
     time_slice = slice(axis.n_points // 2 + first, axis.n_points // 2 + stop)
     return FastTime(
         axis,
@@ -126,7 +126,7 @@ def make_fast_time(
     )
 
 
-def _beat_band_hz(
+def _beat_band_and_max_doppler_hz(
     paths: ScattererPaths, transmission: Transmission, waveform: Waveform
 ) -> tuple[float, float, float]:
     """Return least and largest delay times slope over all times, and the Doppler bound."""
@@ -135,7 +135,7 @@ def _beat_band_hz(
     antennas_m = np.concatenate([transmission.tx_m, transmission.rx_m])
     centre_m = (antennas_m.min(axis=0) + antennas_m.max(axis=0)) / 2
     array_radius_m = float(np.linalg.norm(antennas_m - centre_m, axis=1).max())
-    nearest_m, farthest_m, fastest = _distance_extent(paths.path_m, centre_m, latest_s)
+    nearest_m, farthest_m, fastest = _distance_and_speed_bounds(paths.path_m, centre_m, latest_s)
     near_m = max(nearest_m - array_radius_m - fastest * latest_s, 0.0)
     far_m = farthest_m + array_radius_m + fastest * latest_s
     ends = np.array([near_m, far_m]) * (2 * waveform.slope_hz_per_s / SPEED_OF_LIGHT)
@@ -145,20 +145,20 @@ def _beat_band_hz(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _distance_extent(
-    path_m: np.ndarray, centre_m: np.ndarray, latest_s: float
+def _distance_and_speed_bounds(
+    path_terms_m: np.ndarray, centre_m: np.ndarray, max_time_s: float
 ) -> tuple[float, float, float]:
     """Return the least and largest distance at time zero, and a bound on the speed."""
     near_square, far_square = np.inf, 0.0
-    for i in range(path_m.shape[2]):
-        x, y, z = path_m[0, 0, i], path_m[0, 1, i], path_m[0, 2, i]
+    for i in range(path_terms_m.shape[2]):
+        x, y, z = path_terms_m[0, 0, i], path_terms_m[0, 1, i], path_terms_m[0, 2, i]
         square = (x - centre_m[0]) ** 2 + (y - centre_m[1]) ** 2 + (z - centre_m[2]) ** 2
         near_square, far_square = min(near_square, square), max(far_square, square)
     fastest = 0.0
-    for k in range(1, len(path_m)):
+    for k in range(1, len(path_terms_m)):
         largest = 0.0
-        for i in range(path_m.shape[2]):
-            x, y, z = path_m[k, 0, i], path_m[k, 1, i], path_m[k, 2, i]
+        for i in range(path_terms_m.shape[2]):
+            x, y, z = path_terms_m[k, 0, i], path_terms_m[k, 1, i], path_terms_m[k, 2, i]
             largest = max(largest, x * x + y * y + z * z)
-        fastest += k * latest_s ** (k - 1) * np.sqrt(largest)
+        fastest += k * max_time_s ** (k - 1) * np.sqrt(largest)
     return np.sqrt(near_square), np.sqrt(far_square), fastest

@@ -67,12 +67,12 @@ def add_echoes(
         batch_transmission = transmission._replace(
             starts_s=transmission.starts_s[chirps], weights=transmission.weights[chirps]
         )
-        left_out = _add_low_rank(out[chirps], batch, batch_transmission, tolerance)
+        left_out = _add_suitable_and_mark_others(out[chirps], batch, batch_transmission, tolerance)
         if left_out.any():
             direct.add_echoes(out[chirps], _select_scatterers(batch, left_out), batch_transmission)
 
 
-def estimate_direct_share(
+def estimate_fraction_cheaper_direct(
     scatterers: Scatterers, transmission: Transmission, n_samples: int, *, tolerance: float = 1e-5
 ) -> float:
     """Estimate the share of scatterers that `add_echoes` leaves to the direct kernel."""
@@ -80,13 +80,13 @@ def estimate_direct_share(
     # Spread over all scatterers, with steps of at least one, so that none repeats.
     batch = np.arange(n) if n <= _COST_SAMPLE else np.linspace(0, n - 1, _COST_SAMPLE).astype(int)
     chirps = slice(0, _CHIRP_BATCH)
-    flat, batch_transmission = _unify_types(
+    flat, batch_transmission = _unify_array_types(
         _select_scatterers(scatterers._replace(chirp_factors=None), batch),
         transmission._replace(
             starts_s=transmission.starts_s[chirps], weights=transmission.weights[chirps]
         ),
     )
-    return float(_direct_share(flat, batch_transmission, n_samples, float(tolerance)))
+    return float(_fraction_cheaper_direct(flat, batch_transmission, n_samples, float(tolerance)))
 
 
 def _select_scatterers(scatterers: Scatterers, indices: np.ndarray) -> Scatterers:
@@ -100,23 +100,23 @@ def _select_scatterers(scatterers: Scatterers, indices: np.ndarray) -> Scatterer
     )
 
 
-def _add_low_rank(
+def _add_suitable_and_mark_others(
     out: np.ndarray, scatterers: Scatterers, transmission: Transmission, tolerance: float
 ) -> np.ndarray:
     """Add scatterers with short series; return a mask of the others, (n_scatterers,)."""
     n = len(scatterers.amplitudes)
     left_out = np.zeros(n, np.bool_)
-    flat, batch_transmission = _unify_types(scatterers, transmission)
+    flat, batch_transmission = _unify_array_types(scatterers, transmission)
     precision = out.real.dtype
-    sums = _aligned_empty(_ROWS * 2 * _TILE, precision)
-    tables = _aligned_empty(
+    sums = _empty_with_aligned_start(_ROWS * 2 * _TILE, precision)
+    tables = _empty_with_aligned_start(
         min(_SCATTERER_BATCH, n) * _MAX_TERMS * 2 * _round_up_to_tiles(out.shape[2]), precision
     )
-    _add_batches(out, flat, batch_transmission, float(tolerance), sums, tables, left_out)
+    _add_scatterer_batches(out, flat, batch_transmission, float(tolerance), sums, tables, left_out)
     return left_out
 
 
-def _unify_types(
+def _unify_array_types(
     scatterers: Scatterers, transmission: Transmission
 ) -> tuple[Scatterers, Transmission]:
     """Convert arrays to fixed types, so that functions compile once."""
@@ -139,7 +139,7 @@ def _unify_types(
     return flat, batch_transmission
 
 
-def _aligned_empty(size: int, dtype: np.dtype) -> np.ndarray:
+def _empty_with_aligned_start(size: int, dtype: np.dtype) -> np.ndarray:
     """Return memory from a multiple of 64 bytes on: unaligned vectors take twice as long."""
     room = np.empty(size * dtype.itemsize + 64, np.uint8)
     first = -room.ctypes.data % 64
@@ -166,7 +166,7 @@ def _round_up_to_tiles(n_samples: int) -> int:
 
 
 @_compiled
-def _add_batches(
+def _add_scatterer_batches(
     out: np.ndarray,
     scatterers: Scatterers,
     transmission: Transmission,
@@ -178,15 +178,15 @@ def _add_batches(
     """Process batches of scatterers: terms and blocks, coefficients, tables, and the product."""
     n_chirps, n_rx, n_samples = out.shape
     n_scatterers = len(left_out)
-    ramp = _ramp_parameters(transmission, n_samples)
-    slot_transmitters, slot_positions_m = _transmitter_slots(transmission)
+    ramp = _ramp_and_window_parameters(transmission, n_samples)
+    slot_transmitters, slot_positions_m = _slot_transmitters_and_positions(transmission)
     times_s = transmission.starts_s + ramp[2]
     local, echo = np.empty((9, _CHIRP_BATCH)), np.empty((7, _CHIRP_BATCH))
     outbound, inbound = (
         np.empty((len(slot_positions_m), 6, _CHIRP_BATCH)),
         np.empty((n_rx, 6, _CHIRP_BATCH)),
     )
-    n_levels = _count_levels(n_chirps)
+    n_levels = _count_power_of_two_block_counts(n_chirps)
     order, bends = np.empty(_SCATTERER_BATCH, np.int64), np.empty(_SCATTERER_BATCH)
     lows, highs = (
         np.empty((_SCATTERER_BATCH, _CHIRP_BATCH)),
@@ -204,7 +204,7 @@ def _add_batches(
     for first in range(0, n_scatterers, _SCATTERER_BATCH):
         n = 0
         for i in range(first, min(first + _SCATTERER_BATCH, n_scatterers)):
-            _expand_ranges(
+            _expand_scatterer_ranges(
                 scatterers.path_m,
                 i,
                 times_s,
@@ -215,13 +215,13 @@ def _add_batches(
                 outbound,
                 inbound,
             )
-            remainder = _truncation_error(
+            remainder = _range_truncation_error(
                 scatterers.path_m, i, times_s, local, outbound, inbound, ramp
             )
-            e1, g2, bends[n] = _coefficient_ranges(
+            e1, g2, bends[n] = _bound_phase_and_amplitude_coefficients(
                 n_chirps, outbound, inbound, ramp, echo, lows[n], highs[n]
             )
-            _fill_level_costs(
+            _fill_terms_and_costs_per_block_count(
                 lows[n],
                 highs[n],
                 out.shape,
@@ -232,17 +232,17 @@ def _add_batches(
                 n_terms_needed[n],
                 costs[n],
             )
-            left_out[i] = _cheapest_block_count(costs, n, n + 1)[1] > direct_ns
+            left_out[i] = _cheapest_block_count_level_and_cost(costs, n, n + 1)[1] > direct_ns
             if not left_out[i]:
                 order[n] = i
                 n += 1
-        level, _ = _cheapest_block_count(costs, 0, n)
+        level, _ = _cheapest_block_count_level_and_cost(costs, 0, n)
         length = -(-n_chirps // (1 << level))
         n_terms = 0
         for index in range(n):
             i = order[index]
-            _centre_blocks(lows[index], highs[index], n_chirps, length)
-            _expand_ranges(
+            _replace_c1_by_block_middle(lows[index], highs[index], n_chirps, length)
+            _expand_scatterer_ranges(
                 scatterers.path_m,
                 i,
                 times_s,
@@ -255,9 +255,11 @@ def _add_batches(
             )
             for path in range(n_rx * len(slot_positions_m)):
                 k, s = path // len(slot_positions_m), path % len(slot_positions_m)
-                _expand_phases(n_chirps, outbound, s, inbound, k, ramp, echo)
-                _apply_weights(scatterers, i, transmission.weights, slot_transmitters, s, k, echo)
-                _accumulate_coefficients(
+                _expand_phases_and_amplitudes(n_chirps, outbound, s, inbound, k, ramp, echo)
+                _apply_amplitude_and_weights(
+                    scatterers, i, transmission.weights, slot_transmitters, s, k, echo
+                )
+                _add_transmitter_to_coefficients(
                     n_chirps, echo, lows[index], bends[index], n_terms_needed[index, level], powers,
                     coefficients, n_terms, n_rx, k, s == 0,
                 )  # fmt: skip
@@ -266,36 +268,42 @@ def _add_batches(
             term = 0
             for index in range(n):
                 n_more = n_terms_needed[index, level]
-                _fill_table(lows[index, start], bends[index], n_samples, n_more, tables, term)
+                _tabulate_fast_time_functions(
+                    lows[index, start], bends[index], n_samples, n_more, tables, term
+                )
                 term += n_more
             stop = min(start + length, n_chirps)
-            _multiply_tables(out, start, stop, tables, n_terms, coefficients, sums)
+            _add_coefficients_times_tables(out, start, stop, tables, n_terms, coefficients, sums)
 
 
 @_compiled
-def _direct_share(
+def _fraction_cheaper_direct(
     scatterers: Scatterers, transmission: Transmission, n_samples: int, tolerance: float
 ) -> float:
-    """Return the share of the scatterers that `_add_batches` leaves out."""
+    """Return the share of the scatterers that `_add_scatterer_batches` leaves out."""
     n_scatterers, n_chirps, n_rx = (
         len(scatterers.amplitudes),
         len(transmission.weights),
         len(transmission.rx_m),
     )
-    ramp = _ramp_parameters(transmission, n_samples)
-    _, slot_positions_m = _transmitter_slots(transmission)
+    ramp = _ramp_and_window_parameters(transmission, n_samples)
+    _, slot_positions_m = _slot_transmitters_and_positions(transmission)
     times_s = transmission.starts_s + ramp[2]
     local, echo = np.empty((9, _CHIRP_BATCH)), np.empty((7, _CHIRP_BATCH))
     outbound, inbound = (
         np.empty((len(slot_positions_m), 6, _CHIRP_BATCH)),
         np.empty((n_rx, 6, _CHIRP_BATCH)),
     )
-    low, high, n_levels = np.empty(_CHIRP_BATCH), np.empty(_CHIRP_BATCH), _count_levels(n_chirps)
+    low, high, n_levels = (
+        np.empty(_CHIRP_BATCH),
+        np.empty(_CHIRP_BATCH),
+        _count_power_of_two_block_counts(n_chirps),
+    )
     n_terms_needed, costs = np.empty(n_levels, np.int64), np.empty((1, n_levels))
     direct_ns = _DIRECT_NS * n_rx * n_chirps * len(slot_positions_m) * n_samples
     n_left = 0
     for i in range(n_scatterers):
-        _expand_ranges(
+        _expand_scatterer_ranges(
             scatterers.path_m,
             i,
             times_s,
@@ -306,16 +314,22 @@ def _direct_share(
             outbound,
             inbound,
         )
-        remainder = _truncation_error(scatterers.path_m, i, times_s, local, outbound, inbound, ramp)
-        e1, g2, _ = _coefficient_ranges(n_chirps, outbound, inbound, ramp, echo, low, high)
+        remainder = _range_truncation_error(
+            scatterers.path_m, i, times_s, local, outbound, inbound, ramp
+        )
+        e1, g2, _ = _bound_phase_and_amplitude_coefficients(
+            n_chirps, outbound, inbound, ramp, echo, low, high
+        )
         shape = (n_chirps, n_rx, n_samples)
-        _fill_level_costs(low, high, shape, e1, g2, remainder, tolerance, n_terms_needed, costs[0])
-        n_left += _cheapest_block_count(costs, 0, 1)[1] > direct_ns
+        _fill_terms_and_costs_per_block_count(
+            low, high, shape, e1, g2, remainder, tolerance, n_terms_needed, costs[0]
+        )
+        n_left += _cheapest_block_count_level_and_cost(costs, 0, 1)[1] > direct_ns
     return n_left / n_scatterers
 
 
 @_compiled
-def _count_levels(n_chirps: int) -> int:
+def _count_power_of_two_block_counts(n_chirps: int) -> int:
     """Return how many numbers of blocks to compare: one, two, four ... up to one per chirp."""
     n_levels = 1
     while 1 << (n_levels - 1) < n_chirps:
@@ -324,7 +338,7 @@ def _count_levels(n_chirps: int) -> int:
 
 
 @_compiled
-def _ramp_parameters(
+def _ramp_and_window_parameters(
     transmission: Transmission, n_samples: int
 ) -> tuple[float, float, float, float]:
     """Return start and slope of the ramp; middle and half length of the window."""
@@ -334,7 +348,7 @@ def _ramp_parameters(
 
 
 @_compiled
-def _transmitter_slots(transmission: Transmission) -> tuple[np.ndarray, np.ndarray]:
+def _slot_transmitters_and_positions(transmission: Transmission) -> tuple[np.ndarray, np.ndarray]:
     """Return the active transmitters of each chirp, (slot, chirp), and positions, (slot, 3, chirp).
 
     There are as many slots as simultaneous transmitters; -1 marks an unused one, at the first's
@@ -360,12 +374,14 @@ def _transmitter_slots(transmission: Transmission) -> tuple[np.ndarray, np.ndarr
 
 
 @_compiled
-def _cheapest_block_count(costs: np.ndarray, first: int, stop: int) -> tuple[int, float]:
+def _cheapest_block_count_level_and_cost(
+    costs: np.ndarray, first_scatterer: int, stop_scatterer: int
+) -> tuple[int, float]:
     """Return the level with the least total cost of some scatterers, and that cost."""
     level, least = 0, np.inf
     for c in range(costs.shape[1]):
         cost = 0.0
-        for index in range(first, stop):
+        for index in range(first_scatterer, stop_scatterer):
             cost += costs[index, c]
         if cost < least:
             level, least = c, cost
@@ -373,92 +389,103 @@ def _cheapest_block_count(costs: np.ndarray, first: int, stop: int) -> tuple[int
 
 
 @_compiled
-def _apply_weights(
+def _apply_amplitude_and_weights(
     scatterers: Scatterers,
-    i: int,
+    scatterer: int,
     weights: np.ndarray,
     slot_transmitters: np.ndarray,
-    s: int,
-    k: int,
+    slot: int,
+    rx: int,
     echo: np.ndarray,
 ) -> None:
     """Multiply the spreading by amplitude and weight: rows 5 and 6 of `echo`."""
-    fixed, factors = scatterers.amplitudes[i] * scatterers.rx_gains[k, i], scatterers.chirp_factors
-    assert factors is not None  # `_add_low_rank` makes ones of none
+    fixed, factors = (
+        scatterers.amplitudes[scatterer] * scatterers.rx_gains[rx, scatterer],
+        scatterers.chirp_factors,
+    )
+    assert factors is not None  # `_add_suitable_and_mark_others` makes ones of none
     varied = len(factors) > 1
     for m in range(len(weights)):
-        j = slot_transmitters[s, m]
+        j = slot_transmitters[slot, m]
         weight = 0j
         if j >= 0:
-            weight = weights[m, j] * scatterers.tx_gains[j, i]
-        size = fixed * factors[m if varied else 0, i] * echo[5, m]
+            weight = weights[m, j] * scatterers.tx_gains[j, scatterer]
+        size = fixed * factors[m if varied else 0, scatterer] * echo[5, m]
         echo[5, m] = size * weight.real
         echo[6, m] = size * weight.imag
 
 
 @_compiled
-def _expand_ranges(
-    path_m: np.ndarray,
-    i: int,
-    times_s: np.ndarray,
+def _expand_scatterer_ranges(
+    path_terms_m: np.ndarray,
+    scatterer: int,
+    mid_window_times_s: np.ndarray,
     ramp: tuple[float, float, float, float],
     slot_positions_m: np.ndarray,
     rx_m: np.ndarray,
-    local: np.ndarray,
+    position_series: np.ndarray,
     outbound: np.ndarray,
     inbound: np.ndarray,
 ) -> None:
-    """Expand the ranges of one scatterer over the window of each chirp; see `_expand_range`."""
-    n, half_s = len(times_s), ramp[3]
-    local[:] = 0
+    """Expand the ranges of one scatterer over the window of each chirp."""
+    n, half_s = len(mid_window_times_s), ramp[3]
+    position_series[:] = 0
     for axis in range(3):
-        for term in range(len(path_m) - 1, -1, -1):
-            more_m = path_m[term, i, axis]
+        for term in range(len(path_terms_m) - 1, -1, -1):
+            more_m = path_terms_m[term, scatterer, axis]
             for m in range(n):
-                t, v = times_s[m], local[3 + axis, m]
-                local[6 + axis, m] = local[6 + axis, m] * t + v * half_s
-                local[3 + axis, m] = v * t + local[axis, m] * half_s
-                local[axis, m] = local[axis, m] * t + more_m
+                t, v = mid_window_times_s[m], position_series[3 + axis, m]
+                position_series[6 + axis, m] = position_series[6 + axis, m] * t + v * half_s
+                position_series[3 + axis, m] = v * t + position_series[axis, m] * half_s
+                position_series[axis, m] = position_series[axis, m] * t + more_m
     for s in range(len(outbound)):
         for axis in range(3):
             for m in range(n):
-                outbound[s, axis, m] = local[axis, m] - slot_positions_m[s, axis, m]
-        _expand_range(n, local, outbound, s)
+                outbound[s, axis, m] = position_series[axis, m] - slot_positions_m[s, axis, m]
+        _positions_to_range_series(n, position_series, outbound, s)
     for k in range(len(rx_m)):
         for axis in range(3):
             for m in range(n):
-                inbound[k, axis, m] = local[axis, m] - rx_m[k, axis]
-        _expand_range(n, local, inbound, k)
+                inbound[k, axis, m] = position_series[axis, m] - rx_m[k, axis]
+        _positions_to_range_series(n, position_series, inbound, k)
 
 
 @_compiled
-def _expand_range(n: int, local: np.ndarray, series: np.ndarray, k: int) -> None:
+def _positions_to_range_series(
+    n_chirps: int, position_series: np.ndarray, range_series: np.ndarray, antenna: int
+) -> None:
     """Convert rows x, y, z to the series of the range, 1 / range, and log-range series."""
-    for m in range(n):
-        x, y, z = series[k, 0, m], series[k, 1, m], series[k, 2, m]
-        vx, vy, vz = local[3, m], local[4, m], local[5, m]
+    for m in range(n_chirps):
+        x, y, z = (
+            range_series[antenna, 0, m],
+            range_series[antenna, 1, m],
+            range_series[antenna, 2, m],
+        )
+        vx, vy, vz = position_series[3, m], position_series[4, m], position_series[5, m]
         r = np.sqrt(x * x + y * y + z * z)
         inverse = 1 / r
         # Power by power from range^2 = |position|^2.
         r1 = (x * vx + y * vy + z * vz) * inverse
         square = vx * vx + vy * vy + vz * vz
-        square += 2 * (x * local[6, m] + y * local[7, m] + z * local[8, m])
+        square += 2 * (
+            x * position_series[6, m] + y * position_series[7, m] + z * position_series[8, m]
+        )
         r2 = (square - r1 * r1) * (inverse / 2)
         u1 = r1 * inverse
-        series[k, 0, m] = r
-        series[k, 1, m] = r1
-        series[k, 2, m] = r2
-        series[k, 3, m] = inverse
-        series[k, 4, m] = u1
-        series[k, 5, m] = r2 * inverse - u1 * u1 / 2
+        range_series[antenna, 0, m] = r
+        range_series[antenna, 1, m] = r1
+        range_series[antenna, 2, m] = r2
+        range_series[antenna, 3, m] = inverse
+        range_series[antenna, 4, m] = u1
+        range_series[antenna, 5, m] = r2 * inverse - u1 * u1 / 2
 
 
 @_compiled
-def _truncation_error(
-    path_m: np.ndarray,
-    i: int,
-    times_s: np.ndarray,
-    local: np.ndarray,
+def _range_truncation_error(
+    path_terms_m: np.ndarray,
+    scatterer: int,
+    mid_window_times_s: np.ndarray,
+    position_series: np.ndarray,
     outbound: np.ndarray,
     inbound: np.ndarray,
     ramp: tuple[float, float, float, float],
@@ -471,17 +498,25 @@ def _truncation_error(
     """
     start_frequency_hz, slope_hz_per_s, on_ramp_s, half_s = ramp
     r, v, a, latest_s = np.inf, 0.0, 0.0, half_s
-    for m in range(len(times_s)):
+    for m in range(len(mid_window_times_s)):
         for s in range(len(outbound)):
             r = min(r, outbound[s, 0, m])
         for k in range(len(inbound)):
             r = min(r, inbound[k, 0, m])
-        v = max(v, local[3, m] ** 2 + local[4, m] ** 2 + local[5, m] ** 2)
-        a = max(a, local[6, m] ** 2 + local[7, m] ** 2 + local[8, m] ** 2)
-        latest_s = max(latest_s, abs(times_s[m]) + half_s)
+        v = max(
+            v, position_series[3, m] ** 2 + position_series[4, m] ** 2 + position_series[5, m] ** 2
+        )
+        a = max(
+            a, position_series[6, m] ** 2 + position_series[7, m] ** 2 + position_series[8, m] ** 2
+        )
+        latest_s = max(latest_s, abs(mid_window_times_s[m]) + half_s)
     v, a, remainder = np.sqrt(v), np.sqrt(a), 0.0
-    for term in range(3, len(path_m)):
-        x, y, z = path_m[term, i, 0], path_m[term, i, 1], path_m[term, i, 2]
+    for term in range(3, len(path_terms_m)):
+        x, y, z = (
+            path_terms_m[term, scatterer, 0],
+            path_terms_m[term, scatterer, 1],
+            path_terms_m[term, scatterer, 2],
+        )
         series = term * (term - 1) * (term - 2) / 6
         remainder += series * np.sqrt(x * x + y * y + z * z) * latest_s ** (term - 3) * half_s**3
     # Least range within any chirp.
@@ -497,64 +532,64 @@ def _truncation_error(
 
 
 @_compiled
-def _expand_phases(
-    n: int,
+def _expand_phases_and_amplitudes(
+    n_chirps: int,
     outbound: np.ndarray,
-    s: int,
+    slot: int,
     inbound: np.ndarray,
-    k: int,
+    rx: int,
     ramp: tuple[float, float, float, float],
-    echo: np.ndarray,
+    echo_series: np.ndarray,
 ) -> None:
-    """Fill rows of `echo`: cycles 0-2, terms 1 and 2 of the logarithm of the size, spreading."""
+    """Fill rows: cycles 0-2, terms 1 and 2 of the logarithm of the size, spreading."""
     start_frequency_hz, slope_hz_per_s, on_ramp_s, half_s = ramp
     swept_hz = slope_hz_per_s * half_s
-    for m in range(n):
-        delay_s = (outbound[s, 0, m] + inbound[k, 0, m]) / SPEED_OF_LIGHT
-        d1 = (outbound[s, 1, m] + inbound[k, 1, m]) / SPEED_OF_LIGHT
-        d2 = (outbound[s, 2, m] + inbound[k, 2, m]) / SPEED_OF_LIGHT
+    for m in range(n_chirps):
+        delay_s = (outbound[slot, 0, m] + inbound[rx, 0, m]) / SPEED_OF_LIGHT
+        d1 = (outbound[slot, 1, m] + inbound[rx, 1, m]) / SPEED_OF_LIGHT
+        d2 = (outbound[slot, 2, m] + inbound[rx, 2, m]) / SPEED_OF_LIGHT
         # Whole cycles are removed before any sum: 26,000 of them at 50 m.
         cycles = start_frequency_hz * delay_s
         cycles -= np.floor(cycles)
         received_hz = start_frequency_hz + slope_hz_per_s * (on_ramp_s - delay_s)
-        echo[0, m] = cycles + slope_hz_per_s * delay_s * (on_ramp_s - delay_s / 2)
-        echo[1, m] = received_hz * d1 + swept_hz * delay_s
-        echo[2, m] = received_hz * d2 + swept_hz * d1 - slope_hz_per_s / 2 * d1 * d1
-        echo[3, m] = -outbound[s, 4, m] - inbound[k, 4, m]
-        echo[4, m] = -outbound[s, 5, m] - inbound[k, 5, m]
-        echo[5, m] = outbound[s, 3, m] * inbound[k, 3, m]
+        echo_series[0, m] = cycles + slope_hz_per_s * delay_s * (on_ramp_s - delay_s / 2)
+        echo_series[1, m] = received_hz * d1 + swept_hz * delay_s
+        echo_series[2, m] = received_hz * d2 + swept_hz * d1 - slope_hz_per_s / 2 * d1 * d1
+        echo_series[3, m] = -outbound[slot, 4, m] - inbound[rx, 4, m]
+        echo_series[4, m] = -outbound[slot, 5, m] - inbound[rx, 5, m]
+        echo_series[5, m] = outbound[slot, 3, m] * inbound[rx, 3, m]
 
 
 @_compiled
-def _coefficient_ranges(
-    n: int,
+def _bound_phase_and_amplitude_coefficients(
+    n_chirps: int,
     outbound: np.ndarray,
     inbound: np.ndarray,
     ramp: tuple[float, float, float, float],
-    echo: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
+    echo_series: np.ndarray,
+    min_c1: np.ndarray,
+    max_c1: np.ndarray,
 ) -> tuple[float, float, float]:
     """Fill the least and largest c1 of each chirp; return |e1|, |g2| and the middle of c2."""
-    low[:n] = np.inf
-    high[:n] = -np.inf
+    min_c1[:n_chirps] = np.inf
+    max_c1[:n_chirps] = -np.inf
     e1, e2, low2, high2 = 0.0, 0.0, np.inf, -np.inf
     for k in range(len(inbound)):
         for s in range(len(outbound)):
-            _expand_phases(n, outbound, s, inbound, k, ramp, echo)
-            for m in range(n):
-                low[m] = min(low[m], echo[1, m])
-                high[m] = max(high[m], echo[1, m])
-            for m in range(n):
-                low2, high2 = min(low2, echo[2, m]), max(high2, echo[2, m])
-                e1, e2 = max(e1, abs(echo[3, m])), max(e2, abs(echo[4, m]))
+            _expand_phases_and_amplitudes(n_chirps, outbound, s, inbound, k, ramp, echo_series)
+            for m in range(n_chirps):
+                min_c1[m] = min(min_c1[m], echo_series[1, m])
+                max_c1[m] = max(max_c1[m], echo_series[1, m])
+            for m in range(n_chirps):
+                low2, high2 = min(low2, echo_series[2, m]), max(high2, echo_series[2, m])
+                e1, e2 = max(e1, abs(echo_series[3, m])), max(e2, abs(echo_series[4, m]))
     return e1, e2 + np.pi * (high2 - low2), (low2 + high2) / 2
 
 
 @_compiled
-def _fill_level_costs(
-    low: np.ndarray,
-    high: np.ndarray,
+def _fill_terms_and_costs_per_block_count(
+    min_c1: np.ndarray,
+    max_c1: np.ndarray,
     shape: tuple[int, int, int],
     e1: float,
     g2: float,
@@ -573,9 +608,9 @@ def _fill_level_costs(
             for start in range(0, n_chirps, length):
                 least, largest = np.inf, -np.inf
                 for m in range(start, min(start + length, n_chirps)):
-                    least, largest = min(least, low[m]), max(largest, high[m])
+                    least, largest = min(least, min_c1[m]), max(largest, max_c1[m])
                 half = max(half, (largest - least) / 2)
-            n_terms_needed = _required_terms(e1 + 2 * np.pi * half, g2, tolerance / 2)
+            n_terms_needed = _required_polynomial_terms(e1 + 2 * np.pi * half, g2, tolerance / 2)
         n_blocks = -(-n_chirps // length)
         n_terms[level] = n_terms_needed
         costs[level] = np.inf
@@ -587,7 +622,7 @@ def _fill_level_costs(
 
 
 @_compiled
-def _required_terms(g1: float, g2: float, tolerance: float) -> int:
+def _required_polynomial_terms(g1: float, g2: float, tolerance: float) -> int:
     """Return the terms, 2 or more, for exp(g1 r + g2 r^2); _MAX_TERMS + 1 if too many."""
     # The remainder of the Taylor series is below twice its first term.
     g1 = min(g1, 4.0)
@@ -606,75 +641,79 @@ def _required_terms(g1: float, g2: float, tolerance: float) -> int:
 
 
 @_compiled
-def _centre_blocks(low: np.ndarray, high: np.ndarray, n_chirps: int, length: int) -> None:
-    """Store the middle of c1 of each block in `low` of its chirps."""
-    for start in range(0, n_chirps, length):
-        stop = min(start + length, n_chirps)
+def _replace_c1_by_block_middle(
+    min_c1: np.ndarray, max_c1: np.ndarray, n_chirps: int, chirps_per_block: int
+) -> None:
+    """Store the middle of c1 of each block in `min_c1` of its chirps."""
+    for start in range(0, n_chirps, chirps_per_block):
+        stop = min(start + chirps_per_block, n_chirps)
         least, largest = np.inf, -np.inf
         for m in range(start, stop):
-            least, largest = min(least, low[m]), max(largest, high[m])
+            least, largest = min(least, min_c1[m]), max(largest, max_c1[m])
         for m in range(start, stop):
-            low[m] = (least + largest) / 2
+            min_c1[m] = (least + largest) / 2
 
 
 @_compiled
-def _accumulate_coefficients(
-    n: int,
-    echo: np.ndarray,
-    middles: np.ndarray,
-    bend: float,
+def _add_transmitter_to_coefficients(
+    n_chirps: int,
+    echo_series: np.ndarray,
+    middle_c1: np.ndarray,
+    middle_c2: float,
     n_terms: int,
     powers: np.ndarray,
     coefficients: np.ndarray,
     first_term: int,
     n_rx: int,
-    k: int,
-    fresh: bool,
+    rx: int,
+    overwrite: bool,
 ) -> None:
     """Add one transmitter's share to the coefficients of the echo in each chirp on receiver k."""
-    for m in range(n):
-        real, imag = cosine_and_sine(echo[0, m])
-        powers[0, 0, m] = real * echo[5, m] - imag * echo[6, m]
-        powers[0, 1, m] = real * echo[6, m] + imag * echo[5, m]
-        echo[1, m] = 2 * np.pi * (echo[1, m] - middles[m])
-        echo[2, m] = 4 * np.pi * (echo[2, m] - bend)
-        echo[4, m] *= 2
+    for m in range(n_chirps):
+        real, imag = cosine_and_sine(echo_series[0, m])
+        powers[0, 0, m] = real * echo_series[5, m] - imag * echo_series[6, m]
+        powers[0, 1, m] = real * echo_series[6, m] + imag * echo_series[5, m]
+        echo_series[1, m] = 2 * np.pi * (echo_series[1, m] - middle_c1[m])
+        echo_series[2, m] = 4 * np.pi * (echo_series[2, m] - middle_c2)
+        echo_series[4, m] *= 2
     orders = min(n_terms + 2, _ORDERS)
     for q in range(1, orders):
         share = 1 / q
-        for m in range(n):
-            e1, c1 = echo[3, m], echo[1, m]
+        for m in range(n_chirps):
+            e1, c1 = echo_series[3, m], echo_series[1, m]
             real = powers[q - 1, 0, m] * e1 - powers[q - 1, 1, m] * c1
             imag = powers[q - 1, 1, m] * e1 + powers[q - 1, 0, m] * c1
             powers[q, 0, m] = share * real
             powers[q, 1, m] = share * imag
         if q > 1:
-            for m in range(n):
-                e2, c2 = share * echo[4, m], share * echo[2, m]
+            for m in range(n_chirps):
+                e2, c2 = share * echo_series[4, m], share * echo_series[2, m]
                 real = powers[q - 2, 0, m] * e2 - powers[q - 2, 1, m] * c2
                 imag = powers[q - 2, 1, m] * e2 + powers[q - 2, 0, m] * c2
                 powers[q, 0, m] += real
                 powers[q, 1, m] += imag
     for term in range(n_terms):
         for part in range(2):
-            row = np.uint64((((first_term + term) * 2 + part) * n_rx + k) * (_CHIRP_BATCH + 1))
-            if fresh:
-                for m in range(np.uint64(n)):
+            row = np.uint64((((first_term + term) * 2 + part) * n_rx + rx) * (_CHIRP_BATCH + 1))
+            if overwrite:
+                for m in range(np.uint64(n_chirps)):
                     coefficients[row + m] = 0
             for q in range(term, orders):
                 retained = _RETAINED[n_terms, term, q]
                 if retained != 0:
-                    for m in range(np.uint64(n)):
+                    for m in range(np.uint64(n_chirps)):
                         coefficients[row + m] += retained * powers[q, part, m]
 
 
 @_compiled
-def _fill_table(c1: float, c2: float, n: int, n_terms: int, tables: np.ndarray, term: int) -> None:
+def _tabulate_fast_time_functions(
+    c1: float, c2: float, n_samples: int, n_terms: int, tables: np.ndarray, first_term: int
+) -> None:
     """Fill rows of `tables`: real and imaginary part of B(r), then of B(r) r ..."""
-    stride = _round_up_to_tiles(n)
-    step, half = 2 / n, (n - 1) / n
+    stride = _round_up_to_tiles(n_samples)
+    step, half = 2 / n_samples, (n_samples - 1) / n_samples
     pitch = np.uint64(stride)
-    real = np.uint64(2 * term * stride)
+    real = np.uint64(2 * first_term * stride)
     imag = real + pitch
     for x in range(pitch):
         r = step * x - half
@@ -682,7 +721,7 @@ def _fill_table(c1: float, c2: float, n: int, n_terms: int, tables: np.ndarray, 
         tables[real + x] = cosine
         tables[imag + x] = sine
     for k in range(1, n_terms):
-        last_real = np.uint64(2 * (term + k - 1) * stride)
+        last_real = np.uint64(2 * (first_term + k - 1) * stride)
         last_imag = last_real + pitch
         real = last_imag + pitch
         imag = real + pitch
@@ -693,10 +732,10 @@ def _fill_table(c1: float, c2: float, n: int, n_terms: int, tables: np.ndarray, 
 
 
 @_compiled
-def _multiply_tables(
+def _add_coefficients_times_tables(
     out: np.ndarray,
-    start: int,
-    stop: int,
+    first_chirp: int,
+    stop_chirp: int,
     tables: np.ndarray,
     n_terms: int,
     coefficients: np.ndarray,
@@ -706,8 +745,8 @@ def _multiply_tables(
     _, n_rx, n_samples = out.shape
     pitch, stride = n_rx * (_CHIRP_BATCH + 1), _round_up_to_tiles(n_samples)
     for k in range(n_rx):
-        for m0 in range(start, stop, _ROWS):
-            m1 = min(m0 + _ROWS, stop)
+        for m0 in range(first_chirp, stop_chirp, _ROWS):
+            m1 = min(m0 + _ROWS, stop_chirp)
             for x0 in range(0, n_samples, _TILE):
                 for x in range(np.uint64(2 * _TILE * (m1 - m0 + (m1 - m0) % 2))):
                     sums[x] = 0
@@ -719,7 +758,7 @@ def _multiply_tables(
                     for m in range(m0, m1, 2):
                         row = 2 * (m - m0) * _TILE
                         if odd:
-                            _add_three_terms(
+                            _add_three_terms_to_two_chirps(
                                 sums,
                                 row,
                                 tables,
@@ -730,7 +769,7 @@ def _multiply_tables(
                                 pitch,
                             )
                         else:
-                            _add_two_terms(
+                            _add_two_terms_to_two_chirps(
                                 sums,
                                 row,
                                 tables,
@@ -754,7 +793,7 @@ _1, _2, _3 = (np.uint64(i * _TILE) for i in range(1, 4))
 
 
 @_compiled
-def _add_three_terms(
+def _add_three_terms_to_two_chirps(
     sums: np.ndarray,
     row: int,
     tables: np.ndarray,
@@ -802,7 +841,7 @@ def _add_three_terms(
 
 
 @_compiled
-def _add_two_terms(
+def _add_two_terms_to_two_chirps(
     sums: np.ndarray,
     row: int,
     tables: np.ndarray,

@@ -15,20 +15,20 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dechirp.core.buffers import scratch_array
+from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.threads import run_in_threads, split_range
 from dechirp.simulation.kernels import direct, low_rank, nufft_by_chirp, nufft_by_run
 from dechirp.simulation.kernels.base import Scatterers, Transmission
-from dechirp.simulation.kernels.grid_axes import FastTime, make_fast_time, make_slow_axis
+from dechirp.simulation.kernels.grid_axes import FastTime, make_fast_time_grid, make_slow_time_axis
 from dechirp.simulation.kernels.tones import (
     ScattererPaths,
     Waveform,
     antenna_pair_view,
     expand_tones,
-    find_largest_errors,
-    survey_tones,
+    mask_scatterers_with_largest_errors,
+    survey_tone_frequencies_and_errors,
     tone_powers,
-    truncation_powers,
+    truncation_error_powers,
 )
 
 GROUP_SIZE = 2**17
@@ -81,18 +81,18 @@ def add_echoes(
         out.shape[2],
         transmission.starts_s + middle_s,
     )
-    for paths in _sorted_groups(scatterers):
+    for paths in _sort_by_range_and_split(scatterers):
         _add_scatterer_group(out, paths, transmission, waveform, tolerance, n_threads)
 
 
-def _sorted_groups(scatterers: Scatterers) -> list[ScattererPaths]:
+def _sort_by_range_and_split(scatterers: Scatterers) -> list[ScattererPaths]:
     """Sort scatterers by range, so that neighbours on the grid are adjacent, and split them."""
     # In steps of a 16,000th of the farthest: integers of two bytes sort in linear time.
     steps = np.empty(len(scatterers.amplitudes), np.int16)
     _quantise_ranges(steps, np.asarray(scatterers.path_m[0], float))
     order = np.argsort(steps, kind="stable")
     path_m = np.empty((len(scatterers.path_m), 3, len(order)))
-    _gather_paths(path_m, np.asarray(scatterers.path_m, float), order)
+    _reorder_paths(path_m, np.asarray(scatterers.path_m, float), order)
     paths = ScattererPaths(
         path_m,
         np.asarray(scatterers.amplitudes, float)[order],
@@ -112,22 +112,24 @@ _compiled = numba.njit(
 
 
 @_compiled
-def _quantise_ranges(steps: np.ndarray, positions_m: np.ndarray) -> None:
+def _quantise_ranges(range_steps: np.ndarray, positions_m: np.ndarray) -> None:
     farthest = 1e-300
-    for i in range(len(steps)):
+    for i in range(len(range_steps)):
         x, y, z = positions_m[i, 0], positions_m[i, 1], positions_m[i, 2]
         farthest = max(farthest, x * x + y * y + z * z)
-    for i in range(len(steps)):
+    for i in range(len(range_steps)):
         x, y, z = positions_m[i, 0], positions_m[i, 1], positions_m[i, 2]
-        steps[i] = int(np.sqrt((x * x + y * y + z * z) / farthest) * 16383)
+        range_steps[i] = int(np.sqrt((x * x + y * y + z * z) / farthest) * 16383)
 
 
 @_compiled
-def _gather_paths(out: np.ndarray, path_m: np.ndarray, order: np.ndarray) -> None:
-    for k in range(len(path_m)):
+def _reorder_paths(
+    reordered_terms_m: np.ndarray, path_terms_m: np.ndarray, order: np.ndarray
+) -> None:
+    for k in range(len(path_terms_m)):
         for i in range(len(order)):
             for axis in range(3):
-                out[k, axis, i] = path_m[k, order[i], axis]
+                reordered_terms_m[k, axis, i] = path_terms_m[k, order[i], axis]
 
 
 class NufftPlan(NamedTuple):
@@ -147,13 +149,15 @@ def _add_scatterer_group(
     tolerance: float,
     n_threads: int,
 ) -> None:
-    fast = make_fast_time(
+    fast = make_fast_time_grid(
         paths, transmission, waveform, 1.5 if tolerance >= 9e-6 else 2.0, tolerance
     )
-    plan = choose_plan(paths, transmission, waveform, fast, tolerance, n_threads)
+    plan = choose_run_and_field_counts(paths, transmission, waveform, fast, tolerance, n_threads)
     if plan.n_runs == 0:
         txs, rxs = _active_antennas(transmission)
-        amplitudes = _echo_amplitudes(paths.with_rms_gains(txs, rxs), transmission, waveform)
+        amplitudes = _approximate_echo_amplitudes(
+            paths.with_rms_gains(txs, rxs), transmission, waveform
+        )
         allowed = (_SERIES_SHARE * tolerance) ** 2 * float(np.sum(amplitudes**2))
         nufft_by_chirp.add_echoes(
             out, paths, transmission, waveform, fast, txs, rxs, allowed, n_threads
@@ -168,7 +172,7 @@ def _add_scatterer_group(
 
     def process(job: tuple[slice, int]) -> None:
         run, rx = job
-        _add_run(
+        _add_run_to_receiver(
             out[run, rx],
             paths,
             transmission,
@@ -184,7 +188,7 @@ def _add_scatterer_group(
     run_in_threads(n_threads // threads_per_job, process, jobs)
 
 
-def _add_run(
+def _add_run_to_receiver(
     out: np.ndarray,
     paths: ScattererPaths,
     transmission: Transmission,
@@ -199,29 +203,29 @@ def _add_run(
     """Add the echoes of one receiver in a run to (n_chirps, n_samples)."""
     times_s = waveform.times_s[run]
     mid_s = float(times_s[0] + times_s[-1]) / 2
-    half_s = nufft_by_run.half_duration_s(times_s, fast.half_s)
+    half_s = nufft_by_run.half_run_duration_s(times_s, fast.half_s)
     shorter = waveform._replace(times_s=times_s)
     part = transmission._replace(
         starts_s=transmission.starts_s[run], weights=transmission.weights[run]
     )
     target = out
     if fast.interpolator is not None:
-        target = scratch_array("known", (len(out), len(fast.times_s)))
+        target = scratch_complex64_array("known", (len(out), len(fast.times_s)))
         target[:] = 0
     for tx in (int(tx) for tx in np.flatnonzero(part.weights.any(axis=0))):
         view = antenna_pair_view(
             paths, transmission, waveform, (tx, rx), mid_s, half_s, one_chirp=False
         )
-        survey = survey_tones(view, n_fields, n_threads)
+        survey = survey_tone_frequencies_and_errors(view, n_fields, n_threads)
         allowed = (_SERIES_SHARE * tolerance) ** 2 * survey.power
-        is_hard = find_largest_errors(survey.errors, allowed)
+        is_hard = mask_scatterers_with_largest_errors(survey.errors, allowed)
         if is_hard.any():
             few_paths, single_receiver = (
                 _select_receiver(paths.select(is_hard), rx),
                 part._replace(rx_m=transmission.rx_m[[rx]]),
             )
             if len(few_paths.amplitudes) <= MAX_LOW_RANK_SCATTERERS:
-                _add_few_scatterers(
+                _add_few_by_low_rank_kernel(
                     target[:, None],
                     few_paths,
                     single_receiver,
@@ -245,12 +249,12 @@ def _add_run(
     if interpolator is not None:
 
         def fill(rows: slice) -> None:
-            interpolator.interpolate(out, np.arange(rows.start, rows.stop), target[rows])
+            interpolator.add_interpolated(out, np.arange(rows.start, rows.stop), target[rows])
 
         run_in_threads(n_threads, fill, split_range(len(out), n_threads))
 
 
-def _add_few_scatterers(
+def _add_few_by_low_rank_kernel(
     known_samples: np.ndarray,
     paths: ScattererPaths,
     transmission: Transmission,
@@ -277,7 +281,7 @@ def _add_few_scatterers(
         part = at_times._replace(
             starts_s=transmission.starts_s[rows], weights=at_times.weights[rows]
         )
-        echoes = scratch_array("few", known_samples[rows].shape)
+        echoes = scratch_complex64_array("few", known_samples[rows].shape)
         echoes[:] = 0
         low_rank.add_echoes(echoes, few_paths, part, tolerance=tolerance)
         echoes *= mixer
@@ -297,7 +301,7 @@ def _active_antennas(transmission: Transmission) -> tuple[list[int], list[int]]:
     )
 
 
-def _echo_amplitudes(
+def _approximate_echo_amplitudes(
     paths: ScattererPaths, transmission: Transmission, waveform: Waveform
 ) -> np.ndarray:
     """Return approximate amplitudes of the echoes: first antenna pair, middle chirp."""
@@ -312,7 +316,7 @@ def _echo_amplitudes(
     )
 
 
-def choose_plan(
+def choose_run_and_field_counts(
     paths: ScattererPaths,
     transmission: Transmission,
     waveform: Waveform,
@@ -325,11 +329,11 @@ def choose_plan(
     n_rx, n_times, n_columns = len(transmission.rx_m), len(fast.times_s), fast.axis.n_points
     txs, rxs = _active_antennas(transmission)
     few_paths = paths.select(slice(None, None, -(-n // _COST_SAMPLE))).with_rms_gains(txs, rxs)
-    strengths = _echo_amplitudes(few_paths, transmission, waveform)
+    strengths = _approximate_echo_amplitudes(few_paths, transmission, waveform)
     allowed = (_SERIES_SHARE * tolerance) ** 2 * float(np.sum(strengths**2))
     n_lines = int(np.count_nonzero(transmission.weights)) * n_rx
     n_pairs = int(np.count_nonzero(transmission.weights.any(axis=0))) * n_rx
-    chirp_fields, _ = nufft_by_chirp.required_fields(
+    chirp_fields, _ = nufft_by_chirp.required_field_count_and_unsuitable(
         few_paths, transmission, waveform, fast.half_s, txs, rxs, allowed
     )
     scatterer_ns = 20 + 3 * chirp_fields
@@ -338,22 +342,25 @@ def choose_plan(
     best_ns = n_lines * n * scatterer_ns + n_chirps * n_rx * line_ns
     if n_lines * n * scatterer_ns < n_chirps * n_rx * line_ns:
         return best
-    half_s = nufft_by_run.half_duration_s(waveform.times_s, fast.half_s)
+    half_s = nufft_by_run.half_run_duration_s(waveform.times_s, fast.half_s)
     mid_s = float(waveform.times_s[0] + waveform.times_s[-1]) / 2
     view = antenna_pair_view(
         few_paths, transmission, waveform, (0, 0), mid_s, half_s, one_chirp=False
     )
     blocks = expand_tones(view)
     allowed = (_SERIES_SHARE * tolerance) ** 2 * float(tone_powers(blocks).sum())
-    survey = survey_tones(view, 1)
+    survey = survey_tone_frequencies_and_errors(view, 1)
     band_hz = 2 * survey.max_doppler_hz
-    if nufft_by_run.stretch_error(survey, waveform, half_s) > _SERIES_SHARE * tolerance:
+    if (
+        nufft_by_run.uncovered_stretch_error_bound(survey, waveform, half_s)
+        > _SERIES_SHARE * tolerance
+    ):
         return best
     n_runs = 1
     while n_chirps >= 4 * n_runs:
         half_run_s = (half_s - fast.half_s) / n_runs + fast.half_s
-        n_rows = make_slow_axis(band_hz, half_run_s, fast.axis.spacing).n_points
-        most = make_slow_axis(2 * fast.max_doppler_hz, half_run_s, fast.axis.spacing).n_points
+        n_rows = make_slow_time_axis(band_hz, half_run_s, fast.axis.spacing).n_points
+        most = make_slow_time_axis(2 * fast.max_doppler_hz, half_run_s, fast.axis.spacing).n_points
         for n_fields in range(2, 6):
             if most * n_columns * (n_fields + 1) > MAX_GRID_POINTS:
                 break
@@ -368,7 +375,9 @@ def choose_plan(
                 break
             is_hard = n * float(
                 np.mean(
-                    find_largest_errors(truncation_powers(blocks, n_fields, 1 / n_runs), allowed)
+                    mask_scatterers_with_largest_errors(
+                        truncation_error_powers(blocks, n_fields, 1 / n_runs), allowed
+                    )
                 )
             )
             if is_hard > MAX_LOW_RANK_SCATTERERS:

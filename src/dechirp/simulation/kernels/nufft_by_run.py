@@ -10,21 +10,26 @@ therefore that of scatterers + samples x log samples, independent of their speed
 import numpy as np
 import scipy.fft
 
-from dechirp.core.buffers import scratch_array
+from dechirp.core.buffers import scratch_complex64_array
 from dechirp.core.threads import run_in_threads, split_range
-from dechirp.simulation.kernels.grid_axes import FastTime, GridAxis, make_slow_axis
-from dechirp.simulation.kernels.gridding import interpolate_stretched, spread_block_tones
+from dechirp.simulation.kernels.grid_axes import FastTime, GridAxis, make_slow_time_axis
+from dechirp.simulation.kernels.gridding import (
+    interpolate_stretched_slow_time,
+    spread_tones_onto_grid,
+)
 from dechirp.simulation.kernels.simd import WIDTH
 from dechirp.simulation.kernels.taylor import LANES, AntennaPairView
 from dechirp.simulation.kernels.tones import ECONOMISATIONS, ToneSurvey, Waveform
 
 
-def half_duration_s(times_s: np.ndarray, half_window_s: float) -> float:
+def half_run_duration_s(chirp_times_s: np.ndarray, half_window_s: float) -> float:
     """Return the time from the middle of a run to its first or last sample."""
-    return float(times_s[-1] - times_s[0]) / 2 + half_window_s
+    return float(chirp_times_s[-1] - chirp_times_s[0]) / 2 + half_window_s
 
 
-def stretch_error(survey: ToneSurvey, waveform: Waveform, half_s: float) -> float:
+def uncovered_stretch_error_bound(
+    survey: ToneSurvey, waveform: Waveform, half_run_s: float
+) -> float:
     """Return a bound on the relative error of stretches that the additional field does not cover.
 
     It matters only for delays far longer than a chirp.
@@ -33,7 +38,7 @@ def stretch_error(survey: ToneSurvey, waveform: Waveform, half_s: float) -> floa
     carrier_hz = abs(waveform.mid_frequency_hz - mid_hz)
     relative_offset = (survey.high_hz - mid_hz) / carrier_hz
     swept = abs(waveform.slope_hz_per_s) * waveform.half_window_s / carrier_hz
-    first = 2 * np.pi * swept * relative_offset * survey.max_doppler_hz * half_s
+    first = 2 * np.pi * swept * relative_offset * survey.max_doppler_hz * half_run_s
     return float(first * (first / 2 + relative_offset))
 
 
@@ -60,7 +65,9 @@ def add_echoes(
     widest = max(stretch[0], stretch[-1])
     times_s = waveform.times_s - view.mid_s
     latest_s = max(-times_s[0], times_s[-1]) + max(-fast.times_s[0], fast.times_s[-1])
-    slow = make_slow_axis(2 * survey.max_doppler_hz, float(latest_s * widest), fast.axis.spacing)
+    slow = make_slow_time_axis(
+        2 * survey.max_doppler_hz, float(latest_s * widest), fast.axis.spacing
+    )
     unit = slow.step_s / half_s
     shares = [(power, power // 2, unit) for power in range(n_fields)]
     # Tones away from the middle of the beat frequencies have a slightly different stretch: one
@@ -73,14 +80,16 @@ def add_echoes(
     if cross_term[0] != 0:
         shares.append((1, -1, unit))
     retained = ECONOMISATIONS[n_fields - 1][0]
-    grid = _spread_tones(view, left_out, slow, fast, len(shares), retained, cross_term, n_threads)
+    grid = _spread_tones_onto_new_grid(
+        view, left_out, slow, fast, len(shares), retained, cross_term, n_threads
+    )
     grid[:WIDTH] += grid[-WIDTH:]
     # Columns without tones need no transform.
-    column_map = fast.axis.coordinate_map(fast.mixer_hz)
+    column_map = fast.axis.frequency_to_grid_scale_and_offset(fast.mixer_hz)
     first = int(column_map[0] * low_hz + column_map[1]) - WIDTH // 2 - 1
     last = int(column_map[0] * high_hz + column_map[1]) + WIDTH // 2 + 2
     n_columns = fast.axis.n_points
-    for grid_columns in _wrap_range(first, last, n_columns):
+    for grid_columns in _circular_range_as_slices(first, last, n_columns):
         lines = scipy.fft.ifft(
             grid[grid_columns], axis=2, norm="forward", overwrite_x=True, workers=n_threads
         )
@@ -90,14 +99,14 @@ def add_echoes(
     middle = slow.n_points // 2
     rows = slice(max(middle - reach, 0), min(middle + reach, slow.n_points))
     fields = np.moveaxis(grid[:n_columns, :, rows], 0, 2)
-    lines = scratch_array("times", fields.shape)
-    np.multiply(fields, slow.deapodisation()[rows, None], out=lines)
+    lines = scratch_complex64_array("times", fields.shape)
+    np.multiply(fields, slow.deapodisation_factors()[rows, None], out=lines)
     times = scipy.fft.ifft(lines, axis=2, norm="forward", overwrite_x=True, workers=n_threads)
-    kept_times = scratch_array("kept times", (*times.shape[:2], len(fast.times_s)))
+    kept_times = scratch_complex64_array("kept times", (*times.shape[:2], len(fast.times_s)))
     kept_times[:] = times[:, :, fast.time_slice]
 
     def interpolate_rows(grid_columns: slice) -> None:
-        interpolate_stretched(
+        interpolate_stretched_slow_time(
             out[grid_columns],
             weights[grid_columns],
             kept_times.view(np.float32),
@@ -105,7 +114,7 @@ def add_echoes(
             fast.times_s / slow.step_s,
             stretch,
             middle - rows.start,
-            fast.deapodisation(),
+            fast.deapodisation_factors(),
             np.array(shares),
             slow.spreading_kernel.polynomials,
         )
@@ -113,7 +122,7 @@ def add_echoes(
     run_in_threads(n_threads, interpolate_rows, split_range(len(out), n_threads))
 
 
-def _wrap_range(first: int, last: int, n: int) -> list[slice]:
+def _circular_range_as_slices(first: int, last: int, n: int) -> list[slice]:
     """Return the indices from first to last on a circle of n, as slices."""
     if last - first >= n:
         return [slice(0, n)]
@@ -121,7 +130,7 @@ def _wrap_range(first: int, last: int, n: int) -> list[slice]:
     return [slice(first, last)] if first < last else [slice(first, n), slice(0, last)]
 
 
-def _spread_tones(
+def _spread_tones_onto_new_grid(
     view: AntennaPairView,
     left_out: np.ndarray,
     slow: GridAxis,
@@ -135,12 +144,12 @@ def _spread_tones(
     shape = (fast.axis.n_points + WIDTH, n_fields, slow.n_points)
     correction = np.append(2 * slow.spacing * slow.step_s, slow.spreading_kernel.correction)
     parts = split_range(-(-len(left_out) // LANES), n_threads)
-    grids = [scratch_array(f"grid {part}", shape) for part in range(len(parts))]
+    grids = [scratch_complex64_array(f"grid {part}", shape) for part in range(len(parts))]
 
     def spread_part(part: int) -> None:
         block_range, grid = parts[part], grids[part]
         grid[:] = 0
-        spread_block_tones(
+        spread_tones_onto_grid(
             grid.view(np.float32).reshape(-1),
             slow.n_points,
             fast.axis.n_points,
@@ -150,8 +159,8 @@ def _spread_tones(
             left_out,
             retained,
             correction,
-            slow.coordinate_map(),
-            fast.axis.coordinate_map(fast.mixer_hz),
+            slow.frequency_to_grid_scale_and_offset(),
+            fast.axis.frequency_to_grid_scale_and_offset(fast.mixer_hz),
             cross_term,
             slow.spreading_kernel.polynomials,
         )

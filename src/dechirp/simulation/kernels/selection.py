@@ -31,27 +31,30 @@ class KernelCosts(NamedTuple):
     low_rank: float
     nufft: float
 
-    def cost_of(self, kernel: Kernel) -> float:
+    def predicted_time_s(self, kernel: Kernel) -> float:
         """Return the predicted time of one kernel, s."""
         return float(getattr(self, kernel.replace("-", "_")))
 
     @property
-    def cheapest(self) -> Kernel:
+    def cheapest_kernel(self) -> Kernel:
         """Return the kernel with the least predicted time."""
         names: tuple[Kernel, ...] = ("direct", "low-rank", "nufft")
-        return min(names, key=self.cost_of)
+        return min(names, key=self.predicted_time_s)
 
 
-def predict_costs(
-    shape: tuple[int, ...], scatterers: Scatterers, transmission: Transmission, tolerance: float
+def predict_kernel_times(
+    cube_shape: tuple[int, ...],
+    scatterers: Scatterers,
+    transmission: Transmission,
+    tolerance: float,
 ) -> KernelCosts:
     """Predict the time of each kernel for a cube of (n_chirps, n_rx, n_samples)."""
-    _, n_rx, n_samples = shape
+    _, n_rx, n_samples = cube_shape
     n = len(scatterers.amplitudes)
     n_lines = int(np.count_nonzero(transmission.weights)) * n_rx
     n_pairs = int(np.count_nonzero(transmission.weights.any(axis=0))) * n_rx
     not_applicable = float("inf")
-    extra_segments = direct.estimate_segment_count(scatterers, transmission, n_samples) - 1
+    extra_segments = direct.estimate_segments_per_chirp(scatterers, transmission, n_samples) - 1
     scatterer_s = n_samples * 0.29e-9 + 170e-9 + 300e-9 * extra_segments
     predicted = KernelCosts(
         direct=n_lines * (n_samples * 0.5e-9 + n * scatterer_s),
@@ -62,14 +65,16 @@ def predict_costs(
         if tolerance >= MIN_TOLERANCE["nufft"] and scatterers.chirp_factors is None
         else not_applicable,
     )
-    if predicted.cheapest != "low-rank":
+    if predicted.cheapest_kernel != "low-rank":
         return predicted
-    share = low_rank.estimate_direct_share(scatterers, transmission, n_samples, tolerance=tolerance)
+    share = low_rank.estimate_fraction_cheaper_direct(
+        scatterers, transmission, n_samples, tolerance=tolerance
+    )
     return predicted._replace(low_rank=predicted.low_rank + n_lines * share * n * scatterer_s)
 
 
-def choose_kernel(
-    shape: tuple[int, ...],
+def choose_kernel_and_predict_times(
+    cube_shape: tuple[int, ...],
     scatterers: Scatterers,
     transmission: Transmission,
     engine: Engine,
@@ -82,10 +87,12 @@ def choose_kernel(
     InvalidSetting
         If the engine specifies a kernel that is not applicable.
     """
-    predicted = predict_costs(shape, scatterers, transmission, engine.effective_tolerance(dtype))
+    predicted = predict_kernel_times(
+        cube_shape, scatterers, transmission, engine.effective_tolerance(dtype)
+    )
     if engine.kernel == "auto":
-        return predicted.cheapest, predicted
-    if np.isinf(predicted.cost_of(engine.kernel)):
+        return predicted.cheapest_kernel, predicted
+    if np.isinf(predicted.predicted_time_s(engine.kernel)):
         raise InvalidSetting(
             "Engine.kernel",
             value=f"{engine.kernel}, with targets that fluctuate from chirp to chirp",
@@ -113,23 +120,25 @@ def add_echoes(
     InvalidSetting
         If a number is not finite, or the chosen kernel is not applicable.
     """
-    _check_finite(scatterers, transmission)
+    _check_inputs_finite(scatterers, transmission)
     tolerance = engine.effective_tolerance(out.dtype)
     used: set[str] = set()
     if engine.late != "held":
         late = _find_late_scatterers(scatterers, transmission)
         if late.any():
             used.add("direct")
-            _add_direct(
+            _add_by_direct_kernel(
                 out, select_scatterers(scatterers, late), transmission, engine.late, previous
             )
         scatterers = select_scatterers(scatterers, ~late)
     if not len(scatterers.amplitudes):
         return used
-    kernel, predicted = choose_kernel(out.shape, scatterers, transmission, engine, out.dtype)
-    n_threads = _thread_count(predicted.cost_of(kernel))
+    kernel, predicted = choose_kernel_and_predict_times(
+        out.shape, scatterers, transmission, engine, out.dtype
+    )
+    n_threads = _thread_count_for_duration(predicted.predicted_time_s(kernel))
     if kernel == "direct":
-        _add_direct(out, scatterers, transmission, "held", None)
+        _add_by_direct_kernel(out, scatterers, transmission, "held", None)
     elif kernel == "low-rank":
 
         def sum_rows(rows: slice) -> None:
@@ -156,25 +165,27 @@ def select_scatterers(scatterers: Scatterers, selected: np.ndarray | slice) -> S
 
 
 def select_chirps(
-    scatterers: Scatterers, transmission: Transmission, rows: slice
+    scatterers: Scatterers, transmission: Transmission, chirps: slice
 ) -> tuple[Scatterers, Transmission]:
     """Return scatterers and transmission of some of the chirps."""
     factors = scatterers.chirp_factors
     if factors is not None:
-        scatterers = scatterers._replace(chirp_factors=factors[rows])
+        scatterers = scatterers._replace(chirp_factors=factors[chirps])
     return scatterers, transmission._replace(
-        starts_s=transmission.starts_s[rows], weights=transmission.weights[rows]
+        starts_s=transmission.starts_s[chirps], weights=transmission.weights[chirps]
     )
 
 
-def _add_direct(
+def _add_by_direct_kernel(
     out: np.ndarray,
     scatterers: Scatterers,
     transmission: Transmission,
     late: Literal["held", "onset", "tail"],
     previous: direct.PreviousRamps | None,
 ) -> None:
-    predicted_s = predict_costs(out.shape, scatterers, transmission, MIN_TOLERANCE["direct"]).direct
+    predicted_s = predict_kernel_times(
+        out.shape, scatterers, transmission, MIN_TOLERANCE["direct"]
+    ).direct
 
     def sum_rows(rows: slice) -> None:
         row_previous = None if previous is None else previous.select_chirps(rows)
@@ -185,11 +196,11 @@ def _add_direct(
             previous=row_previous,
         )
 
-    n_threads = _thread_count(predicted_s)
+    n_threads = _thread_count_for_duration(predicted_s)
     run_in_threads(n_threads, sum_rows, split_range(len(out), n_threads))
 
 
-def _thread_count(predicted_s: float) -> int:
+def _thread_count_for_duration(predicted_s: float) -> int:
     """Return one thread for short work, since another takes 0.05 ms to start."""
     return numba.get_num_threads() if predicted_s > 0.3e-3 else 1
 
@@ -210,7 +221,7 @@ def _find_late_scatterers(scatterers: Scatterers, transmission: Transmission) ->
     return np.asarray(2 * (farthest_m + antennas_m) > SPEED_OF_LIGHT * transmission.adc_start_s)
 
 
-def _check_finite(scatterers: Scatterers, transmission: Transmission) -> None:
+def _check_inputs_finite(scatterers: Scatterers, transmission: Transmission) -> None:
     for name, array in (*scatterers._asdict().items(), *transmission._asdict().items()):
         if array is not None and not np.isfinite(array).all():
             raise InvalidSetting(

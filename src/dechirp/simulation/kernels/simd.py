@@ -19,8 +19,10 @@ _VECTOR = ir.VectorType(ir.FloatType(), 2 * WIDTH)
 _FLOATS, _INTEGER = types.Array(types.float32, 1, "C"), types.int64
 
 
-def _element_pointer(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any:
-    return builder.gep(context.make_array(kind)(context, builder, array).data, [place])
+def _array_element_pointer(
+    context: Any, builder: Any, array_type: Any, array: Any, index: Any
+) -> Any:
+    return builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
 
 
 def _load_vector(builder: Any, pointer: Any) -> Any:
@@ -31,7 +33,7 @@ def _store_vector(builder: Any, vector: Any, pointer: Any) -> None:
     builder.store(vector, builder.bitcast(pointer, _VECTOR.as_pointer()), align=4)
 
 
-def _repeat_numbers(builder: Any, *numbers: Any) -> Any:
+def _vector_of_repeated_numbers(builder: Any, *numbers: Any) -> Any:
     """Return a vector of one repeated number, or of several in turn."""
     vector = ir.Constant(_VECTOR, ir.Undefined)
     for i in range(2 * WIDTH):
@@ -44,19 +46,21 @@ def _multiply_add(builder: Any, total: Any, a: Any, b: Any) -> Any:
     return builder.fadd(total, builder.fmul(a, b, flags=["contract"]), flags=["contract"])
 
 
-def _make_adder(n_rows: int) -> Callable[..., None]:
+def _make_weighted_row_adder(n_rows: int) -> Callable[..., None]:
     @intrinsic
     def add(context, grid, first, stride, rows, line, real, imag):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             zero = ir.Constant(ir.IntType(64), 0)
-            points = _element_pointer(context, builder, signature.args[0], values[0], values[1])
-            weights = _element_pointer(context, builder, signature.args[3], values[3], zero)
-            taps = _element_pointer(context, builder, signature.args[4], values[4], zero)
-            both = _repeat_numbers(builder, values[5], values[6])
+            points = _array_element_pointer(
+                context, builder, signature.args[0], values[0], values[1]
+            )
+            weights = _array_element_pointer(context, builder, signature.args[3], values[3], zero)
+            taps = _array_element_pointer(context, builder, signature.args[4], values[4], zero)
+            both = _vector_of_repeated_numbers(builder, values[5], values[6])
             scaled = builder.fmul(_load_vector(builder, taps), both)
             for b in range(n_rows):
                 weight = builder.load(builder.gep(weights, [ir.Constant(ir.IntType(64), 2 * b)]))
-                row = _repeat_numbers(builder, weight)
+                row = _vector_of_repeated_numbers(builder, weight)
                 _store_vector(
                     builder,
                     _multiply_add(builder, _load_vector(builder, points), row, scaled),
@@ -74,19 +78,19 @@ def _make_adder(n_rows: int) -> Callable[..., None]:
     return add
 
 
-add_line, add_patch = _make_adder(1), _make_adder(WIDTH)
+add_line, add_patch = _make_weighted_row_adder(1), _make_weighted_row_adder(WIDTH)
 """Add real + i imag to one row of a grid (`add_line`), or to WIDTH rows `stride` floats apart
 (`add_patch`), from the position `first` on: times the taps of the row, each given twice, and of
 the line, each given twice."""
 
 
-def _make_weighted_sum() -> Callable[..., None]:
+def _make_weighted_row_sum() -> Callable[..., None]:
     @intrinsic
     def add(context, out, at, grid, first, stride, weights, weights_stride):  # type: ignore[no-untyped-def] # noqa: ANN001
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def] # noqa: ANN001
             kinds = signature.args
-            points = _element_pointer(context, builder, kinds[2], values[2], values[3])
-            taps = _element_pointer(context, builder, kinds[5], values[5], values[1])
+            points = _array_element_pointer(context, builder, kinds[2], values[2], values[3])
+            taps = _array_element_pointer(context, builder, kinds[5], values[5], values[1])
             total = builder.fmul(_load_vector(builder, points), _load_vector(builder, taps))
             for _ in range(WIDTH - 1):
                 points = builder.gep(points, [values[4]])
@@ -95,7 +99,9 @@ def _make_weighted_sum() -> Callable[..., None]:
                     builder, total, _load_vector(builder, points), _load_vector(builder, taps)
                 )
             _store_vector(
-                builder, total, _element_pointer(context, builder, kinds[0], values[0], values[1])
+                builder,
+                total,
+                _array_element_pointer(context, builder, kinds[0], values[0], values[1]),
             )
             return context.get_dummy_value()
 
@@ -104,7 +110,7 @@ def _make_weighted_sum() -> Callable[..., None]:
     return add
 
 
-set_weighted_sum = _make_weighted_sum()
+set_weighted_sum = _make_weighted_row_sum()
 """Set 2 WIDTH floats of the first array, from a position on, to the weighted sum of WIDTH rows
 of a grid that are `stride` floats apart; the weights have as many rows, from the same position
 on."""

@@ -45,7 +45,7 @@ _Q0, _Q1, _Q2, _Q3, _Q4, _Q5 = (_SQUARE + LANES * k for k in range(6))
 _G1, _G2, _G3, _G4, _G5, _G6 = (SERIES + 2 * LANES * k for k in range(6))
 _OUTBOUND, _INBOUND = LANES * 4 * _TERMS, LANES * (5 * _TERMS + 3)
 WORK = _INBOUND + LANES * (_TERMS + 3)
-"""Length of the work array of `expand_block`."""
+"""Length of the work array of `fill_tone_block`."""
 
 # Compilers keep divisions: with them a tone took 4.7 ns, with products 2.7.
 _PER_M, _THIRD, _FIFTH, _SIXTH = 1 / SPEED_OF_LIGHT, 1 / 3, 1 / 5, 1 / 6
@@ -75,15 +75,15 @@ class AntennaPairView(NamedTuple):
 
 
 @_compiled
-def expand_all_blocks(view: AntennaPairView, blocks: np.ndarray) -> None:
+def fill_tone_blocks(view: AntennaPairView, blocks: np.ndarray) -> None:
     """Fill all blocks, (n_blocks, BLOCK)."""
-    work, shifts = np.zeros(WORK), time_shift_matrix(view)
+    work, shifts = np.zeros(WORK), polynomial_time_shift_matrix(view)
     for b in range(len(blocks)):
-        expand_block(view, shifts, b * LANES, work, blocks[b])
+        fill_tone_block(view, shifts, b * LANES, work, blocks[b])
 
 
 @_compiled
-def time_shift_matrix(view: AntennaPairView) -> np.ndarray:
+def polynomial_time_shift_matrix(view: AntennaPairView) -> np.ndarray:
     """Return the matrix from a polynomial in t to one in (t - mid) / half, (n_terms, n_terms)."""
     n_terms = len(view.path_m)
     shifts = np.zeros((n_terms, n_terms))
@@ -96,58 +96,64 @@ def time_shift_matrix(view: AntennaPairView) -> np.ndarray:
 
 
 @_compiled
-def expand_block(
-    view: AntennaPairView, shifts: np.ndarray, first: int, work: np.ndarray, block: np.ndarray
+def fill_tone_block(
+    view: AntennaPairView,
+    time_shifts: np.ndarray,
+    first_scatterer: int,
+    work: np.ndarray,
+    block: np.ndarray,
 ) -> None:
-    """Fill a block with scatterers from `first` on, zero after the last; 12 ns each."""
-    positions, outbound, inbound = split_work_array(work)
-    expand_outbound(view, shifts, first, positions, outbound)
-    expand_inbound(
-        view.rx_m, view.amplitudes, first, len(view.path_m), view.mid_frequency_hz,
+    """Fill a block with scatterers from `first_scatterer` on, zero after the last; 12 ns each."""
+    positions, outbound, inbound = split_work_into_positions_and_ranges(work)
+    expand_positions_and_outbound_ranges(view, time_shifts, first_scatterer, positions, outbound)
+    expand_inbound_ranges_and_fill_tones(
+        view.rx_m, view.amplitudes, first_scatterer, len(view.path_m), view.mid_frequency_hz,
         view.slope_hz_per_s, view.half_s, view.is_single_chirp, positions, outbound, inbound, block,
     )  # fmt: skip
 
 
 @_compiled
-def split_work_array(work: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def split_work_into_positions_and_ranges(
+    work: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return views of the work array: positions, outbound series, inbound series."""
     return work[:_OUTBOUND], work[_OUTBOUND:_INBOUND], work[_INBOUND:]
 
 
 @_compiled
-def expand_outbound(
+def expand_positions_and_outbound_ranges(
     view: AntennaPairView,
-    shifts: np.ndarray,
-    first: int,
+    time_shifts: np.ndarray,
+    first_scatterer: int,
     positions: np.ndarray,
     outbound: np.ndarray,
 ) -> None:
-    """Expand positions and outbound ranges, the half of `expand_block` that all receivers share."""
+    """Expand positions and outbound ranges: the half of a block that all receivers share."""
     path_m = view.path_m
     n_terms = len(path_m)
-    lanes = min(LANES, len(view.amplitudes) - first)
+    lanes = min(LANES, len(view.amplitudes) - first_scatterer)
     for k in range(min(n_terms, _TERMS)):
         for axis in range(3):
             offset = np.uint64((3 * k + axis) * LANES)
             for i in range(np.uint64(LANES)):
                 positions[offset + i] = 0.0
             for j in range(k, n_terms):
-                share = shifts[k, j]
+                share = time_shifts[k, j]
                 if share == 0:
                     continue
                 for i in range(np.uint64(lanes)):
-                    positions[offset + i] += share * path_m[j, axis, np.uint64(first) + i]
+                    positions[offset + i] += share * path_m[j, axis, np.uint64(first_scatterer) + i]
                 for i in range(np.uint64(lanes), np.uint64(LANES)):
-                    positions[offset + i] += share * path_m[j, axis, first + lanes - 1]
-    _expand_range(positions, min(n_terms, _TERMS), view.tx_m, outbound)
+                    positions[offset + i] += share * path_m[j, axis, first_scatterer + lanes - 1]
+    _expand_distances_and_logarithms(positions, min(n_terms, _TERMS), view.tx_m, outbound)
 
 
 @_inlined
-def expand_inbound(
+def expand_inbound_ranges_and_fill_tones(
     rx_m: np.ndarray,
     amplitudes: np.ndarray,
-    first: int,
-    n_terms: int,
+    first_scatterer: int,
+    n_path_terms: int,
     mid_frequency_hz: float,
     slope_hz_per_s: float,
     half_s: float,
@@ -157,12 +163,14 @@ def expand_inbound(
     inbound: np.ndarray,
     block: np.ndarray,
 ) -> None:
-    """Expand inbound ranges, and the tones: the second half of `expand_block`."""
-    lanes = min(LANES, len(amplitudes) - first)
-    _expand_range(positions, min(n_terms, _TERMS), rx_m, inbound)
-    _expand_tone(outbound, inbound, mid_frequency_hz, slope_hz_per_s, half_s, one_chirp, block)
+    """Expand inbound ranges, and the tones: the second half of `fill_tone_block`."""
+    lanes = min(LANES, len(amplitudes) - first_scatterer)
+    _expand_distances_and_logarithms(positions, min(n_path_terms, _TERMS), rx_m, inbound)
+    _fill_unit_amplitude_tones(
+        outbound, inbound, mid_frequency_hz, slope_hz_per_s, half_s, one_chirp, block
+    )
     for i in range(np.uint64(lanes)):
-        amplitude = amplitudes[np.uint64(first) + i]
+        amplitude = amplitudes[np.uint64(first_scatterer) + i]
         block[np.uint64(REAL) + i] *= amplitude
         block[np.uint64(IMAG) + i] *= amplitude
     for i in range(lanes, LANES):
@@ -170,44 +178,46 @@ def expand_inbound(
 
 
 @_compiled
-def _expand_range(
-    squares: np.ndarray, n_known_terms: int, antenna_m: np.ndarray, series: np.ndarray
+def _expand_distances_and_logarithms(
+    position_series: np.ndarray, n_path_terms: int, antenna_m: np.ndarray, range_series: np.ndarray
 ) -> None:
     """Expand the distances to an antenna, and their logarithms without the constant."""
     for i in range(LANES * _TERMS):
-        squares[_SQUARE + i] = 0.0
+        position_series[_SQUARE + i] = 0.0
     for axis in range(3):
         coordinate_m = antenna_m[axis]
         x0 = np.uint64(axis * LANES)
         for i in range(np.uint64(LANES)):
-            squares[x0 + i] -= coordinate_m
-        for k in range(n_known_terms):
-            for j in range(k, min(n_known_terms, _TERMS - k)):
+            position_series[x0 + i] -= coordinate_m
+        for k in range(n_path_terms):
+            for j in range(k, min(n_path_terms, _TERMS - k)):
                 multiplicity = 1.0 if j == k else 2.0
                 a, b = np.uint64((3 * k + axis) * LANES), np.uint64((3 * j + axis) * LANES)
                 target = np.uint64(_SQUARE + (j + k) * LANES)
                 for i in range(np.uint64(LANES)):
-                    squares[target + i] += multiplicity * squares[a + i] * squares[b + i]
+                    position_series[target + i] += (
+                        multiplicity * position_series[a + i] * position_series[b + i]
+                    )
         for i in range(np.uint64(LANES)):
-            squares[x0 + i] += coordinate_m
+            position_series[x0 + i] += coordinate_m
     for i in range(LANES):
-        l0 = np.sqrt(squares[_Q0 + i])
+        l0 = np.sqrt(position_series[_Q0 + i])
         inverse = 1 / l0
-        l1 = squares[_Q1 + i] / 2 * inverse
-        l2 = (squares[_Q2 + i] / 2 - l1 * l1 / 2) * inverse
-        l3 = (squares[_Q3 + i] / 2 - l1 * l2) * inverse
-        l4 = (squares[_Q4 + i] / 2 - l1 * l3 - l2 * l2 / 2) * inverse
-        l5 = (squares[_Q5 + i] / 2 - l1 * l4 - l2 * l3) * inverse
+        l1 = position_series[_Q1 + i] / 2 * inverse
+        l2 = (position_series[_Q2 + i] / 2 - l1 * l1 / 2) * inverse
+        l3 = (position_series[_Q3 + i] / 2 - l1 * l2) * inverse
+        l4 = (position_series[_Q4 + i] / 2 - l1 * l3 - l2 * l2 / 2) * inverse
+        l5 = (position_series[_Q5 + i] / 2 - l1 * l4 - l2 * l3) * inverse
         u1, u2, u3 = l1 * inverse, l2 * inverse, l3 * inverse
-        series[_L0 + i], series[_L1 + i], series[_L2 + i] = l0, l1, l2
-        series[_L3 + i], series[_L4 + i], series[_L5 + i] = l3, l4, l5
-        series[_U1 + i] = u1
-        series[_U2 + i] = u2 - u1 * u1 / 2
-        series[_U3 + i] = u3 - u1 * u2 + u1 * u1 * u1 * _THIRD
+        range_series[_L0 + i], range_series[_L1 + i], range_series[_L2 + i] = l0, l1, l2
+        range_series[_L3 + i], range_series[_L4 + i], range_series[_L5 + i] = l3, l4, l5
+        range_series[_U1 + i] = u1
+        range_series[_U2 + i] = u2 - u1 * u1 / 2
+        range_series[_U3 + i] = u3 - u1 * u2 + u1 * u1 * u1 * _THIRD
 
 
 @_compiled
-def _expand_tone(
+def _fill_unit_amplitude_tones(
     outbound: np.ndarray,
     inbound: np.ndarray,
     f: float,

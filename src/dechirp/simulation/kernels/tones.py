@@ -19,9 +19,9 @@ from dechirp.simulation.kernels.taylor import (
     SERIES,
     WORK,
     AntennaPairView,
-    expand_all_blocks,
-    expand_block,
-    time_shift_matrix,
+    fill_tone_block,
+    fill_tone_blocks,
+    polynomial_time_shift_matrix,
 )
 
 _compiled = numba.njit(
@@ -101,7 +101,7 @@ def antenna_pair_view(
 def expand_tones(view: AntennaPairView) -> np.ndarray:
     """Return blocks of tones as defined in `taylor`, (n_blocks, BLOCK)."""
     blocks = np.empty((-(-len(view.amplitudes) // LANES), BLOCK))
-    expand_all_blocks(view, blocks)
+    fill_tone_blocks(view, blocks)
     return blocks
 
 
@@ -119,7 +119,9 @@ class ToneSurvey(NamedTuple):
     """(n,): bound on the power of each truncated series."""
 
 
-def survey_tones(view: AntennaPairView, n_fields: int, n_threads: int = 1) -> ToneSurvey:
+def survey_tone_frequencies_and_errors(
+    view: AntennaPairView, n_fields: int, n_threads: int = 1
+) -> ToneSurvey:
     """Survey all tones, for series of `n_fields` fields."""
     errors = np.empty(len(view.amplitudes))
     parts = split_range(-(-len(errors) // LANES), n_threads)
@@ -127,7 +129,7 @@ def survey_tones(view: AntennaPairView, n_fields: int, n_threads: int = 1) -> To
     remainders = ECONOMISATIONS[n_fields - 1][1]
 
     def survey_part(part: int) -> None:
-        _survey_blocks(
+        _survey_tone_blocks(
             view, remainders, parts[part].start, parts[part].stop, statistics[part], errors
         )
 
@@ -143,20 +145,20 @@ def survey_tones(view: AntennaPairView, n_fields: int, n_threads: int = 1) -> To
 
 
 @_compiled
-def _survey_blocks(
+def _survey_tone_blocks(
     view: AntennaPairView,
-    remainders: np.ndarray,
-    first: int,
-    stop: int,
+    truncation_remainders: np.ndarray,
+    first_block: int,
+    stop_block: int,
     statistics: np.ndarray,
     errors: np.ndarray,
 ) -> None:
     work, block, line = np.zeros(WORK), np.empty(BLOCK), np.empty(LANES)
-    shifts = time_shift_matrix(view)
+    shifts = polynomial_time_shift_matrix(view)
     low_hz, high_hz, fastest_hz, power = np.inf, -np.inf, 0.0, 0.0
-    for b in range(first, stop):
-        expand_block(view, shifts, b * LANES, work, block)
-        _fill_block_errors(block, remainders, line)
+    for b in range(first_block, stop_block):
+        fill_tone_block(view, shifts, b * LANES, work, block)
+        _fill_block_truncation_powers(block, truncation_remainders, line)
         for i in range(LANES):
             low_hz, high_hz = min(low_hz, block[RANGE + i]), max(high_hz, block[RANGE + i])
             fastest_hz = max(fastest_hz, abs(block[DOPPLER + i]))
@@ -170,13 +172,17 @@ ECONOMISATIONS = tuple(economise_powers(n_fields, ORDER) for n_fields in range(1
 """Results of `economise_powers` for each number of fields, from 1 on."""
 
 
-def truncation_powers(blocks: np.ndarray, n_fields: int, shorter: float = 1.0) -> np.ndarray:
+def truncation_error_powers(
+    blocks: np.ndarray, n_fields: int, relative_duration: float = 1.0
+) -> np.ndarray:
     """Return a bound on the truncation error of `n_fields` fields, as power, (n_blocks x LANES,).
 
-    `shorter` is the length of a run relative to that of the blocks, about the same middle.
+    `relative_duration` is the length of a run over that of the blocks, about the same middle.
     """
     errors = np.empty((len(blocks), LANES))
-    _fill_errors(blocks, ECONOMISATIONS[n_fields - 1][1] * shorter ** np.arange(ORDER), errors)
+    _fill_truncation_powers(
+        blocks, ECONOMISATIONS[n_fields - 1][1] * relative_duration ** np.arange(ORDER), errors
+    )
     return errors.ravel()
 
 
@@ -186,39 +192,41 @@ def tone_powers(blocks: np.ndarray) -> np.ndarray:
     return np.asarray(real * real + imag * imag)
 
 
-def find_largest_errors(errors: np.ndarray, allowed: float) -> np.ndarray:
-    """Return a mask of the few scatterers to remove, so that the errors meet `allowed`."""
-    return np.asarray(~(errors <= _error_limit(errors, allowed)))
+def mask_scatterers_with_largest_errors(errors: np.ndarray, allowed_sum: float) -> np.ndarray:
+    """Return a mask of the few scatterers to remove, so that the errors meet `allowed_sum`."""
+    return np.asarray(~(errors <= _largest_error_to_keep(errors, allowed_sum)))
 
 
 @_compiled
-def _error_limit(errors: np.ndarray, allowed: float) -> float:
-    """Return the limit up to which errors add up to at most `allowed`, in steps of 1.4."""
+def _largest_error_to_keep(errors: np.ndarray, allowed_sum: float) -> float:
+    """Return the limit up to which errors add up to at most `allowed_sum`, in steps of 1.4."""
     # Errors above `allowed` are excluded, infinite ones too.
     total = 0.0
     for i in range(len(errors)):
-        if errors[i] <= allowed:
+        if errors[i] <= allowed_sum:
             total += errors[i]
-    if total <= allowed:
-        return allowed
+    if total <= allowed_sum:
+        return allowed_sum
     sums = np.zeros(_STEPS)
     for i in range(len(errors)):
-        if errors[i] <= allowed:
-            below = -2 * np.log2(max(errors[i] / allowed, 1e-38))
+        if errors[i] <= allowed_sum:
+            below = -2 * np.log2(max(errors[i] / allowed_sum, 1e-38))
             sums[min(int(below), _STEPS - 1)] += errors[i]
     step = 0
-    while step < _STEPS and total > allowed:
+    while step < _STEPS and total > allowed_sum:
         total -= sums[step]
         step += 1
-    return allowed * 2 ** (-step / 2)
+    return allowed_sum * 2 ** (-step / 2)
 
 
 @_compiled
-def _fill_block_errors(block: np.ndarray, remainders: np.ndarray, errors: np.ndarray) -> None:
+def _fill_block_truncation_powers(
+    block: np.ndarray, truncation_remainders: np.ndarray, errors: np.ndarray
+) -> None:
     for i in range(LANES):
         errors[i] = 0.0
     for k in range(1, ORDER):
-        share = remainders[k]
+        share = truncation_remainders[k]
         if share != 0:
             real = np.uint64(SERIES + 2 * LANES * (k - 1))
             imag = real + np.uint64(LANES)
@@ -230,6 +238,8 @@ def _fill_block_errors(block: np.ndarray, remainders: np.ndarray, errors: np.nda
 
 
 @_compiled
-def _fill_errors(blocks: np.ndarray, remainders: np.ndarray, errors: np.ndarray) -> None:
+def _fill_truncation_powers(
+    blocks: np.ndarray, truncation_remainders: np.ndarray, errors: np.ndarray
+) -> None:
     for b in range(len(blocks)):
-        _fill_block_errors(blocks[b], remainders, errors[b])
+        _fill_block_truncation_powers(blocks[b], truncation_remainders, errors[b])

@@ -6,7 +6,7 @@ from html import escape
 from bokeh.models import Column, Div, Select, UIElement
 
 from dechirp.core.errors import Mistake
-from dechirp.core.text import format_number, format_si, ratio_db
+from dechirp.core.text import format_number, format_with_si_prefix, ratio_db
 from dechirp.experiments.scenario import Scenario
 from dechirp.processing.direction_finding import can_resolve_directions
 from dechirp.radar.budget import noise_power_w
@@ -125,12 +125,12 @@ def _derived_table(radar: Settings | None) -> str:
     frame = radar.for_frame(0).frame
     chirp = frame.chirp
     rows = [
-        ("Range resolution", format_si(chirp.range_resolution_m, "m")),
+        ("Range resolution", format_with_si_prefix(chirp.range_resolution_m, "m")),
         ("Largest range", f"{format_number(chirp.max_range_m)} m"),
         ("Velocity resolution", f"{format_number(frame.velocity_resolution_m_per_s)} m/s"),
         ("Largest velocity", f"± {format_number(frame.max_velocity_m_per_s)} m/s"),
-        ("Wavelength", format_si(chirp.wavelength_m, "m")),
-        ("Sampled bandwidth", format_si(chirp.sampled_bandwidth_hz, "Hz")),
+        ("Wavelength", format_with_si_prefix(chirp.wavelength_m, "m")),
+        ("Sampled bandwidth", format_with_si_prefix(chirp.sampled_bandwidth_hz, "Hz")),
     ]
     if not can_resolve_directions(radar):
         rows.append(("Directions", "none, so no tracks"))

@@ -9,7 +9,7 @@ from typing import Any
 
 from bokeh.models import Button, Column, Div, InlineStyleSheet, Row, Select, Slider, UIElement
 
-from dechirp.core.text import format_si
+from dechirp.core.text import format_with_si_prefix
 from dechirp.experiments.scenario import Scenario
 from dechirp.studio.browser_events import is_finite_number
 from dechirp.studio.frame_state import FrameState
@@ -218,5 +218,5 @@ def _item_title(item: LibraryItem) -> str:
     if item.kind != "recording":
         return item.name
     kind = " or ".join(item.formats) if len(item.formats) < 3 else "bare samples"
-    size = f", {format_si(item.n_bytes, 'B', 3)}" if item.n_bytes else ""
+    size = f", {format_with_si_prefix(item.n_bytes, 'B', 3)}" if item.n_bytes else ""
     return f"{item.name} ({kind}{size})"

@@ -12,7 +12,7 @@ from dechirp.config.dumping import dump
 from dechirp.config.fields import list_settings
 from dechirp.config.loading import parse_settings
 from dechirp.core.errors import DechirpError, InvalidFile
-from dechirp.core.text import format_number, format_si
+from dechirp.core.text import format_number, format_with_si_prefix
 from dechirp.experiments.scenario import Scenario
 from dechirp.radar.design.derived import DerivedValue
 from dechirp.radar.design.design import TYPICAL_HARDWARE, Design, design
@@ -239,5 +239,5 @@ def _format_derived(derived: DerivedValue) -> str:
     return (
         f"{format_number(derived.value)} m/s"
         if derived.unit == "m/s"
-        else format_si(derived.value, derived.unit)
+        else format_with_si_prefix(derived.value, derived.unit)
     )

@@ -255,4 +255,8 @@ def _shown_part_db(range_m: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, 
 
 def _half_main_lobe_bins(frame: EchoFrame) -> float:
     """Return half the main-lobe width in bins without zero padding."""
-    return frame.transform.main_lobe_bins * frame.transform.n_points / frame.transform.n_bins
+    return (
+        frame.transform.main_lobe_half_width_bins
+        * frame.transform.n_points
+        / frame.transform.n_bins
+    )

@@ -122,7 +122,7 @@ def compute_mixer_frame(settings: MixerSettings, sampling: Sampling, number: int
     # Training cells of two mixers: finding the rows with circular noise of one mixer takes 0.15 s.
     frame, chain = radar.frame, settings.chain.fit_to_radar(settings.radar("complex"))
     map_ = power_map(cube, radar, chain)
-    noise = chain.map_noise(radar)
+    noise = chain.map_noise_statistics(radar)
     mean = noise_gain(noise.range_transform, noise.doppler_transform, frame.chirp)
     # Only the complete frame of two mixers is searched for detections.
     is_complete = frame.n_chirps == reference_radar().frame.n_chirps and sampling == "complex"

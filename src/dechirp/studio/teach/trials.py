@@ -96,7 +96,7 @@ def chain_cut(snr_db: float, window: Window, number: int) -> RangeCut:
     cube = xr.DataArray(samples, dims=CUBE_AXES[1:])
     power = power_map(cube, reference_radar(), chain)
     threshold = threshold_map(power, reference_radar(), chain)
-    noise = chain.map_noise(reference_radar())
+    noise = chain.map_noise_statistics(reference_radar())
     mean = noise_gain(noise.range_transform, noise.doppler_transform, reference_radar().frame.chirp)
     row_power = power.sel(velocity=REFERENCE_TARGET.velocity_m_per_s, method="nearest")
     return RangeCut(
@@ -154,9 +154,9 @@ def compute_noise_frame(settings: NoiseSettings, number: int) -> NoiseFrame:
 
 def snr_in_cell_db(settings: NoiseSettings) -> float:
     """SNR of the echo in its cell of the map."""
-    noise = Chain(range_window=settings.window, doppler_window=settings.window).map_noise(
-        reference_radar()
-    )
+    noise = Chain(
+        range_window=settings.window, doppler_window=settings.window
+    ).map_noise_statistics(reference_radar())
     gain = sensitivity.snr_gain_in_map(noise.range_transform, noise.doppler_transform)
     return settings.snr_db + float(to_decibels(gain))
 

@@ -4,7 +4,12 @@ import numpy as np
 from bokeh.events import Tap
 from bokeh.models import LinearAxis, PrintfTickFormatter, Range1d, UIElement
 
-from dechirp.core.text import format_number, format_power_of_ten, power_db, power_unit
+from dechirp.core.text import (
+    format_number,
+    format_power_of_ten,
+    power_level_unit,
+    power_to_dbm_or_dbfs,
+)
 from dechirp.report.figures.beat import engineering_exponent
 from dechirp.report.figures.style import thin_line
 from dechirp.studio.browser_events import on_position_event
@@ -99,11 +104,11 @@ class BeatView(View):
         unit = units.replace("sqrt(W)", "√W")
         unit = unit if exponent == 0 else f"{format_power_of_ten(exponent)} {unit}"
         self.signal.figure.yaxis.axis_label = f"amplitude, {unit}"
-        level_db = float(power_db(np.mean(abs(samples) ** 2), units))
+        level_db = float(power_to_dbm_or_dbfs(np.mean(abs(samples) ** 2), units))
         legend = [colour_text("in phase", "echo")]
         legend += [colour_text("in quadrature", "muted")] if len(parts) > 1 else []
         self._caption = (
-            f"Beat signal: {format_number(level_db, 3)} {power_unit(units)}",
+            f"Beat signal: {format_number(level_db, 3)} {power_level_unit(units)}",
             f"first chirp, first receiver: {', '.join(legend)}",
         )
 
@@ -112,7 +117,10 @@ class BeatView(View):
         units = str(moment.samples.attrs.get("units", ""))
         to_mhz = chirp.beat_frequency_hz(1.0) / 1e6
         frequency_mhz = beat.range_m * to_mhz
-        lines = {"first": power_db(beat.power, units), "mean": power_db(beat.profile, units)}
+        lines = {
+            "first": power_to_dbm_or_dbfs(beat.power, units),
+            "mean": power_to_dbm_or_dbfs(beat.profile, units),
+        }
         for name, level_db in lines.items():
             x, y = thin_line(frequency_mhz, level_db, _MAX_BLOCKS)
             self.spectrum.set_data(name, x=x, y=y)
@@ -123,7 +131,7 @@ class BeatView(View):
         self.spectrum.set_limits(x=(0.0, max_range_m * to_mhz), y=(low_db, top_db))
         if self._range_axis.end != max_range_m:
             self._range_axis.end = max_range_m
-        self.spectrum.figure.yaxis.axis_label = f"power, {power_unit(units)}"
+        self.spectrum.figure.yaxis.axis_label = f"power, {power_level_unit(units)}"
         true_positions, _ = truth_on_map(moment)
         for name, range_m in (
             ("truth", true_positions.range_m),
@@ -139,7 +147,7 @@ class BeatView(View):
         self._caption = (
             f"Strongest: {format_number(frequency_mhz[strongest], 3)} MHz,"
             f" {format_number(beat.range_m[strongest], 3)} m",
-            f"{format_number(lines['mean'][strongest], 3)} {power_unit(units)};"
+            f"{format_number(lines['mean'][strongest], 3)} {power_level_unit(units)};"
             f" {', '.join(legend)}",
         )
 

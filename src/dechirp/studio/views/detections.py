@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from bokeh.models import UIElement
 
-from dechirp.core.detection_columns import BY_NAME, SHOWN_COLUMNS, std_column
+from dechirp.core.detection_columns import BY_NAME, SHOWN_COLUMNS, standard_error_column
 from dechirp.core.display import pluralise
 from dechirp.core.text import EN_DASH
 from dechirp.evaluation.association import Associator
@@ -20,11 +20,11 @@ from dechirp.studio.views.table_tile import MAX_ROWS, Heading, TableTile, row_at
 
 def _column_headings() -> Iterator[tuple[str, Heading]]:
     for column in SHOWN_COLUMNS:
-        title, form = column.title, f"0.{'0' * column.decimals}"
+        title, form = column.heading_with_unit, f"0.{'0' * column.decimals}"
         yield column.name, Heading(title, form, 75 if len(title) > 12 else 60)
-        std = std_column(column)
+        std = standard_error_column(column)
         if std is not None:
-            yield std.name, Heading(f"± {column.unit_symbol}", f"0.{'0' * std.decimals}", 45)
+            yield std.name, Heading(f"± {column.shown_unit_symbol}", f"0.{'0' * std.decimals}", 45)
 
 
 _HEADINGS = {**dict(_column_headings()), "target": Heading("target", width=90)}

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from dechirp.report.figures.top_view import GroundDetections
-from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
 from dechirp.studio.frame_state import FrameState
 
 
@@ -23,7 +23,7 @@ def detections_on_map(moment: FrameState) -> tuple[RangeVelocity, np.ndarray]:
     columns = moment.detections.variables
     order = order_by_snr(moment)
     positions = RangeVelocity(columns["range"].values[order], columns["velocity"].values[order])
-    return map_position(positions, moment.radar), columns["azimuth"].values[order]
+    return range_doppler_map_position(positions, moment.radar), columns["azimuth"].values[order]
 
 
 @lru_cache(maxsize=1)
@@ -33,7 +33,9 @@ def truth_on_map(moment: FrameState) -> tuple[RangeVelocity, np.ndarray]:
         return RangeVelocity(np.empty(0), np.empty(0)), np.empty(0)
     truth = moment.truth.variables
     positions = RangeVelocity(truth["range"].values.ravel(), truth["velocity"].values.ravel())
-    apparent = map_position(alias_range_velocity(positions, moment.radar), moment.radar)
+    apparent = range_doppler_map_position(
+        alias_range_velocity(positions, moment.radar), moment.radar
+    )
     return apparent, truth["azimuth"].values.ravel()
 
 

@@ -17,7 +17,7 @@ from bokeh.models import (
     UIElement,
 )
 
-from dechirp.core.text import power_db, power_unit
+from dechirp.core.text import power_level_unit, power_to_dbm_or_dbfs
 from dechirp.core.units import from_decibels
 from dechirp.report.figures.range_doppler import block_maxima
 from dechirp.studio.browser_events import on_position_event
@@ -98,7 +98,7 @@ class MapView(View):
 
     def draw_power(self, power: np.ndarray, *, units: str) -> None:
         """Draw powers (y, x) of samples with the given units."""
-        zero_db = float(power_db(np.ones(()), units))
+        zero_db = float(power_to_dbm_or_dbfs(np.ones(()), units))
         top_db, bottom_db = self._colour_limits_db(power, units)
         top = float(from_decibels(top_db - zero_db))
         self.image.data = {
@@ -106,13 +106,13 @@ class MapView(View):
         }
         if (self._power_mapper.low, self._power_mapper.high) != (bottom_db, top_db):
             self._power_mapper.update(low=bottom_db, high=top_db)
-        self._bar.title = f"power, {power_unit(units)}"
+        self._bar.title = f"power, {power_level_unit(units)}"
 
     def _colour_limits_db(self, power: np.ndarray, units: str) -> tuple[float, float]:
         """Return the colour limits: above the strongest cell and near the noise."""
         sampled = power if power.size < _SUBSAMPLED_CELLS else power[::3, ::4]
         strongest_db, median_db = (
-            float(power_db(level, units)) for level in (power.max(), np.median(sampled))
+            float(power_to_dbm_or_dbfs(level, units)) for level in (power.max(), np.median(sampled))
         )
         top_db, bottom_db = self._power_mapper.high, self._power_mapper.low
         # the echo of a body fluctuates by this much

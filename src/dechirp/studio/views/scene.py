@@ -13,7 +13,7 @@ from dechirp.core.text import TIMES_SIGN, format_number
 from dechirp.experiments.scenario import Scenario
 from dechirp.report.figures.common import choose_body_scatterers
 from dechirp.report.figures.top_view import ellipse_magnification, round_down_to_1_2_5
-from dechirp.scene.aliasing import RangeVelocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, range_doppler_map_position
 from dechirp.scene.rotations import from_local_axes, to_local_axes
 from dechirp.scene.scene import Scene
 from dechirp.scene.scene import Scene as Targets
@@ -56,7 +56,7 @@ def initial_position_m(
         )
     at_s = np.array([time_s])
     axes = scene.ego.axes(at_s)
-    from_radar_m = scene.offsets_from_radar_m(at_s, np.array([scene.names.index(name)]))
+    from_radar_m = scene.target_offsets_from_radar_m(at_s, np.array([scene.names.index(name)]))
     old_m = to_local_axes(axes, from_radar_m)
     new_m = np.array([[[*position_m, old_m[0, 0, 2]]]])
     displacement_m = from_local_axes(axes, new_m - old_m)[0, 0]
@@ -93,7 +93,9 @@ def target_positions(scene: Scene, time_s: float) -> TargetPositions:
         names=scene.names,
         positions_m=scene.target_positions_m(at_s)[0, :, :2],
         velocities_m_per_s=(scene.target_velocities_m_per_s(at_s) + own)[0, :, :2],
-        scatterers_m=scene.positions_m(at_s)[0, bodies, :2] if len(bodies) else np.empty((0, 2)),
+        scatterers_m=scene.scatterer_positions_m(at_s)[0, bodies, :2]
+        if len(bodies)
+        else np.empty((0, 2)),
     )
 
 
@@ -239,7 +241,9 @@ class SceneView(View):
             coordinates = (
                 moment.truth[column].values.ravel()[target] for column in ("range", "velocity")
             )
-            cursor = Cursor(*map(float, map_position(RangeVelocity(*coordinates), moment.radar)))
+            cursor = Cursor(
+                *map(float, range_doppler_map_position(RangeVelocity(*coordinates), moment.radar))
+            )
         self.session.move_cursor(cursor)
 
     def _start_drag(self, x: float, y: float) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from bokeh.events import DoubleTap, Tap
 from bokeh.models import UIElement
 
-from dechirp.core.text import format_fixed, format_number, power_db, power_unit
+from dechirp.core.text import format_fixed, format_number, power_level_unit, power_to_dbm_or_dbfs
 from dechirp.core.units import to_decibels
 from dechirp.report.figures.cfar import run_edges, threshold_level_db, training_and_guard_cells
 from dechirp.report.figures.common import MapAxis, axis_edges
@@ -51,7 +51,7 @@ class ThresholdCutView(View):
         drawing, line, index = self.drawings[axis], *_cut_through_cursor(moment, axis)
         units = str(moment.samples.attrs.get("units", ""))
         level_db, threshold_db = (
-            power_db(line.power, units),
+            power_to_dbm_or_dbfs(line.power, units),
             threshold_level_db(line.threshold, units),
         )
         drawing.set_data("power", **_thinned_line(line.positions, level_db))
@@ -67,7 +67,7 @@ class ThresholdCutView(View):
         drawing.set_limits(
             x=axis_edges(line.positions), y=stable_limits_db(floor_db(level_db), highest_db)
         )
-        drawing.figure.yaxis.axis_label = f"power, {power_unit(units)}"
+        drawing.figure.yaxis.axis_label = f"power, {power_level_unit(units)}"
         range_m, velocity_m_per_s = moment.cursor
         self._caption = (
             _threshold_margin_text(line, index),

@@ -6,7 +6,7 @@ import numpy as np
 from bokeh.models import UIElement
 
 from dechirp.core.display import pluralise
-from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, map_position
+from dechirp.scene.aliasing import RangeVelocity, alias_range_velocity, range_doppler_map_position
 from dechirp.studio.cursor import Cursor
 from dechirp.studio.frame_state import FrameState
 from dechirp.studio.session import Session
@@ -84,7 +84,7 @@ class TracksView(View):
         apparent = alias_range_velocity(
             RangeVelocity(columns["range"], columns["velocity"]), moment.radar
         )
-        map_positions = map_position(apparent, moment.radar)
+        map_positions = range_doppler_map_position(apparent, moment.radar)
         self.table.show_rows(
             self._title(tracks),
             columns,
